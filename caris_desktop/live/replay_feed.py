@@ -1,4 +1,4 @@
-"""Reads a recorded session ahead of its replay, in a thread of its own, so that the window never waits for a disk."""
+"""Read-ahead of a recorded session in its own thread, so that the window never waits for the disk."""
 
 import logging
 import threading
@@ -29,11 +29,11 @@ _MAX_WAITING = 20_000
 _SEEN_WITHIN_NS = 1_000_000_000
 _EVENTS_SHOWN = 40
 _LINK_CHANGES = 20
-# An arrangement of the panels holds until another scenario is opened, and saving a place tells of one too.
+# A layout lasts until the next scenario, and each saved place adds a ScenarioOpened event.
 _SCENARIOS = 20
-# Of no use in a list of what happened, and so frequent that they would hide the rest.
+# Useless in an event list, and frequent enough to hide the rest.
 _UNLISTED = (CommandSent, LinkQuality, TrafficMeasured)
-# What happened once and holds until it happens again, and how many of the newest it takes to know what holds.
+# Events whose value persists until the next one, and how many of the newest determine the current state.
 _STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQuality: 1}
 
 
@@ -58,7 +58,7 @@ class _Ahead:
 
 
 class ReplayFeed:
-    """``ready`` takes each Situation, ``failed`` a text; both are called in the reading thread."""
+    """Read-ahead thread. ``ready`` receives each Situation, ``failed`` a text; both in the reading thread."""
 
     def __init__(self, session: Session, *, ready: Callable[[Situation], None], failed: Callable[[str], None]) -> None:
         self._session = session
@@ -78,8 +78,8 @@ class ReplayFeed:
         self._thread.start()
 
     def jump(self, generation: int, at_ns: int, *, shown_ns: int) -> None:
-        """Find out how everything stood at ``shown_ns`` and go on from ``at_ns``. What was read ahead is void, and an
-        unfinished jump is forgotten.
+        """Determine the state at ``shown_ns`` and continue from ``at_ns``. Discards what was read ahead, and an
+        unfinished seek.
         """
         with self._changed:
             self._jump = (generation, at_ns, shown_ns)
@@ -88,13 +88,13 @@ class ReplayFeed:
             self._changed.notify()
 
     def read_ahead(self, *, playing: bool) -> None:
-        """A replay that stands needs nothing of what comes next, and jumps sooner without reading it."""
+        """Enable read-ahead; a paused replay needs none, and seeks faster without."""
         with self._changed:
             self._playing = playing
             self._changed.notify()
 
     def due(self, position_ns: int, rate: float) -> tuple[list[Any], bool]:
-        """What arrived up to ``position_ns``, in order, and whether the reading keeps up with that."""
+        """Values up to ``position_ns``, in order, and whether reading keeps up."""
         due = []
         with self._changed:
             self._position_ns, self._rate = position_ns, rate
@@ -177,7 +177,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
 
     seen = newest(timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
     frames = [value for value in seen.values() if isinstance(value, FrameRef)]
-    # The cameras share a topic, and the newest of that is of one of them only.
+    # Cameras share a topic, whose newest value belongs to one of them.
     values = newest(timeline.arrivals_until(shown_ns))
     values |= {key: value for key, value in seen.items() if not isinstance(value, FrameRef)}
     standing = [

@@ -1,4 +1,4 @@
-"""The photos of a recorded session, as they were at the moment on show."""
+"""Photos of a recorded session at the replay's position."""
 
 import logging
 from dataclasses import replace
@@ -21,7 +21,7 @@ _AT_MOST = 500
 
 
 class ReplayPhotos(QObject):
-    """Keeps ``state.photos``. Everything is read in a thread of its own, one photo after the other."""
+    """Maintains ``state.photos``. Photos are read one by one in a background thread."""
 
     def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
         super().__init__(parent)
@@ -87,14 +87,14 @@ class ReplayPhotos(QObject):
 
 
 def _pictures(folder: Path, file_name: str) -> tuple[bytes, bytes]:
-    """Empty where there is none, as of a deleted photo, or it is named outside of the session."""
+    """Preview and thumbnail; empty for a missing or deleted photo, or one outside the session folder."""
     try:
         path = (folder / file_name).resolve()
         if not path.is_relative_to(folder.resolve()):
             _log.warning("%s names a photo outside of the session: %.200r", folder, file_name)
             return b"", b""
         large, small = previews(path, PREVIEW_PX, THUMBNAIL_PX)
-    except (OSError, ValueError) as error:  # PhotoFileError is a ValueError, as is a name that none can be
+    except (OSError, ValueError) as error:  # PhotoFileError is a ValueError, as is an impossible file name
         _log.info("%.200r is not shown: %.200s", file_name, error)
         return b"", b""
     return large, small

@@ -1,4 +1,4 @@
-"""Plays a recorded session into LiveState, so that the panels show it as they showed it live. GUI thread."""
+"""Replay player: plays a recorded session into LiveState, as the panels saw it live. GUI thread."""
 
 import bisect
 import logging
@@ -31,8 +31,8 @@ _SMALL_EVERY_S = 0.4
 class ReplayPlayer(QObject):
     """Play, pause, rate, seek and step; ``playback`` holds a PlaybackStatus.
 
-    ``standing_changed(event)`` brings the scenario, layout or robot that holds from now on; ``standing_jumped(events)``
-    brings, after a jump, those by which what holds can be told, in order.
+    ``standing_changed(event)``: new scenario, layout or robot; ``standing_jumped(events)``: those that determine the
+    state after a seek, in order.
     """
 
     standing_changed = Signal(object)
@@ -52,7 +52,7 @@ class ReplayPlayer(QObject):
         frame_times: Callable[[str], list[int]],
         parent: QObject | None = None,
     ) -> None:
-        """``frame_times`` gives the stamps of a camera's frames, in order."""
+        """``frame_times`` returns the stamps of a camera's frames, in order."""
         super().__init__(parent)
         self._session = session
         self._clock = clock
@@ -62,7 +62,7 @@ class ReplayPlayer(QObject):
         self._generation = 0
         self._awaits_situation = False
         self._ticks = 0
-        # Whoever looks chooses the camera; until then it is the one that the wizard saw.
+        # The viewer's choice of camera wins; until then it is the wizard's.
         self._camera_chosen = False
         self._showing_status = False
         self._small_s: dict[str, float] = {}
@@ -78,7 +78,7 @@ class ReplayPlayer(QObject):
         self._timer.timeout.connect(self._tick)
 
     def start(self) -> None:
-        """Begin at the start, standing."""
+        """Start paused at the beginning."""
         self._feed.start()
         self.seek(self._clock.start_ns)
 
@@ -89,7 +89,7 @@ class ReplayPlayer(QObject):
 
     @property
     def settled(self) -> bool:
-        """Whether what is on show is that of the position, and no jump is under way."""
+        """Whether the display matches the position and no seek is pending."""
         return not self._awaits_situation
 
     def play(self) -> None:
@@ -121,7 +121,7 @@ class ReplayPlayer(QObject):
         if shown is None or not times:
             self.seek(self._clock.position_ns() + frames * 100_000_000)
             return
-        # A frame is on show from its arrival, which is a little after it was taken: aim behind both.
+        # A frame is visible from its arrival, slightly after its capture: seek behind both.
         index = bisect.bisect_right(times, shown.stamp_ns) - 1 + frames
         target_ns = times[min(len(times) - 1, max(0, index))]
         self.seek(target_ns + self._delay_ns(shown))
@@ -133,7 +133,7 @@ class ReplayPlayer(QObject):
         self._generation += 1
         self._awaits_situation = True
         at_ns = self._clock.position_ns()
-        # What stood before the recording comes with its beginning: a moment later it is there.
+        # Latched values are recorded right after the start.
         at_beginning = at_ns == self._clock.start_ns
         shown_ns = min(at_ns + _BEGINNING_NS, self._clock.end_ns) if at_beginning else at_ns
         self._feed.jump(self._generation, at_ns, shown_ns=shown_ns)
@@ -141,7 +141,7 @@ class ReplayPlayer(QObject):
 
     def _tick(self) -> None:
         if self._awaits_situation:
-            # Nothing is left out: the clock waits at the moment that was jumped to.
+            # Nothing is skipped: the clock waits at the seek position.
             self._clock.seek(self.playback.value.position_ns)
             return
         position_ns = self._clock.position_ns()
@@ -156,7 +156,7 @@ class ReplayPlayer(QObject):
             self._tell()
 
     def _show(self, due: list[Any]) -> None:
-        """Events in order; of each stream the newest, as the window takes them live."""
+        """Show events in order, and the newest value of each stream, as live."""
         latest: dict[str, Any] = {}
         for value in due:
             spec = BY_TYPE[type(value)]
@@ -187,7 +187,7 @@ class ReplayPlayer(QObject):
             self._state.take(value)
 
     def _show_small(self, ref: FrameRef) -> None:
-        """A camera that is not on show is seen small, and rarely: that costs little beside the one on show."""
+        """Show another camera as a thumbnail at a low rate, which costs little."""
         now_s = time.monotonic()
         if now_s - self._small_s.get(ref.camera, -math.inf) >= _SMALL_EVERY_S:
             self._small_s[ref.camera] = now_s
@@ -247,7 +247,7 @@ class ReplayPlayer(QObject):
         self._tell()
 
     def _show_frames(self, frames: Sequence[FrameRef], wanted: str) -> None:
-        """After a jump: each camera's picture, and none of a camera that had none then."""
+        """After a seek: show each camera's frame, and clear cameras that had none."""
         of_camera = {ref.camera: ref for ref in frames}
         for camera in self._state.cameras.value:
             if camera not in of_camera:
@@ -257,7 +257,7 @@ class ReplayPlayer(QObject):
         if wanted not in of_camera:
             self._state.frame.clear()
         if not self._state.camera.value:
-            self._showing_status = True  # nobody chose it by hand
+            self._showing_status = True  # not the viewer's choice
             self._state.camera.set(wanted)
             self._showing_status = False
         for camera, ref in of_camera.items():
@@ -266,7 +266,7 @@ class ReplayPlayer(QObject):
     def _on_frame(self, generation: int, ref: FrameRef) -> None:
         if generation != self._generation:
             return
-        self._showing_status = True  # the first picture names the camera
+        self._showing_status = True  # the first frame determines the camera
         self._state.take(ref)
         self._showing_status = False
 
@@ -287,5 +287,5 @@ class ReplayPlayer(QObject):
 
 
 def _camera_of_people(values: list[Any]) -> str:
-    """Recordings of before a camera could be chosen: the one in which people were looked for."""
+    """Camera in older recordings without a choice: the one used for detection."""
     return next((value.camera for value in values if isinstance(value, People)), "")

@@ -1,4 +1,4 @@
-"""What was said and noted in a recorded session, from its first word to its last."""
+"""Complete transcript and notes of a recorded session."""
 
 import logging
 
@@ -16,9 +16,9 @@ _log = logging.getLogger(__name__)
 
 
 class ReplayTranscript(QObject):
-    """Sets ``state.transcript`` and ``state.notes`` once, with what was changed about them in the session.
+    """Sets ``state.transcript`` and ``state.notes`` once, including later corrections.
 
-    Both are read in a thread of their own.
+    Both are read in a background thread.
     """
 
     def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
@@ -36,7 +36,7 @@ class ReplayTranscript(QObject):
 
     def _read_turns(self) -> tuple[Turn, ...]:
         turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
-        # The record ends, or has a gap, before it was decided whose voice an empty heard turn was: nobody said it.
+        # An empty heard turn whose speaker was never determined, because the record ended or has a gap, is dropped.
         return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
 
     def _read_notes(self) -> tuple[FinalMark, ...]:

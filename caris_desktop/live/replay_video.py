@@ -1,4 +1,4 @@
-"""Frames of a recorded session for the panels, decoded in threads of their own."""
+"""Video of a recorded session, decoded in background threads."""
 
 import logging
 import threading
@@ -21,7 +21,7 @@ _NOTHING: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 
 
 class ReplayFrames:
-    """FrameReader for the panels: the last frames that were decoded."""
+    """FrameReader of a replay: cache of the last decoded frames."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -39,7 +39,7 @@ class ReplayFrames:
 
 
 class ReplayVideo:
-    """Decodes the newest frame that was asked for of each camera, each camera in a thread of its own.
+    """Decodes the newest requested frame of each camera, with a thread per camera.
 
     ``shown(generation, ref)`` is called in that thread.
     """
@@ -52,7 +52,7 @@ class ReplayVideo:
         self._closed = False
 
     def show(self, generation: int, ref: FrameRef, *, nearest_key: bool = False) -> None:
-        """GUI thread. Key frames are decoded alone: for replays at a high rate, and for small pictures."""
+        """Request a frame. ``nearest_key`` decodes key frames only: for high rates and thumbnails. GUI thread."""
         if self._closed:
             return
         if ref.camera not in self._decoders:
@@ -66,7 +66,7 @@ class ReplayVideo:
 
 
 class _Decoder:
-    """The thread of one camera."""
+    """Decoder thread of a camera."""
 
     def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
         self._session = session
@@ -106,7 +106,7 @@ class _Decoder:
             reader.close()
 
     def _next(self) -> tuple[int, FrameRef, bool] | None:
-        """None when it is to end."""
+        """Next request; None to end."""
         with self._changed:
             while self._wanted is None and not self._ended:
                 self._changed.wait()
@@ -115,8 +115,8 @@ class _Decoder:
 
 
 class ReplayThumbnails:
-    """Small pictures, the newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread; the picture
-    is empty where there is none.
+    """Thumbnails, newest request first. ``made(camera, at_ns, image_bgr)`` is called in its thread; the image is empty
+    if there is none.
     """
 
     def __init__(self, session: Session, made: Callable[[str, int, NDArray[np.uint8]], None]) -> None:
@@ -157,7 +157,7 @@ class ReplayThumbnails:
                     camera, at_ns = self._wanted.popitem(last=True)[0]
                 try:
                     found = reader.info_at(camera, at_ns)
-                    # Long after a frame, as in a pause or after the video ended, there was no picture.
+                    # No image long after a frame, as in a pause or after the end of the video.
                     there = found is not None and at_ns - found.stamp_ns < _PICTURE_HOLDS_NS
                     image_bgr = reader.thumbnail(camera, at_ns, THUMBNAIL_WIDTH_PX) if there else None
                 except Exception:

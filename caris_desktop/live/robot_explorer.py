@@ -1,4 +1,4 @@
-"""Looks at robots for the connection dialog: on the asyncio thread, with answers in the GUI thread."""
+"""Robot discovery for the connection dialog: runs on the asyncio thread, answers in the GUI thread."""
 
 import asyncio
 import logging
@@ -26,7 +26,7 @@ from caris_desktop.robot.profile import (
     user_robots_dir,
 )
 
-if TYPE_CHECKING:  # imported when it is first needed
+if TYPE_CHECKING:  # imported at first use
     from caris_desktop.robot.explore import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
@@ -35,25 +35,25 @@ _READ_PROFILES_AFTER_MS = 1500  # the window comes first
 
 
 class LiveRobotExplorer(QObject):
-    """Implements the dialog's RobotExplorer. GUI thread only; one thing at a time, a new one replaces the old."""
+    """Implements the dialog's RobotExplorer. GUI thread only; a new request replaces the current one."""
 
-    _answered = Signal(int, object, object)  # number of the request, callback, its argument
+    _answered = Signal(int, object, object)  # request number, callback, its argument
 
     def __init__(self, asyncio_thread: AsyncioThread, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._asyncio = asyncio_thread
         self._number = 0
         self._running: Future[None] | None = None
-        # Emitted in the asyncio thread; queued, so that every callback runs in the thread of this object.
+        # Emitted in the asyncio thread and queued, so that callbacks run in this object's thread.
         self._answered.connect(self._on_answered, Qt.ConnectionType.QueuedConnection)
         QTimer.singleShot(_READ_PROFILES_AFTER_MS, self, self._read_profiles)
 
     def _read_profiles(self) -> None:
-        """Once, away from the GUI thread: the list of robots is at hand when a menu asks for it."""
+        """Load the list of profiles once in the background, ready for menus."""
         work = asyncio.to_thread(list_profiles)
         try:
             self._asyncio.submit(work)
-        except RuntimeError:  # the console has been closed already
+        except RuntimeError:  # the console is closed already
             work.close()
 
     def explore(

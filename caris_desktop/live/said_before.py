@@ -1,4 +1,4 @@
-"""What the wizard typed for the robot to say, over the sessions of a study: a file of this user. GUI thread."""
+"""Speech history: what the wizard typed over the sessions of a study, in a file of this user. GUI thread."""
 
 import json
 import logging
@@ -18,10 +18,10 @@ AT_MOST = 500
 
 
 class SaidBefore:
-    """Keeps ``state.said_before``, oldest first and each sentence once, and the file ``path`` beside it.
+    """Maintains ``state.said_before``, unique and oldest first, and the file ``path``.
 
-    The file has no sentence with a name that the study knows or knew during this run: such a sentence is there as long
-    as this run only, and no longer than anybody is forgotten.
+    Sentences with a name known to the study are not saved: they last for this run, and at most until any person is
+    erased.
     """
 
     def __init__(self, state: LiveState, path: Path, slow_work: SlowWork, names: Callable[[], Iterable[str]]) -> None:
@@ -33,7 +33,7 @@ class SaidBefore:
         state.everybody.changed.connect(self._on_everybody_changed)
 
     def read(self) -> None:
-        """Bring in what the sessions before have left."""
+        """Load the history of earlier sessions."""
         self._slow_work.do(lambda: _read(self._path), self._on_read, _tell)
 
     def add(self, sentence: str) -> None:
@@ -41,7 +41,7 @@ class SaidBefore:
         self.write()
 
     def write(self) -> None:
-        """Once more, as the study may know another name by now."""
+        """Save again, since the study may know new names."""
         text = "".join(
             f"{json.dumps(sentence, ensure_ascii=False)}\n"
             for sentence in self._nameless(self._state.said_before.value)
@@ -49,12 +49,12 @@ class SaidBefore:
         self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _tell)
 
     def forget(self) -> None:
-        """Drop each sentence with a name. Whose it is nobody can tell once the study has forgotten the person."""
+        """Remove every sentence with a name: after an erasure it is unknown whose name it is."""
         self._state.said_before.set(self._nameless(self._state.said_before.value))
         self.write()
 
     def _nameless(self, sentences: Iterable[str]) -> tuple[str, ...]:
-        # A name that was forgotten meanwhile must not come back with the next sentence.
+        # An erased name must not return with the next sentence.
         self._name_parts |= parts_of(self._names())
         return without_names(sentences, self._name_parts)
 
@@ -66,12 +66,12 @@ class SaidBefore:
 
 
 def parts_of(names: Iterable[str]) -> set[str]:
-    """The words of which names consist, folded."""
+    """Case-folded words of names."""
     return {part for name in names for part in re.findall(r"\w{2,}", name.casefold())}
 
 
 def without_names(sentences: Iterable[str], names: Iterable[str]) -> tuple[str, ...]:
-    """The sentences that hold none of the names, nor a part of one."""
+    """Sentences that contain no name or part of one."""
     parts = parts_of(names)
     return tuple(sentence for sentence in sentences if not parts.intersection(re.findall(r"\w+", sentence.casefold())))
 
@@ -81,7 +81,7 @@ def _newest(sentences: Iterable[str]) -> tuple[str, ...]:
     return tuple(reversed(kept))
 
 
-def _read(path: Path) -> tuple[str, ...]:  # in the thread for slow work
+def _read(path: Path) -> tuple[str, ...]:  # background thread
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
         sentences = [parse_json(line) for line in lines[-AT_MOST:]]
@@ -92,7 +92,7 @@ def _read(path: Path) -> tuple[str, ...]:  # in the thread for slow work
     return tuple(sentence for sentence in sentences if isinstance(sentence, str))
 
 
-def _write(path: Path, text: str) -> None:  # in the thread for slow work
+def _write(path: Path, text: str) -> None:  # background thread
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=False)
@@ -101,5 +101,5 @@ def _write(path: Path, text: str) -> None:  # in the thread for slow work
 
 
 def _tell(failure: ToldFailure) -> None:
-    # Nothing of the session is lost with it: the log is enough.
+    # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -1,4 +1,4 @@
-"""Notices that the scenario's file was changed by somebody else, once whoever writes it has come to rest."""
+"""File watcher of the scenario: detects a change by another program, once writing has finished."""
 
 import hashlib
 from collections.abc import Callable
@@ -13,17 +13,16 @@ LOOK_EVERY_MS = 1000
 AT_REST_MS = 250
 
 Touched = tuple[int, int, int]
-"""When the file was last written, in nanoseconds, how long it is, and which one it is on its disk."""
+"""modification time in ns, size, inode"""
 
 
 class ScenarioWatch(QObject):
-    """Calls ``changed(path)`` once for each other content of the file. GUI thread; the file is read in another.
+    """Calls ``changed(path)`` once per new content of the file. GUI thread; files are read in the background.
 
-    The file is asked for its times each second, rather than the system for news of it: that costs next to nothing,
-    works on network drives and for editors that put a new file in the old one's place, and Qt's own watcher was seen
-    to stand still and to take the program along. What is found has to be the same twice, a moment apart: a file that
-    is still being written is left alone. What the program wrote itself is told to :meth:`use`, in the order of the
-    slow work.
+    Polls the file once a second instead of using notifications: cheap, works on network drives and with editors that
+    replace the file, and QFileSystemWatcher was seen to hang and crash the program. A change counts if it is the same
+    twice, so that a file being written is left alone. The program's own writes are announced by :meth:`use`, in the
+    order of background work.
     """
 
     def __init__(self, slow_work: SlowWork, changed: Callable[[Path], None], parent: QObject | None = None) -> None:
@@ -48,13 +47,13 @@ class ScenarioWatch(QObject):
         self._rest.stop()
 
     def use(self, path: Path | None, sha256: str) -> None:
-        """This file is in force now, with this checksum."""
+        """Watch this file, with this checksum."""
         if path != self._path:
             self._touched = None
         self._path, self._known, self._seen = path, sha256, ""
 
     def look(self) -> None:
-        """See what the file says now."""
+        """Check the contents now."""
         path = self._path
         if path is None:
             return
@@ -68,7 +67,7 @@ class ScenarioWatch(QObject):
     def _ask(self) -> None:
         path = self._path
         if path is None or self._asking:
-            return  # a disk that does not answer is asked once
+            return  # an unresponsive disk is queried once
         self._asking = True
 
         def told(touched: Touched | None) -> None:
@@ -84,7 +83,7 @@ class ScenarioWatch(QObject):
 
     def _on_looked(self, path: Path, sha256: str) -> None:
         if sha256 in ("", self._known):
-            self._seen = ""  # it is away for a moment, or as it is known
+            self._seen = ""  # temporarily missing, or unchanged
         elif sha256 != self._seen:
             self._seen = sha256
             if self._clock.isActive():
@@ -95,7 +94,7 @@ class ScenarioWatch(QObject):
 
 
 def _touched(path: Path) -> Touched | None:
-    """None where there is no such file now."""
+    """File metadata; None if the file is missing."""
     try:
         found = path.stat()
     except OSError:
@@ -104,7 +103,7 @@ def _touched(path: Path) -> Touched | None:
 
 
 def _checksum(path: Path) -> str:
-    """Empty where there is no such file now."""
+    """Checksum; empty if the file is missing."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:

@@ -1,4 +1,4 @@
-"""What every part of the running console is."""
+"""Base class of services, and restart policy of their processes."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,8 +12,8 @@ from caris_desktop.live.child_process import ChildProcess, Health
 from caris_desktop.scenario.model import Scenario
 
 PANELS_FIRST_MS = 600
-"""Another scenario is to be seen at once. What only gets something ready for it waits so long: it would take the
-processors from the window, and who goes on to yet another scenario needs none of it.
+"""Delay of preparatory work after a scenario change: the window needs the processors first, and a further change may
+make it unnecessary.
 """
 Handler = Callable[[Any], None]
 Handlers = Mapping[type[Intent], Handler]
@@ -21,51 +21,49 @@ Follows = Mapping[type[Any], Callable[[Any], None]]
 
 
 class Service(QObject):
-    """One part of the running console; whatever it does not say here it has not. GUI thread but for ``end``.
+    """Base class of a console service; the defaults do nothing. GUI thread except ``end``.
 
-    The console's list gives the order: services are started in it, and stopped and ended in the reverse.
+    Services start in the order of the console's list; they stop and end in reverse order.
     """
 
     def handlers(self) -> Handlers:
-        """What it can be asked. A handler raises ToldFailure where it cannot be done."""
+        """Handlers by intent type. A handler raises ToldFailure if it fails."""
         return {}
 
     def follows(self) -> Follows:
-        """The events that it hears of before any panel does."""
+        """Event handlers, called before any panel."""
         return {}
 
     def processes(self) -> Mapping[str, ChildProcess]:
-        """Its child processes, by name."""
+        """Child processes by name."""
         return {}
 
     def restarts(self) -> "Mapping[str, Restarts]":
-        """How often what ends by itself was started again, by the names of its processes."""
+        """Restart policies by process name."""
         return {}
 
     def health(self) -> dict[str, Health]:
-        """How its processes are, by name; one that nothing needs now is left out."""
+        """Health of the processes by name, without those that are not needed."""
         there: dict[str, Health] = dict.fromkeys(self.processes(), "running")
         restarts = self.restarts().items()
         return there | {name: of.health for name, of in restarts if name in there or of.health != "running"}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """What this scenario says holds from now on; the first comes before ``start``."""
+        """Apply a scenario; first called before ``start``."""
 
     def start(self) -> None:
-        """The window stands: start what takes time."""
+        """Start slow work, once the window is shown."""
 
     def stop(self) -> None:
-        """The program ends: begin nothing new, say the last words. Returns at once, or after two seconds at most."""
+        """Begin shutting down: no new work, last messages. Returns within two seconds."""
 
     def end(self) -> None:
-        """Wait for what was stopped. May take long, in any thread; touches nothing of Qt."""
+        """Wait for what was stopped. May take long, in any thread; does not use Qt."""
 
 
 @dataclass(slots=True)
 class Restarts:
-    """How often something that ends by itself is started again: whatever crashes again and again is left alone,
-    instead of keeping the computer busy.
-    """
+    """Restart policy: a process that keeps crashing is given up, instead of loading the computer."""
 
     at_most: float = 3
     used: int = 0
@@ -79,8 +77,8 @@ class Restarts:
         after_ms: int | None = None,
         within: QObject | None = None,
     ) -> None:
-        """It has ended by itself: ``tell`` the wizard, with what they can do, and ``begin`` it again unless that was
-        done too often; at once, or ``after_ms`` as long as there is ``within``.
+        """Handle an unexpected exit: report it with advice through ``tell``, and restart with ``begin`` unless it
+        failed too often; at once, or after ``after_ms`` while ``within`` exists.
         """
         again = self.another()
         tell(self.advice)
@@ -102,7 +100,7 @@ class Restarts:
         return "failed" if self.exhausted else "restarting" if self._due else "running"
 
     def another(self) -> bool:
-        """It has ended once more: whether to start it again."""
+        """Count an exit; returns whether to restart."""
         self.used += 1
         return not self.exhausted
 
@@ -112,5 +110,5 @@ class Restarts:
 
     @property
     def advice(self) -> str:
-        """What the wizard can do."""
+        """Advice for the wizard."""
         return tr("It failed too often: restart the program.") if self.exhausted else tr("It is being started again.")

@@ -1,1 +1,1 @@
-"""The parts of the running console, a file each: what it can be asked, what it follows, what it runs."""
+"""Services of the console, one per file: intents handled, events followed, processes run."""

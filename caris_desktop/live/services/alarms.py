@@ -1,4 +1,4 @@
-"""What is wrong now, made of the problems that are told and of what the state shows. GUI thread."""
+"""Alarm service: alarms from reported problems and from the state. GUI thread."""
 
 from collections.abc import Callable, Iterator
 
@@ -24,7 +24,7 @@ _OF_ROBOT = (
 
 
 class AlarmsService(Service):
-    """Keeps ``state.alarms``, and tells of each alarm's beginning and end."""
+    """Maintains ``state.alarms``, and publishes each alarm's start and end."""
 
     def __init__(
         self,
@@ -64,12 +64,12 @@ class AlarmsService(Service):
 
     def take(self, problem: Problem) -> None:
         if problem.severity == "info" and problem.cause not in ("", ANSWER):
-            self._book.forget((problem.cause,), self._now_ns())  # it tells that this is over
+            self._book.forget((problem.cause,), self._now_ns())  # reports the end of a problem
         self._book.take(problem, self._now_ns())
         self.look()
 
     def look(self) -> None:
-        """See what has come to be wrong, and what is over."""
+        """Evaluate the conditions: raise and end alarms."""
         state, now_ns = self._state, self._now_ns()
         link = state.link.value
         if link.state == "connected":
@@ -101,7 +101,7 @@ class AlarmsService(Service):
         self._tell()
 
     def _on_recording_paused(self, event: RecordingPaused) -> None:
-        """What is wrong still when it goes on is in the record again; what was over meanwhile is not."""
+        """On resuming, record again what is still wrong."""
         if not event.paused:
             self._book.tell_all(self._now_ns())
             self._tell()
@@ -121,12 +121,12 @@ class AlarmsService(Service):
 
 
 def endings(state: LiveState) -> frozenset[ProblemEnd]:
-    """What is so now, of all that can end a problem."""
+    """Conditions that can end a problem and hold now."""
     now: dict[ProblemEnd, bool] = {
         "connected": state.link.value.state == "connected",
         "released": not state.drive.value.emergency_stop,
         "picture": state.frame.freshness == "fresh",
-        # From its start on: what goes wrong while it begins is about it. Going on after a pause is the same recording.
+        # From the start on: problems while starting belong to it. Resuming continues the same recording.
         "recording": state.recording.value.state in ("starting", "recording", "paused"),
         "voice": state.speech.value.ready and not state.speech.value.detail,
         "utterance": state.speech.value.now is not None and state.speech.value.now.state == "started",
@@ -141,8 +141,8 @@ def endings(state: LiveState) -> frozenset[ProblemEnd]:
 
 
 def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = True) -> Iterator[Condition]:
-    """What the state shows to be wrong, told or not. ``standing`` are the causes of the present alarms; ``met_robot``
-    is whether the robot has been connected since it was chosen.
+    """Alarm conditions of the state, reported or not. ``standing``: causes of current alarms; ``met_robot``: whether
+    the robot was connected since it was chosen.
     """
     recording = state.recording.value
     if recording.state == "recording" and recording.covered_whole:
@@ -203,7 +203,7 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
 
 
 def _movement(drive: DriveStatus, robot: RobotProfile | None) -> Iterator[Condition]:
-    """The odometry, or the command topic, contradicts what is commanded from here."""
+    """Alarm if odometry or the command topic contradicts our commands."""
     topic = robot.velocity.topic if robot is not None else "cmd_vel"
     who = tr("Nodes that publish {topic}: {nodes}.").format(topic=topic, nodes=", ".join(drive.velocity_publishers))
     if not drive.velocity_publishers:

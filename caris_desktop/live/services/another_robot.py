@@ -1,4 +1,4 @@
-"""Which robot is connected: the one before is left stopped, and nothing of it stands for the next."""
+"""Robot connection service: switches robots, leaving the former one stopped and its state cleared."""
 
 from collections.abc import Callable
 
@@ -18,10 +18,10 @@ from caris_desktop.live.slow_work import SlowWork
 
 
 class AnotherRobotService(Service):
-    """Connects to the robot that was asked for last; finding one, and leaving one, may take a while.
+    """Connects the robot requested last; finding and leaving one may take a while.
 
-    ``by_name`` waits on files in a thread of its own, and raises ToldFailure. ``simulated`` starts the simulated robot
-    where there is none, and has it connected for that actor once it is ready; it raises ToldFailure where it cannot.
+    ``by_name`` reads files in a background thread and raises ToldFailure. ``simulated`` starts the simulated robot if
+    necessary and connects it for the actor once ready; raises ToldFailure on failure.
     """
 
     def __init__(
@@ -62,11 +62,10 @@ class AnotherRobotService(Service):
         self._simulated(actor)
 
     def use(self, find: Callable[[], RobotConnection], actor: Actor = WIZARD, *, until: ProblemEnd = "") -> None:
-        """Connect to the robot that ``find`` gives, unless another one is asked for meanwhile. Who starts the program
-        with one is its wizard.
+        """Connect the robot returned by ``find``, unless another one is requested meanwhile. A robot given at program
+        start counts as the wizard's choice.
 
-        ``find`` is called in a thread of its own; it raises ToldFailure, which the wizard is told (``until`` as in
-        Problem).
+        ``find`` runs in a background thread; its ToldFailure is reported (``until`` as in Problem).
         """
         asked = self._asked = object()
 
@@ -77,7 +76,7 @@ class AnotherRobotService(Service):
         self._slow_work.do(find, found, lambda failure: self._bus.answer(failure, until))
 
     def connect_to(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect, or connect to another robot instead, which is left stopped; the last one asked for counts."""
+        """Connect a robot, leaving a former one stopped; the last request wins."""
         if self._stopped:
             return
         self._asked = None
@@ -89,7 +88,7 @@ class AnotherRobotService(Service):
     def _connect(self, connection: RobotConnection, actor: Actor) -> None:
         if self._stopped or connection is not self._wanted:
             return
-        # What the robot before said to the last is taken in first: it must not stand for the new one.
+        # Process the last values of the former robot first, so that they are not taken for the new one's.
         self._bus.take_in()
         self._recording.forget_robot()
         self._people.forget_robot()

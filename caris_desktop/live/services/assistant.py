@@ -1,4 +1,4 @@
-"""The language model: which one is asked, what it is told, and the process of the one that comes with the program."""
+"""Assistant service: choice of language model, prompts, questions, and the process of the embedded model."""
 
 import os
 from collections.abc import Callable, Container, Sequence
@@ -39,12 +39,12 @@ _COUNT_EVERY_MS = 1000
 MOST_PICTURES = 4
 Setting = Literal["model", "role", "style", "system_prompt", "notes", "reset"]
 ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[[ToldFailure], None]], None]
-"""Reads pictures of these names as JPEG, small enough for a model, in a thread of its own. Raises ToldFailure."""
+"""Reads images of these names as JPEG, scaled for a model, in a background thread. Raises ToldFailure."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssistantParts:
-    """``server`` runs the embedded model. ``resolve_endpoint(model, its address)`` raises LanguageModelError."""
+    """``server`` runs the embedded model. ``resolve_endpoint(model, address)`` raises LanguageModelError."""
 
     server: ProcessBody
     stream_chat: StreamChat
@@ -53,7 +53,7 @@ class AssistantParts:
 
 
 class AssistantService(Service):
-    """Asks, chooses what is asked and told, and has answers said. ``client`` is for whatever else needs the model."""
+    """Handles questions, setup and spoken answers. ``client`` serves other users of the model."""
 
     def __init__(
         self,
@@ -146,7 +146,7 @@ class AssistantService(Service):
             self._server.stop(grace_s=1.5)
 
     def forget(self, *, conversation: bool = False) -> None:
-        """Put questions and answers away; with ``conversation`` what was said too, as another participant comes."""
+        """Remove questions and answers; with ``conversation`` also the context, for another participant."""
         if conversation:
             self._context.forget()
         self._exchanges.forget()
@@ -154,11 +154,11 @@ class AssistantService(Service):
     # Questions
 
     def use_pictures(self, read: ReadPictures) -> None:
-        """Where the pictures of questions are read."""
+        """Set the reader for images of questions."""
         self._read_pictures = read
 
     def check_picture(self) -> None:
-        """Raises ToldFailure where a picture cannot go with a question."""
+        """Raise ToldFailure if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture stays where it is.")
         if self._setup.model == EMBEDDED:
             raise ToldFailure(
@@ -172,7 +172,7 @@ class AssistantService(Service):
             )  # fmt: skip
 
     def ask(self, asked: intents.Ask) -> None:
-        """Raises ToldFailure where it cannot be asked; what comes of it later is told in its row."""
+        """Ask a question. Raises ToldFailure if refused; later failures are shown in its row."""
         question = asked.question.strip()
         if not question:
             return
@@ -231,7 +231,7 @@ class AssistantService(Service):
         utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
         self._exchanges.note_use(asked.text, utterance_id, asked.exchange_id, asked.actor)
 
-    # With what it is asked
+    # Setup
 
     def _choose(self, asked: intents.ChooseModel) -> None:
         if asked.model not in (choice.model for choice in self._offered()):
@@ -304,14 +304,14 @@ class AssistantService(Service):
         )
 
     def _offered(self) -> tuple[ModelChoice, ...]:
-        """What the scenario names, the model of this program, and what servers on this computer list."""
+        """Models to choose from: the scenario's, the embedded one, and those of local servers."""
         settings = self._scenario.assistant
         names = dict.fromkeys((settings.model, *settings.models, EMBEDDED, *self._lists.models))
         choices = (self._choice(name) for name in names)
         return tuple(choice for choice in choices if choice is not None)
 
     def _choice(self, model: str) -> ModelChoice | None:
-        """None where it cannot be asked, or may not."""
+        """Model as a choice; None if unknown or not permitted."""
         if model == EMBEDDED:
             return ModelChoice(model, _embedded_shown(), _here())
         try:
@@ -324,7 +324,7 @@ class AssistantService(Service):
             return None
         return ModelChoice(model, endpoint.model, endpoint.server)
 
-    # The model
+    # Model
 
     def _use_chosen(self) -> None:
         if not self._scenario.permissions.assistant:
@@ -372,7 +372,7 @@ class AssistantService(Service):
 
     def _on_server_ended(self, child: ChildProcess) -> None:
         if child is not self._server:
-            return  # it was replaced while the news of its end was on its way
+            return  # replaced while its exit was being reported
         self._server = self._server_url = None
         if self._asks_embedded():
             self._restarts.after_end(self._tell_server_ended, self._use_chosen)
@@ -391,7 +391,7 @@ class AssistantService(Service):
 
 
 def _here() -> str:
-    """Where a model runs that leaves this computer with nothing."""
+    """Location of a model whose data stays on this computer."""
     return tr("on this computer")
 
 

@@ -1,4 +1,4 @@
-"""The cameras of this computer: one child for each, which writes to a frame ring of its own. GUI thread."""
+"""Camera service: one child process and frame ring per camera of this computer. GUI thread."""
 
 import logging
 from collections.abc import Callable
@@ -32,8 +32,8 @@ _GRACE_S = 1.5
 
 @dataclass(frozen=True, slots=True)
 class OwnCamera:
-    """One camera of this computer. ``body`` is also given the ring that it writes to; ``model`` is where the camera is
-    on the robot and what it sees, None where nobody said.
+    """Camera of this computer. ``body`` additionally gets its ring; ``model``: mounting pose and lens,
+    None if unknown.
     """
 
     name: str
@@ -43,8 +43,8 @@ class OwnCamera:
 
 @dataclass(frozen=True, slots=True)
 class WantedCameras:
-    """What a scenario or the command line asks for. ``of_robot`` are names, None for all that the robot has;
-    ``failures`` tell of what cannot be used.
+    """Cameras requested by scenario or command line. ``of_robot``: names, None for all of the robot's; ``failures``:
+    unusable ones.
     """
 
     own: tuple[OwnCamera, ...] = ()
@@ -52,8 +52,8 @@ class WantedCameras:
     failures: tuple[ToldFailure, ...] = ()
 
     def among(self, cameras: tuple[CameraTopic, ...]) -> tuple[CameraTopic, ...]:
-        """Those of the robot that are wanted. One that is called like a camera of this computer steps back: pictures
-        are known by their camera's name alone.
+        """Requested cameras of the robot. One with the name of a local camera is renamed, because frames are identified
+        by camera name.
         """
         own = {camera.name for camera in self.own}
         wanted = [camera for camera in cameras if self.of_robot is None or camera.name in self.of_robot]
@@ -72,7 +72,7 @@ class _Running:
 
 
 class CamerasService(Service):
-    """Runs those that the scenario wants, and keeps ``state.own_cameras``: name and model of each."""
+    """Runs the scenario's cameras, and maintains ``state.own_cameras``: name and model of each."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class CamerasService(Service):
         frames: FrameRings,
         parent: QObject,
     ) -> None:
-        """``frames`` gets the rings, which are closed with it."""
+        """``frames`` receives the rings and closes them."""
         super().__init__(parent)
         self._state = state
         self._bus = bus
@@ -118,7 +118,7 @@ class CamerasService(Service):
             self._arrange()
 
     def hear(self, camera: str, on: bool) -> None:
-        """Have the microphone of this camera listened to, or no longer; of one that is restarted, too."""
+        """Switch audio of a camera's microphone on or off; also applied after a restart."""
         self._heard = camera if on else ""
         running = self._running.get(camera)
         if running is not None:
@@ -165,7 +165,7 @@ class CamerasService(Service):
         return child
 
     def _leave(self, running: _Running) -> None:
-        """Another scenario does without it."""
+        """End a camera that another scenario does not use."""
         name = running.camera.name
         del self._running[name]
         running.child.ask_to_end()
@@ -178,7 +178,7 @@ class CamerasService(Service):
         self._state.forget_camera(name)
 
     def _left(self, running: _Running) -> None:
-        """Its child has ended. What that still sent is taken in first, and does not bring the camera back."""
+        """Clean up after the exit: process its last values first, so that they do not bring the camera back."""
         self._free_rings.append(running.ring)
         self._bus.take_in()
         if running.camera.name not in self._running:
@@ -193,7 +193,7 @@ class CamerasService(Service):
             return
         for running in self._running.values():
             if not running.plays:
-                # A recorded video waits for whoever shall see it from its start.
+                # A recorded video starts once perception is ready to see it.
                 running.plays = running.child.send(PlayVideo())
 
     def _on_heard(self, message: Any) -> None:

@@ -1,7 +1,7 @@
-"""Hold to drive: from what the wizard holds to lease messages, under the safety rules. GUI thread.
+"""Drive service: teleoperation input to drive commands with a lease, under the safety rules. GUI thread.
 
-The service sends each change at once and renews the lease every 50 ms from a GUI timer, so that a stalled GUI
-stops renewing by itself. The link process is the one that ramps, repeats and sends zero.
+Each change is sent at once, and the lease is renewed every 50 ms by a GUI timer, so that a stalled GUI stops renewing.
+Ramping, repeating and sending zero is the link process's task.
 """
 
 from collections.abc import Callable
@@ -35,13 +35,13 @@ LEASE_NS = 150_000_000
 STALE_CAP_FRACTION = 0.3
 _WORTH_RENEWING_NS = 15_000_000
 _AGE_SHOWN_EVERY_MS = 500
-# A link in trouble is still the same connection.
+# A link in trouble still counts as connected.
 _STANDS = ("connected", "trouble")
 _ANY_SPEED = MotionLimits(forward_mps=float("inf"), backward_mps=float("inf"), left_mps=0.0, turn_radps=float("inf"))
 
 
 class DriveService(Service):
-    """Holds what is pressed, decides whether and how fast that may move the robot, and says so in ``state.drive``."""
+    """Holds the current command, decides whether and how fast it may move the robot, and maintains ``state.drive``."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class DriveService(Service):
         self._frames_came = False
         self._guard_switched_off = False
         self._goals_limited_to_mps: float | None = None
-        # While the speed is capped, the age in the reason goes on.
+        # While the speed is capped, the age in its reason keeps counting.
         self._aging = QTimer(self)
         self._aging.setInterval(_AGE_SHOWN_EVERY_MS)
         self._aging.timeout.connect(self._on_condition_changed)
@@ -114,7 +114,7 @@ class DriveService(Service):
         self._on_condition_changed()
 
     def drive(self, *, forward: float, left: float, turn: float, source: CommandSource, actor: Actor = CONSOLE) -> None:
-        """Each of -1..1. Takes the lease, or changes what it holds."""
+        """Drive; components of -1..1. Takes the lease, or updates its command."""
         if not (forward or left or turn):
             self.let_go("", actor)
             return
@@ -129,7 +129,7 @@ class DriveService(Service):
         self._renewal.start()
 
     def let_go(self, reason: str, actor: Actor) -> None:
-        """Somebody's key came up. Where somebody else drives by now nothing ends: that takes a stop."""
+        """Release by an actor. It does not end another actor's driving: that takes a stop."""
         if actor in (self._actor, WIZARD, CONSOLE):
             self.release(reason, actor)
 
@@ -160,17 +160,17 @@ class DriveService(Service):
             )
 
     def _release_emergency_stop(self, actor: Actor) -> None:
-        # Whoever holds it says that it is released, or that it is not.
+        # The stop's owner reports whether it was released.
         if not self.set_emergency_stop(latched=False, actor=actor):
             self._publish(EmergencyStopChanged(clock.now_ns(), False, "wizard", actor))
 
     def halt(self, actor: Actor = CONSOLE) -> None:
-        """Zero and cancel goals. Sent whether or not anything is held."""
+        """Stop: zero velocity and cancel goals; sent even if nothing is held."""
         self.release(QT_TR_NOOP("Stop"), actor)
         self._robot.send(StopMotion(clock.now_ns(), actor))
 
     def set_emergency_stop(self, *, latched: bool, actor: Actor = CONSOLE) -> bool:
-        """Latch or clear. Latching takes effect here even when the link is down; False when nobody else heard it."""
+        """Latch or release the emergency stop. Latching works locally without a link; False if it could not be sent."""
         if latched:
             self.release(QT_TR_NOOP("Emergency stop"), actor)
         self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
@@ -179,7 +179,7 @@ class DriveService(Service):
         return heard
 
     def set_guard(self, *, on: bool, actor: Actor = CONSOLE) -> None:
-        """Switch the obstacle guard of the link. Off lasts until the link is lost or the scenario changes."""
+        """Switch the link's obstacle guard. "Off" lasts until the link is lost or the scenario changes."""
         if self._robot.send(SetGuard(clock.now_ns(), on, actor)):
             self._guard_switched_off = not on
 
@@ -190,7 +190,7 @@ class DriveService(Service):
         self._resend()
 
     def _limit_goals(self, actor: Actor = CONSOLE) -> None:
-        """Whatever limits driving by hand limits the robot's navigation too."""
+        """Apply the teleoperation speed limit to navigation too."""
         status = self._state.drive.value
         limit_mps = status.max_forward_mps * status.speed_fraction
         if self._state.link.value.state not in _STANDS or limit_mps == self._goals_limited_to_mps:
@@ -199,10 +199,10 @@ class DriveService(Service):
             self._goals_limited_to_mps = limit_mps
 
     def on_robot_event(self, event: object) -> None:
-        """The link ended the lease, its guard limits motion differently, or the robot's emergency stop changed."""
+        """Handle the end of a lease, a change of the guard, or the robot's emergency stop."""
         if isinstance(event, DriveEnded):
             if event.drive_id not in (0, self._drive_id):
-                return  # of a drive before this one
+                return  # of an earlier drive
             self._held = False
             self._renewal.stop()
             self._sent_target = Twist2D()
@@ -265,7 +265,7 @@ class DriveService(Service):
         robot: RobotProfile | None = self._state.robot.value
         self._frames_came = self._frames_came or self._state.frame.freshness == "fresh"
         cap_reason = ""
-        # A robot without a LIDAR or a camera has none that could be stale (unless this computer's camera shows it).
+        # Without a LIDAR or camera nothing can be stale (unless this computer's camera provides the video).
         if self._state.scan.freshness != "fresh" and (robot is None or robot.scan is not None):
             cap_reason = _missing(QT_TR_NOOP("LIDAR"), self._state.scan)
         elif self._state.frame.freshness != "fresh" and (robot is None or robot.cameras or self._frames_came):
@@ -276,7 +276,7 @@ class DriveService(Service):
         else:
             self._aging.stop()
         if link.state not in _STANDS:
-            # Each connection begins with the guard as the profile has it.
+            # Each connection starts with the guard setting of the profile.
             self._guard_switched_off = False
             status = replace(status, guard="absent", guard_distance_m=None, guard_detail="", goal_limit_mps=None)
             status = replace(status, movement="unknown", stopped=False, velocity_publishers=())
@@ -323,9 +323,9 @@ class DriveService(Service):
             self._send_target()
 
     def renew_before_work(self) -> None:
-        """The event loop has come round, and what follows may take a while: renew now and not when the timer is let in.
+        """Renew the lease now if slow work follows.
 
-        Painting goes before timers; without this a renewal came up to a timer's period and a whole pass after the last.
+        Painting precedes timers: otherwise a renewal could be late by a timer period plus a whole pass.
         """
         if self._renewal.isActive() and clock.now_ns() - self._renewed_ns >= _WORTH_RENEWING_NS:
             self._renew()
@@ -340,7 +340,7 @@ class DriveService(Service):
             self.release(QT_TR_NOOP("The link does not take commands"))
 
     def _lease_is_alive(self) -> bool:
-        """After a stall the lease has lapsed at the link: only a new key press may drive again."""
+        """After a stall the lease has expired at the link: only a new key press may drive again."""
         if clock.now_ns() - self._renewed_ns <= LEASE_NS:
             return True
         self.release(QT_TR_NOOP("The program stalled"))

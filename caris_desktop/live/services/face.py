@@ -1,4 +1,4 @@
-"""The robot's face: what it shows, how it moves with what is said and heard, and where it is shown. GUI thread."""
+"""Face service: contents, animation with speech, and outputs of the robot's face. GUI thread."""
 
 import asyncio
 import logging
@@ -32,7 +32,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.model import Scenario
 
-if TYPE_CHECKING:  # a web server is imported when somebody wants one
+if TYPE_CHECKING:  # a web server is imported on demand
     from caris_desktop.live.face_page import FacePage
 
 _log = logging.getLogger(__name__)
@@ -41,13 +41,13 @@ _PICTURE_EVERY_NS = 200_000_000
 _PICTURE_PX = 960
 _KEPT_VOICES = 8
 _HEAD_SHARE = 0.12
-"""How far below the upper end of a box of a person their eyes are."""
+"""Eye height in a person's box, as a share from its top."""
 
 
 class FaceService(Service):
-    """Keeps ``state.face`` and, while somebody may look, ``state.face_drawing`` up to 25 times a second.
+    """Maintains ``state.face`` and, while an output is open, ``state.face_drawing`` at up to 25 Hz.
 
-    Nothing is drawn while nothing moves. What is shown is on record; how the eyes move is not.
+    Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
     """
 
     _pages_told = Signal(int)
@@ -131,7 +131,7 @@ class FaceService(Service):
         self._shown = None
         self._state.face_drawing.set_anew(None)
 
-    # Which face, and what it shows
+    # Face and contents
 
     def _use(self, name: str, actor: Actor) -> None:
         self._wanted = name
@@ -230,7 +230,7 @@ class FaceService(Service):
         if self._face is None and isinstance(failure, FaceError) and self._wanted != DEFAULT_FACE:
             self._use(DEFAULT_FACE, CONSOLE)
 
-    # Where it is shown
+    # Outputs
 
     def _show_window(self, asked: intents.ShowFaceWindow) -> None:
         self._motion_or_raise()
@@ -253,7 +253,7 @@ class FaceService(Service):
     def _on_page_opened(self, told: "tuple[FacePage, Future[str], Actor]") -> None:
         page, opened, actor = told
         if page is not self._page:
-            return  # it is not wanted any more
+            return  # no longer needed
         failure = opened.exception()
         if failure is not None:
             self._page = None
@@ -278,7 +278,7 @@ class FaceService(Service):
         if self._page is not None and pages != self._state.face.value.pages:
             self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
-    # What moves it
+    # Animation
 
     def _on_utterance(self, event: UtteranceChanged) -> None:
         if event.speaker != "robot" or self._motion is None:
@@ -297,12 +297,12 @@ class FaceService(Service):
             self._move()
 
     def _with_names(self, text: str) -> str:
-        """A caption is read by whoever is addressed: with their name, as it is spoken."""
+        """Caption for the addressee, with the spoken name."""
         names = {row.person_id: row.name for row in self._state.everybody.value if row.known}
         return with_names(text, lambda person_id: names.get(person_id, "")).strip()
 
     def _on_sound(self, sound: PlayedSound) -> None:
-        """What is played is told before it is heard, or a little later."""
+        """Add played audio, which is reported slightly before or after it is audible."""
         if self._motion is None or not sound.utterance_id:
             return
         before = self._voices.get(sound.utterance_id)
@@ -320,7 +320,7 @@ class FaceService(Service):
             self._move()
 
     def _on_people(self, people: People) -> None:
-        """The eyes follow whom the wizard means, or else whoever is nearest, which is the tallest box."""
+        """Look at the selected person, else at the nearest, with the tallest box."""
         if self._motion is None:
             return
         meant = self._state.selected_person.value
@@ -331,7 +331,7 @@ class FaceService(Service):
         else:
             middle = (box.left_px + box.width_px / 2) / people.frame_width_px
             eyes = (box.top_px + _HEAD_SHARE * box.height_px) / people.frame_height_px
-            # Who is at the left of the picture is at the robot's left, which is the right of its screen.
+            # The left of the camera picture is the robot's left, which is the right of its screen.
             self._motion.look_to(1.0 - 2.0 * middle, 1.0 - 2.0 * eyes)
         self._move()
 
@@ -347,7 +347,7 @@ class FaceService(Service):
                 self._asyncio.submit(_show_picture(self._page, image_bgr))
 
     def _move(self) -> None:
-        """Something moves from now on."""
+        """Start animating."""
         if self._state.face.value.what in ("face", "text"):
             self._drawing.start(_DRAW_EVERY_MS)
 

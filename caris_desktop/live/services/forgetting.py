@@ -1,4 +1,4 @@
-"""Forgetting a person from the window: a child process does it, and the wizard goes on meanwhile."""
+"""Erasure service: erases a person in a child process, while the wizard continues."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENDS_WITHIN_S = 1.0
 
 
 class ForgettingService(Service):
-    """One person at a time, and nobody while a session is recorded: what is being written cannot be changed."""
+    """One person at a time, and not while recording: the file being written cannot change."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class ForgettingService(Service):
         then: Callable[[intents.ForgetPerson], None],
         parent: QObject,
     ) -> None:
-        """``body_of`` gives what forgets the person of an id. ``then`` has the console itself forget them."""
+        """``body_of`` returns the process body that erases a person id. ``then`` erases the console's own data."""
         super().__init__(parent)
         self._state = state
         self._bus = bus
@@ -64,7 +64,7 @@ class ForgettingService(Service):
             self._child.ask_to_end()
 
     def end(self) -> None:
-        # It goes on where it is stopped when it is asked for again.
+        # An interrupted erasure resumes when requested again.
         if self._child is not None:
             self._child.stop(grace_s=_ENDS_WITHIN_S)
 
@@ -131,11 +131,11 @@ class ForgettingService(Service):
             self._tell(ended.outcome)
 
     def _forget_here(self) -> None:
-        """The database has; whoever holds something of it in memory is told."""
+        """Erase in-memory data after the database."""
         try:
             self._then(self._asked)
         except ToldFailure:
-            # Nobody looks for people, so nobody holds anything of them.
+            # Without perception nothing is in memory.
             self._bus.publish(PersonForgotten(clock.now_ns(), self._asked.person_id, self._asked.actor))
 
     def _tell(self, outcome: Forgotten) -> None:

@@ -1,4 +1,4 @@
-"""A trial that broke off with the program: written down while it runs, offered to the next run, gone on with."""
+"""Crash recovery of a trial: saves its state, offers it to the next run, and resumes it."""
 
 import logging
 from collections.abc import Callable
@@ -32,8 +32,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class GoingOnParts:
-    """``folder`` is where running programs write down what they record; ``details`` reads who took part in a session,
-    in a thread of its own, and gives empty ones where that is not to be had.
+    """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
+    thread, empty if unavailable.
     """
 
     folder: Path
@@ -42,10 +42,10 @@ class GoingOnParts:
 
 
 class GoingOnService(Service):
-    """Keeps ``state.going_on``.
+    """Maintains ``state.going_on``.
 
-    Nothing is taken for granted after such an end: the robot is held by the emergency stop, and where it is, who is
-    there, what is recorded and that they agree is asked again. Until then the gate lets nothing be kept.
+    After a crash nothing is assumed: the emergency stop is latched, and pose, people, recording and consents need
+    confirmation. Until then the gate blocks recording.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class GoingOnService(Service):
         before, self._scenario = self._scenario, scenario
         status: GoingOnStatus = self._state.going_on.value
         if status.state in ("unconfirmed", "confirmed") and (before is None or _keeps(before) != _keeps(scenario)):
-            # Whoever ticked it had another one in view.
+            # The confirmation was given for another scenario.
             left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
             self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
 
@@ -108,20 +108,20 @@ class GoingOnService(Service):
         self._slow_work.do(_told(work), self._on_found, _tell)
 
     def end(self) -> None:
-        """The recording has been ended in order."""
+        """Called when the recording has ended normally."""
         try:
             unfinished.forget(self._parts.folder)
         except OSError:
             _log.exception("the next run will offer to go on with a trial that has ended")
 
     def expect_end(self) -> None:
-        """Somebody wants the program to end: whatever becomes of that, it is no end that nobody wanted."""
+        """The program is asked to quit: what follows is no crash."""
         self._shut_down_soon.stop()
         self._told_to_end = True
         self.end()
 
     def expect_shutdown(self) -> None:
-        """The computer is to be shut down, or the user is to be logged out; that can still be called off."""
+        """The computer is shutting down or the user is logging out, which can still be cancelled."""
         if not self._told_to_end:
             self._shut_down_soon.start()
         self._told_to_end = True
@@ -134,12 +134,12 @@ class GoingOnService(Service):
             self._keep()
 
     def standing(self, now_ns: int) -> list[Event]:
-        """What heads a recording of a trial that goes on."""
+        """Initial events in the recording of a resumed trial."""
         if self._resumed is None:
             return []
         return [replace(self._resumed, stamp_ns=now_ns), *(replace(one, stamp_ns=now_ns) for one in self._confirmed)]
 
-    # Writing it down
+    # Saving
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("recording", "paused"):
@@ -153,7 +153,7 @@ class GoingOnService(Service):
             self._over()
 
     def _over(self) -> None:
-        """What was gone on with has been recorded."""
+        """The resumed trial was recorded."""
         self._resumed, self._confirmed, self.step = None, [], ""
         self._state.going_on.set(GoingOnStatus())
 
@@ -182,7 +182,7 @@ class GoingOnService(Service):
         if not self._told_to_end:
             unfinished.keep(self._parts.folder, trial)
 
-    # Going on
+    # Resuming
 
     def _on_found(self, found: tuple[UnfinishedTrial, TrialDetails] | None) -> None:
         if found is None:
@@ -201,7 +201,7 @@ class GoingOnService(Service):
                 tr("A recording is under way: the trial that broke off cannot go on in it."),
                 tr("Nothing was changed."), tr("End the recording first."),
             )  # fmt: skip
-        # Whoever was about to move when the program ended may be anywhere by now.
+        # Anyone about to move when the program crashed may be anywhere now.
         if not self._state.drive.value.emergency_stop:
             self._do(intents.EmergencyStop(actor=asked.actor))
         here, connection = self._scenario, self._robot.connection
@@ -242,7 +242,7 @@ class GoingOnService(Service):
             if self._have_rows(people):
                 self._state.going_on.set(status)
                 return
-        # The last of the rows that were there makes it true of all people.
+        # Confirming the last existing row covers everyone.
         self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor))
         left = tuple(what for what in status.unconfirmed if what != asked.what)
         people = status.unconfirmed_people if "people" in left else ()
@@ -255,17 +255,17 @@ class GoingOnService(Service):
         self._bus.publish(event)
 
     def _have_rows(self, people: tuple[str, ...]) -> bool:
-        """Whether one of them can still be looked at: who is in no row has nothing that could be confirmed."""
+        """Whether any of them has a row: without one there is nothing to confirm."""
         rows = (*self._state.persons.value, *self._state.everybody.value)
         return any(row.person_id in people for row in rows)
 
     def _on_pose_set(self, event: InitialPoseSet) -> None:
-        """Who says where the robot is has looked where it is."""
+        """Setting the robot's pose confirms it."""
         self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
 
 
 def _keeps(scenario: Scenario) -> tuple[object, ...]:
-    """What a scenario lets be recorded, and what of it a model may have."""
+    """What a scenario permits to record, and to give to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
 
 
@@ -280,5 +280,5 @@ def _told(work: Callable[[], T]) -> Callable[[], T]:
 
 
 def _tell(failure: ToldFailure) -> None:
-    # Nothing of the session is lost with it: the log is enough.
+    # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -1,6 +1,6 @@
-"""Who pays when the machine is busy: small pictures first, then looking for people, then the panels and the map, then
-the picture. Driving, stopping, sound and the record never do, and where people have to be covered in the record,
-looking for them does not either. Decided here alone, in steps, and shown.
+"""Load shedding: on a busy machine thumbnails are reduced first, then detection, then panels and map, then video.
+Driving, stopping, audio and recording are never reduced, nor is detection while recordings need blurring. Decided here
+only, in visible levels.
 """
 
 from collections import deque
@@ -22,7 +22,7 @@ from caris_desktop.live.status import LoadStatus
 from caris_desktop.scenario.model import Scenario
 
 LOOK_EVERY_MS = 100
-_WINDOW = 30  # looks, three seconds
+_WINDOW = 30  # samples, three seconds
 _LEAST_KNOWN = 3
 _STEP_AFTER_NS = 2_000_000_000
 _BACK_AFTER_NS = 8_000_000_000
@@ -30,8 +30,8 @@ _BACK_AFTER_NS = 8_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Of one measure in ms: one step more where the ``counted`` share of the looks is above ``late``, and one less once
-    that is below ``in_time`` for all of them.
+    """Thresholds of a measure in ms: one level up if the ``counted`` share of samples exceeds ``late``, one down once
+    it is below ``in_time`` for all measures.
     """
 
     late: float
@@ -40,17 +40,17 @@ class Limits:
 
 
 STALLS = Limits(late=25.0, in_time=10.0, counted=0.1)
-"""How late the GUI thread is: a tenth of the looks tells, as one stall is no load."""
+"""GUI thread delay: a tenth of the samples, as a single stall is no load."""
 FRAMES = Limits(late=150.0, in_time=80.0, counted=0.1)
-"""How old a picture is when it gets here: to unpack a large one takes some 20 ms."""
+"""Frame age on arrival: decoding a large frame takes about 20 ms."""
 DETECTION = Limits(late=500.0, in_time=300.0, counted=0.5)
-"""How long a look for people takes: with fewer than two a second who walks by is counted more than once."""
+"""Duration of a detection: below two per second a passer-by is counted repeatedly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What is given up: the least time from one look for people to the next, from one pass of the panels and of the
-    picture; and what the wizard reads. Small pictures pay from the first step on (:meth:`LoadStatus.pays_small`).
+    """Load shedding level: minimum intervals of detection, panels and video; and its text. Thumbnails are reduced from
+    the first level on (:meth:`LoadStatus.pays_small`).
     """
 
     look_every_s: float = 0.0
@@ -59,7 +59,7 @@ class Step:
     detail: str = ""
 
 
-# No panel waits longer than 0.15 s: a scan that is older than half a second slows driving down.
+# Panels wait 0.15 s at most: a scan older than half a second slows down driving.
 STEPS = (
     Step(),
     Step(detail=QT_TR_NOOP("small pictures less often")),
@@ -67,7 +67,7 @@ STEPS = (
     Step(0.6, 0.15, detail=QT_TR_NOOP("people less often, panels slower")),
     Step(1.2, 0.15, 0.15, QT_TR_NOOP("people seldom, picture and panels slower")),
 )
-# The same where the record shows only what was looked at.
+# Levels while recordings contain only frames with detections.
 STEPS_WITH_BLUR = (
     Step(),
     Step(detail=QT_TR_NOOP("small pictures less often")),
@@ -76,21 +76,21 @@ STEPS_WITH_BLUR = (
     Step(0.0, 0.15, 0.15, QT_TR_NOOP("picture and panels slower")),
 )
 PEOPLE_PAY = 2
-"""The last step before panels and picture pay. Boxes alone are worth no more than this."""
+"""Last level before panels and video are reduced; more than that is not worth the boxes."""
 _ANSWERING = 3
-"""While a language model on this computer answers, whatever it is asked for, who waits for it comes before boxes. So
-does, in a pause of a participant, who waits for the last words; while somebody speaks, their mouth tells who it is.
+"""Level while a local language model answers: its user comes before boxes. Likewise in a participant's pause, when the
+last words are transcribed; during speech, detection identifies the speaker.
 """
 _PANELS_STAND_NS = 600_000_000
-"""For so long after another scenario was opened its panels are what the wizard waits for."""
+"""After a scenario change the wizard waits for its panels for this time."""
 _LOOK_COUNTS_NS = 5_000_000_000
-"""For so long a look for people says how long the next one will take."""
+"""Age up to which a detection predicts the duration of the next one."""
 _HEARD_WITHIN_NS = 5_000_000_000
-"""Longer than any pause within a turn. What was heard before that says nothing of now: the recogniser may be gone."""
+"""Longer than any pause within a turn. Older audio is irrelevant: the recogniser may be gone."""
 
 
 class _Measure:
-    """The last looks at one figure; None where there was none to be had."""
+    """Recent samples of one measure; None for a missing sample."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -104,7 +104,7 @@ class _Measure:
 
     @property
     def counts(self) -> float:
-        """The figure that tells: 0 where there are too few."""
+        """Deciding value of the measure: 0 with too few samples."""
         known = sorted(ms for ms in self._seen_ms if ms is not None)
         return known[-max(1, int(len(known) * self._limits.counted))] if len(known) >= _LEAST_KNOWN else 0.0
 
@@ -118,9 +118,7 @@ class _Measure:
 
 
 class LoadSteps:
-    """How many steps are given up, from how late the GUI thread is, how old pictures are when they get here, and how
-    long a look for people takes. Times in ns of one clock.
-    """
+    """Level from GUI thread delay, frame age and detection time. Times in ns of one clock."""
 
     def __init__(self) -> None:
         self.step = 0
@@ -134,7 +132,7 @@ class LoadSteps:
     def look(
         self, late_ms: float, now_ns: int, *, frame_age_ms: float | None = None, detection_ms: float | None = None
     ) -> int:
-        """One look; gives the step from now on. None where no picture came, or nobody is looked for here."""
+        """Add samples; returns the new level. None without a frame or local detection."""
         for measure, ms in zip(self._measures, (late_ms, frame_age_ms, detection_ms), strict=True):
             measure.look(ms)
         self._looks += 1
@@ -154,7 +152,7 @@ class LoadSteps:
 
     @property
     def _kept(self) -> int:
-        """The step below which nothing is given back as it is."""
+        """Lowest level that the samples permit."""
         if not (self._stalls.in_time and self._frames.in_time):
             return self.step
         if self._detection.in_time:
@@ -162,14 +160,14 @@ class LoadSteps:
         return self.step if self.covers else min(self.step, PEOPLE_PAY)
 
     def _go(self, step: int, now_ns: int) -> None:
-        # What was late before says nothing of how it is with this step.
+        # Samples from another level are meaningless for this one.
         self.step, self._changed_ns, self._looks = step, now_ns, 0
         for measure in self._measures:
             measure.forget()
 
 
 class GovernorService(Service):
-    """Looks how loaded the machine is, slows down what can wait, and keeps ``state.load``."""
+    """Measures the load, reduces deferrable work, and maintains ``state.load``."""
 
     def __init__(
         self,
@@ -216,7 +214,7 @@ class GovernorService(Service):
         self._timer.stop()
 
     def _waited_for(self) -> int:
-        """The step that looking for people takes so that what somebody waits for comes first."""
+        """Detection level that favours work someone is waiting for."""
         if self._now_ns() < self._panels_until_ns or (self._models.answering and self._models.answers_here):
             return _ANSWERING
         heard = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
@@ -242,7 +240,7 @@ class GovernorService(Service):
         late_ms = max(0.0, (now_ns - self._due_ns) / 1e6)
         self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
         frame_age_ms, self._frame_age_ms = self._frame_age_ms, None
-        # Another machine that is slow gets nothing of what is given up here.
+        # Load shedding here does not help another machine.
         looks_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
         self._steps.look(
             late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if looks_here else None

@@ -1,4 +1,4 @@
-"""Turning the robot's head: from what the wizard holds to joint targets, within what the neck can do. GUI thread."""
+"""Head service: input to joint targets within the neck's limits. GUI thread."""
 
 from dataclasses import replace
 
@@ -15,16 +15,16 @@ from caris_desktop.robot.profile import HeadInterface, RobotProfile
 from caris_desktop.scenario.model import Scenario
 
 MOVE_EVERY_MS = 50
-# A stalled GUI must not be made up for by one large turn.
+# A stalled GUI must not lead to one large motion.
 _LONGEST_STEP_S = 0.1
 _NOD_RAD, _NOD_MS = 0.25, 450
 
 
 class HeadService(Service):
-    """Keeps ``state.look``, and sends MoveHead at 20 Hz while something is held. The link tells where it sent the head.
+    """Maintains ``state.look``, and sends MoveHead at 20 Hz while input is held. The link reports the commanded angles.
 
-    Nothing turns it after release, under the emergency stop, without a link, or once the GUI stalls: each target is
-    only a step of the hold, never the end of the range.
+    The head stops on release, under the emergency stop, without a link, and when the GUI stalls: each target is one
+    step ahead, never the end of the range.
     """
 
     def __init__(self, state: LiveState, robot: RobotPort, parent: QObject | None = None) -> None:
@@ -65,7 +65,7 @@ class HeadService(Service):
         self.release()
 
     def look_at(self, *, pan_rad: float, tilt_rad: float, actor: Actor = CONSOLE) -> None:
-        """Turn the head there, or as far towards it as the neck goes; ends a turn that is held."""
+        """Turn the head to these angles, clamped to its range; ends a held turn."""
         self._moving.stop()
         self._nodding.stop()
         self._pan = self._tilt = 0.0
@@ -74,7 +74,7 @@ class HeadService(Service):
             self._move_to(pan_rad, tilt_rad)
 
     def turn_head(self, *, pan: float, tilt: float, actor: Actor = CONSOLE) -> None:
-        """Each of -1..1 of the head's speed, pan left and tilt down positive; zero stops. Call on each change."""
+        """Turn at -1..1 of the head's speed, pan left and tilt down positive; zero stops. Call on each change."""
         was_turning = self._moving.isActive()
         self._pan, self._tilt = _unit(pan), _unit(tilt)
         if not (self._pan or self._tilt):
@@ -91,7 +91,7 @@ class HeadService(Service):
             self._end_turn()
 
     def nod(self, actor: Actor = CONSOLE) -> None:
-        """Down and back to where it looks now; whatever turns the head meanwhile ends the nod."""
+        """Nod down and back; any other head command ends it."""
         if self._moving.isActive() or self._nodding.isActive() or not self._may_move():
             return
         self._take_measured_angles()
@@ -107,7 +107,7 @@ class HeadService(Service):
             self._move_to(pan_rad, tilt_rad)
 
     def release(self) -> None:
-        """Nothing is held any more: the head stays where it was sent."""
+        """Stop turning: the head keeps its target."""
         self.turn_head(pan=0.0, tilt=0.0)
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
@@ -127,7 +127,7 @@ class HeadService(Service):
         )
 
     def _take_measured_angles(self) -> None:
-        """Begin where the head is rather than where it was once sent: something else may have turned it."""
+        """Start from the measured angles: something else may have turned the head."""
         if self._state.head.freshness == "fresh":
             measured = self._state.head.value
             self._state.look.set(replace(self._state.look.value, pan_rad=measured.pan_rad, tilt_rad=measured.tilt_rad))

@@ -1,4 +1,4 @@
-"""How the child processes are, for who looks after the computer."""
+"""Health service: state of the child processes."""
 
 from collections.abc import Callable, Iterable
 
@@ -11,7 +11,7 @@ _LOOK_EVERY_MS = 1000
 
 
 class HealthService(Service):
-    """Keeps ``state.health``."""
+    """Maintains ``state.health``."""
 
     def __init__(self, state: LiveState, services: Callable[[], Iterable[Service]], parent: QObject) -> None:
         super().__init__(parent)

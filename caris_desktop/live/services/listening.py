@@ -1,5 +1,5 @@
-"""What is said becomes text: runs the recogniser as long as a microphone is open whose sound it may have. GUI thread,
-except where a method says otherwise.
+"""Speech recognition service: runs the recogniser while a permitted microphone is open. GUI thread unless stated
+otherwise.
 """
 
 import pickle
@@ -36,13 +36,13 @@ from caris_desktop.scenario.model import Scenario
 
 _GRACE_S = 1.0
 _LOADS_AFTER_MS = 2000
-"""A recogniser takes a processor for seconds to load: the window shows the other scenario first, and who goes on to yet
-another one is not kept by it.
+"""Loading a recogniser occupies a processor for seconds: the window comes first, and a further scenario change is not
+delayed.
 """
 
 
 class ListeningService(Service):
-    """``body`` gives the recogniser of a scenario."""
+    """``body`` returns the recogniser process of a scenario."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class ListeningService(Service):
             self._feed.join()
 
     def on_heard(self, message: Any) -> None:
-        """What the recogniser says of itself."""
+        """Handle a status message of the recogniser."""
         match message:
             case RecogniserReady(model=model, language=language, detail=detail):
                 self._to_recogniser = self._feed
@@ -148,7 +148,7 @@ class ListeningService(Service):
         self._records = records
 
     def _begin(self) -> None:
-        """Start the recogniser, once there is something to hear: it takes hundreds of megabytes."""
+        """Start the recogniser, once there is audio: it takes hundreds of megabytes."""
         if self._wanted is None or self._child is not None or not self._started or self._stopped:
             return
         if self._soon.isActive():
@@ -166,7 +166,7 @@ class ListeningService(Service):
             self._feed.put(pickle.dumps(self._silence, protocol=pickle.HIGHEST_PROTOCOL))
 
     def _leave(self) -> None:
-        """Another scenario does without it, or wants another one."""
+        """End the recogniser, for a scenario without it or with another one."""
         child, feed, self._to_recogniser = self._child, self._feed, None
         self._child = self._feed = None
         self._state.listening.set(ListeningStatus())

@@ -1,4 +1,4 @@
-"""The wizard's marks and notes: each change of one is an event with the same id. GUI thread."""
+"""Mark service: marks and notes of the wizard; each change is an event with the same id. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +19,7 @@ _NANOSECONDS = 1_000_000_000
 
 
 class MarksService(Service):
-    """Makes and changes marks and notes, and keeps ``state.marks`` and ``state.notes``."""
+    """Creates and changes marks and notes, and maintains ``state.marks`` and ``state.notes``."""
 
     def __init__(self, state: LiveState, publish: Callable[[Event], None], parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -30,7 +30,7 @@ class MarksService(Service):
         self._of_notes: list[Marked] = []
 
     def forget(self) -> None:
-        """Another session begins: what was marked before belongs to the last one."""
+        """Start a new session without earlier marks."""
         self._marks.clear()
         self._withdrawn.clear()
         self._of_notes.clear()
@@ -62,7 +62,7 @@ class MarksService(Service):
         self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
 
     def stretch(self, asked: intents.StretchMark) -> None:
-        """The moment becomes a stretch that goes on."""
+        """Turn the moment into an open interval."""
         mark = self._marks.get(asked.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
             now_ns = clock.now_ns()
@@ -75,7 +75,7 @@ class MarksService(Service):
             self._keep(replace(mark, stamp_ns=now_ns, end_ns=now_ns, state="done", actor=actor))
 
     def end_all(self, actor: Actor = CONSOLE) -> None:
-        """The session ends, and with it every stretch that goes on."""
+        """End all open intervals with the session."""
         for mark_id in tuple(self._marks):
             self.end_mark(mark_id, actor)
 
@@ -85,7 +85,7 @@ class MarksService(Service):
             return
         start_ns = _moment_ns(mark) - round(asked.earlier_s * _NANOSECONDS)
         label = mark.label if asked.label is None else asked.label
-        # From now on the stamp is that of the change.
+        # The stamp becomes the time of the change.
         self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=asked.actor))
 
     def withdraw(self, mark_id: str, actor: Actor = CONSOLE) -> None:

@@ -1,4 +1,4 @@
-"""The microphones: which one hears the participant and which one the wizard, and when they are open. GUI thread."""
+"""Microphone service: which microphone records participant and wizard, and when they are open. GUI thread."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,19 +24,19 @@ from caris_desktop.scenario.model import Scenario
 _OPENS_WITHIN_MS = 4000
 _TRIED_FOR_MS = 20_000
 Need = Literal["recording", "transcription", "hearing", "trying"]
-"""What a microphone is open for. Each is permitted, or not, by itself."""
+"""Purpose of an open microphone. Each has its own permission."""
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneParts:
-    """The microphones of this computer."""
+    """Microphones of this computer."""
 
     participant: MicrophoneChoice
     wizard: MicrophoneChoice
 
 
 class MicrophoneService(Service):
-    """Opens the participant's microphone as long as anything needs it that is permitted, recording or not."""
+    """Opens the participant's microphone while any permitted purpose needs it, recording or not."""
 
     def __init__(
         self,
@@ -49,9 +49,7 @@ class MicrophoneService(Service):
         hear_camera: Callable[[str, bool], None],
         parent: QObject,
     ) -> None:
-        """``to_robot`` sends to the link over which the robot's sound comes; ``hear_camera`` has the microphone of a
-        camera of that name listened to, or no longer.
-        """
+        """``to_robot`` sends to the link with the robot's audio; ``hear_camera`` switches a camera's microphone."""
         super().__init__(parent)
         self._state = state
         self._problem = bus.problem
@@ -80,14 +78,12 @@ class MicrophoneService(Service):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The inputs of this computer."""
+        """Inputs of this computer."""
         return self._participant.names or self._wizard.names
 
     @property
     def chosen(self) -> str | None:
-        """The participant's, as far as it is one of this computer's. None for no microphone, also where the computer
-        has none at all.
-        """
+        """Participant's microphone on this computer. None for no microphone, also if the computer has none."""
         match self.ear:
             case "computer":
                 return self._participant.chosen
@@ -97,7 +93,7 @@ class MicrophoneService(Service):
 
     @property
     def ear(self) -> str:
-        """Which microphone hears the participant now: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+        """Current microphone of the participant: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
         return "none" if self._scenario is None else ear_of(self._scenario, self._state.robot.value)
 
     @property
@@ -119,7 +115,7 @@ class MicrophoneService(Service):
         return {each.process_name: each.restarts for each in (self._participant, self._wizard)}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """While nothing needs a microphone it is only found out which there are."""
+        """Apply a scenario; without a purpose the inputs are only listed."""
         self._scenario = scenario
         if not scenario.permissions.audio_recording:
             self.wait_no_longer()
@@ -161,7 +157,7 @@ class MicrophoneService(Service):
 
     @property
     def _is_to_be_started(self) -> bool:
-        """Whether sound needs a process that is not there yet, which takes longer to start than another scenario."""
+        """Whether audio needs a process that is not running yet, which starts more slowly than a scenario opens."""
         return self.ear == "computer" and self._participant.child is None
 
     def _participant_may_be_heard(self, scenario: Scenario) -> bool:
@@ -172,10 +168,10 @@ class MicrophoneService(Service):
         (self._participant if asked.role == "participant" else self._wizard).use(asked.microphone)
 
     def open_and_then(self, then: Callable[[], None]) -> None:
-        """Listen for a recording, and do ``then`` once sound comes, none will come, or it has kept everybody waiting
-        long enough.
+        """Listen for a recording, and call ``then`` once audio arrives, none can be expected, or the timeout has
+        passed.
 
-        Whoever closes it meanwhile has changed their mind, and nothing is done.
+        Closing it meanwhile cancels ``then``.
         """
         self.open()
         self._then = then
@@ -185,36 +181,36 @@ class MicrophoneService(Service):
             self.wait_no_longer()
 
     def wait_no_longer(self) -> None:
-        """Do at once what waits for the sound, if anything does."""
+        """Run the pending ``then`` now."""
         then, self._then = self._then, None
         self._patience.stop()
         if then is not None:
             then()
 
     def open(self) -> None:
-        """Something is recorded from now on."""
+        """Open for a recording."""
         self._need("recording", True)
 
     def close(self) -> None:
-        """Nothing is recorded any more."""
+        """Close after a recording."""
         self._then = self._missing_since_ns = None
         self._patience.stop()
         self._need("recording", False)
 
-    # The wizard's own
+    # Wizard's microphone
 
     @property
     def wizards_choice(self) -> str | None:
-        """None for no microphone, also where the computer has none at all."""
+        """Selected microphone; None for none, also if the computer has none."""
         return self._wizard.chosen
 
     def open_wizards(self) -> None:
-        """What the wizard says goes on from now on."""
+        """Open the wizard's microphone and forward its audio."""
         self._wizard.sends = True
         self._wizard.open()
 
     def mute_wizards(self) -> None:
-        """Nothing that the wizard says goes on, though the microphone stays open."""
+        """Stop forwarding audio; the microphone stays open."""
         self._wizard.sends = False
 
     def close_wizards(self) -> None:
@@ -222,7 +218,7 @@ class MicrophoneService(Service):
         self._wizard.close()
 
     def _try(self, on: bool) -> None:
-        """Whether it hears anything shows within seconds; nobody has to remember to close it."""
+        """Test the microphone for some seconds; it closes automatically."""
         (self._tried.start if on else self._tried.stop)()
         self._need("trying", on)
 
@@ -230,7 +226,7 @@ class MicrophoneService(Service):
         self._try(False)
 
     def need_hearing(self, needed: bool) -> None:
-        """The wizard hears along, or no longer."""
+        """Open or close for the wizard to listen."""
         self._need("hearing", needed)
 
     def _need(self, what: Need, needed: bool) -> None:
@@ -241,11 +237,11 @@ class MicrophoneService(Service):
         self._arrange()
 
     def _arrange(self) -> None:
-        """Open what is needed. What is not is closed first: both tell of themselves in one place."""
+        """Open what is needed, after closing the rest: both share one status."""
         ear = self.ear if self._needs else "none"
         scenario, robot = self._scenario, self._state.robot.value
         if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
-            ear = "none"  # which robot it will be is known in a moment
+            ear = "none"  # the robot is not known yet
         if ear != "computer":
             self._participant.close()
         if ear in ("computer", "none"):
@@ -266,7 +262,7 @@ class MicrophoneService(Service):
         self._to_robot(ListenToRobot(clock.now_ns(), on))
 
     def _on_link_changed(self, event: LinkChanged) -> None:
-        # A link process that has just been started knows of nothing that was asked before.
+        # A restarted link process has lost earlier requests.
         if event.link == "media" and event.state == "connecting":
             self._distant.ask_again()
 

@@ -1,4 +1,4 @@
-"""Who is in front of the robot: perception in a thread of its own."""
+"""People service: perception in its own thread."""
 
 import logging
 from collections.abc import Callable
@@ -32,12 +32,12 @@ _ENDS_WITHIN_MS = 5000
 _PORTRAITS: dict[BlurWho, PortraitsOf] = {
     "nobody": "everybody", "everybody": "nobody", "without_consent": "consenting",
 }  # fmt: skip
-"""Whom a portrait is kept of, by who has to be covered in pictures."""
+"""Whose portraits are saved, by blur setting."""
 
 
 @dataclass(frozen=True, slots=True)
 class PeopleParts:
-    """``inference`` is None where nobody is looked for; ``as_told`` makes of it what a scenario wants."""
+    """``inference`` is None without perception; ``as_told`` adapts it to a scenario."""
 
     inference: ProcessBody | None
     open_presence: Callable[[], tuple[Presence, list[Event]]]
@@ -57,7 +57,7 @@ class PeopleService(Service):
         who_speaks: Callable[[UtteranceChanged], str],
         parent: QObject,
     ) -> None:
-        """``who_speaks`` gives the id of the participant who said something, empty where that is not sure."""
+        """``who_speaks`` returns the participant id of an utterance, empty if uncertain."""
         super().__init__(parent)
         self._who_speaks = who_speaks
         self._state = state
@@ -90,7 +90,7 @@ class PeopleService(Service):
     def use_scenario(self, scenario: Scenario) -> None:
         names = scenario.permissions.naming_people
         asked = scenario.perception
-        # Where people get no names there is nobody to recognise, so nothing is learned about them.
+        # Without naming there is nobody to recognise, so nothing is learnt about people.
         self._recognition = RecognitionSettings(
             asked.recognise if names else "nobody",
             asked.confirm_at,
@@ -144,8 +144,8 @@ class PeopleService(Service):
         self._thread.start(QThread.Priority.LowPriority)
 
     def _ranked(self, argument: Any) -> Any:
-        """Where people have to be covered in the record, looking for them ranks with what writes it. A process cannot
-        come forward again once it has stepped back, so a scenario that is opened later changes nothing of this.
+        """Raise the process priority of detection to the recorder's if recordings must be blurred. A process cannot
+        raise its priority later, so a later scenario does not change it.
         """
         if self._cover and isinstance(argument, InferenceSettings):
             return replace(argument, niceness=RECORD_NICENESS)
@@ -160,12 +160,12 @@ class PeopleService(Service):
             _log.error("the perception thread did not end")
 
     def look_at_most_every(self, seconds: float) -> None:
-        """How often people are looked for at most; 0 for as often as the machine can."""
+        """Set the minimum interval between detections; 0 for none."""
         if self._worker is not None:
             self._worker.look_at_most_every(seconds)
 
     def forget_robot(self) -> None:
-        """Another robot has other cameras: nobody whom they saw is here any more."""
+        """Reset for another robot with other cameras: nobody is present."""
         robot: RobotProfile | None = self._state.robot.value
         if self._worker is not None and robot is not None and robot.cameras:
             self._worker.forget_cameras()
@@ -182,7 +182,7 @@ class PeopleService(Service):
             worker.offer_evidence(value)
 
     def decide(self, asked: PeopleIntent) -> None:
-        """Have it decided in the thread that keeps who is here. Raises ToldFailure where nobody is looked for."""
+        """Run a decision in the perception thread. Raises ToldFailure without perception."""
         if self._worker is None:
             raise ToldFailure(
                 tr("People are not looked for here."),
@@ -231,5 +231,5 @@ class PeopleService(Service):
 
 
 def _is_practice(status: PracticeStatus) -> bool:
-    """Whether the people in view are those of the practice; its robot stays until its end is put away."""
+    """Whether people in view belong to the practice, whose robot stays until its result is dismissed."""
     return status.state != PracticeStatus().state

@@ -1,4 +1,4 @@
-"""The photos at hand: those of this session and those that were taken without one. Tagged, deleted, asked about."""
+"""Photo service: photos of this session and those taken without one; tagging, deletion, questions."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -44,13 +44,13 @@ MAX_TAGS, MAX_TAG_CHARACTERS = 12, 40
 _FOR_MODEL_PX = 1024
 _LISTED_AT_MOST = 200
 _LIST_AFTER_MS = 4000
-"""The window, the robot and the models come first."""
+"""Window, robot and models come first."""
 _FOLDER, _ASIDE = "photos", ".deleted"
 
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """Where a photo lies, in ``folder``; or, deleted, aside."""
+    """Location of a photo: in ``folder``, or in the trash if deleted."""
 
     entry: PhotoEntry
     folder: Path
@@ -62,10 +62,10 @@ class _Kept:
 
 
 class PhotosService(Service):
-    """Keeps ``state.photos``, newest first. Files are read and written in a thread of its own (``slow_work``).
+    """Maintains ``state.photos``, newest first. Files are accessed in a background thread (``slow_work``).
 
-    A deleted photo leaves its folder at once, so that the session's checksums are true whenever it ends; until then it
-    lies aside and can be brought back. What was deleted without a session goes for good when the program ends.
+    A deleted photo leaves its folder at once, so that the session's checksums stay correct; until the session ends it
+    can be restored from the trash. Photos deleted without a session are removed when the program ends.
     """
 
     def __init__(
@@ -125,16 +125,16 @@ class PhotosService(Service):
     def end(self) -> None:
         remove_all(self._aside)
 
-    # What there is
+    # List
 
     def list_earlier(self) -> None:
-        """Those that lie in the study's folder; one after the other, so that nothing else waits for all of them."""
+        """List photos in the study's folder one by one, so that other work is not blocked."""
         if not self._permitted or self._listed:
             return
         self._listed = True
 
         def names() -> list[str]:
-            remove_all(self._aside)  # of a run that broke off
+            remove_all(self._aside)  # of an interrupted run
             found = sorted((self._study / _FOLDER).glob("*.png"), key=lambda path: path.stat().st_mtime, reverse=True)
             return [f"{_FOLDER}/{path.name}" for path in found[:_LISTED_AT_MOST]]
 
@@ -165,7 +165,7 @@ class PhotosService(Service):
         self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._bus.answer)
 
     def _on_session_started(self, _event: SessionStarted) -> None:
-        """The pictures of one participant are not shown beside the next one's."""
+        """Hide the former participant's photos."""
         self._session = self._recording.session_folder
         self._kept = {name: kept for name, kept in self._kept.items() if not kept.of_session}
         self._show()
@@ -189,7 +189,7 @@ class PhotosService(Service):
         self._show()
 
     def _update(self, file_name: str, **changes: Any) -> None:
-        """As it stands by now: other changes may have been made meanwhile, or its session has gone."""
+        """Update an entry in its current state: it may have changed or be gone."""
         kept = self._kept.get(file_name)
         if kept is not None:
             self._keep(replace(kept, entry=replace(kept.entry, **changes)))
@@ -198,7 +198,7 @@ class PhotosService(Service):
         entries = (kept.entry for kept in self._kept.values()) if self._permitted else ()
         self._state.photos.set(tuple(sorted(entries, key=lambda entry: entry.utc_ns, reverse=True)))
 
-    # What is asked
+    # Intents
 
     def _tag(self, asked: intents.TagPhoto) -> None:
         cleaned = (" ".join(tag.replace(",", " ").split()) for tag in asked.tags)
@@ -263,7 +263,7 @@ class PhotosService(Service):
     def _read_for_model(
         self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[ToldFailure], None]
     ) -> None:
-        """Pictures that go with a question, as ``ReadPictures`` says."""
+        """Read images for a question, as ``ReadPictures``."""
         readers = [self._reader_for_model(name) for name in names]
         self._slow_work.do(lambda: [read() for read in readers], done, failed)
 
@@ -324,13 +324,13 @@ class PhotosService(Service):
 
 
 def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:
-    """Raises ToldFailure."""
+    """Entry with its images. Raises ToldFailure."""
     large, small = _pictures(folder / entry.file_name, PREVIEW_PX, THUMBNAIL_PX)
     return replace(entry, preview_jpeg=large, thumbnail_jpeg=small)
 
 
 def _pictures(path: Path, *most_px: int) -> list[bytes]:
-    """As those of ``photo_file``. Raises ToldFailure."""
+    """Images as from ``photo_file``. Raises ToldFailure."""
     try:
         return previews(path, *most_px)
     except (OSError, PhotoFileError) as error:
@@ -344,7 +344,7 @@ def _pictures(path: Path, *most_px: int) -> list[bytes]:
 
 
 def _earlier(study: Path, file_name: str) -> PhotoEntry | None:
-    """A photo that was taken without a session; None where the file is none."""
+    """Photo taken without a session; None for another file."""
     path = study / file_name
     try:
         texts = texts_of(path.read_bytes())

@@ -1,4 +1,4 @@
-"""The guided exercise: sets the stage on the simulated robot, watches what happens, and tells how it went."""
+"""Practice service: prepares the simulated robot, detects completed steps, and reports the result."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,8 +48,8 @@ _WATCHED = (
 
 @dataclass(frozen=True, slots=True)
 class PracticeParts:
-    """``robot`` has the simulated robot connected for whoever asked, now or as soon as it is ready, and raises
-    ToldFailure; ``cut_link`` has it lose the link for so many seconds.
+    """``robot`` connects the simulated robot for the actor once ready, and raises ToldFailure; ``cut_link`` interrupts
+    its link for this many seconds.
     """
 
     scenario: Path
@@ -58,7 +58,7 @@ class PracticeParts:
 
 
 class PracticeService(Service):
-    """Keeps ``state.practice``. What is practised is recorded, as a session that is no data."""
+    """Maintains ``state.practice``. The practice is recorded as a session that is excluded from the data."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class PracticeService(Service):
         self._ask_again.stop()
         self._stage.stop()
 
-    # Begin and end
+    # Start and end
 
     def _begin(self, asked: intents.BeginPractice) -> None:
         if self._state.practice.value.state in ("preparing", "running"):
@@ -116,7 +116,7 @@ class PracticeService(Service):
         self._wizard = asked.wizard
         self._practice = None
         again = self._state.practice.value.state == "ended"
-        # Before anything is opened: what is open and connected from here on is nobody's choice for the next start.
+        # Set first: scenario and robot opened for the practice must not be saved as preferences.
         self._state.practice.set(PracticeStatus("preparing"))
         if not self._is_stage(scenario):
             self._scenario_before = scenario
@@ -135,7 +135,7 @@ class PracticeService(Service):
         return scenario.path.absolute() == self._parts.scenario.absolute()
 
     def _go_back(self, actor: Actor) -> None:
-        """To the scenario and the robot from before, as nobody else knows which they were."""
+        """Restore the former scenario and robot."""
         before, self._scenario_before = self._scenario_before, None
         robot, self._robot_before = self._robot_before, ""
         if before is not None and before.path is not None and self._is_stage(self._state.scenario.value):
@@ -145,13 +145,13 @@ class PracticeService(Service):
             self._do(intents.UseRobot(robot, actor=actor))
 
     def _begin_when_ready(self) -> None:
-        """The scenario is open, the robot is there, and what is done is recorded."""
+        """Begin once the scenario is open, the robot connected and the recording running."""
         state = self._state
         scenario, recording = state.scenario.value, state.recording.value.state
         if not self._is_stage(scenario) or not state.drive.value.allowed:
             return
         if recording in ("idle", "failed"):
-            # No trial depends on it: what is not ready is kept with the recording, and keeps nobody from practising.
+            # No trial depends on it: open checks are recorded but do not prevent the practice.
             details = TrialDetails(wizard=self._wizard, purpose=PURPOSE)
             self._do(intents.StartRecording(details, anyway=True, actor=CONSOLE))
         elif recording == "recording":
@@ -181,9 +181,9 @@ class PracticeService(Service):
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if self._practice is not None and status.state in ("idle", "failed", "stopping"):
-            self._end(CONSOLE)  # somebody stopped it, or the disk is full
+            self._end(CONSOLE)  # the recording was stopped, or the disk is full
 
-    # What happens
+    # Events
 
     def _on_event(self, event: Any) -> None:
         if self._practice is not None:
@@ -227,12 +227,12 @@ class PracticeService(Service):
         self._show()
 
     def _ask_once_more(self) -> None:
-        """Unless replies are there to be taken: another question would take them away."""
+        """Repeat the participant's question, unless suggestions are shown, which it would replace."""
         if self._state.suggestions.value.state not in ("asking", "shown"):
             self._ask()
 
     def _ask(self) -> None:
-        """Somebody asks the robot something, so that replies are suggested."""
+        """Simulate a participant's question, so that replies are suggested."""
         self._asked += 1
         turn, now_ns = f"practice-{self._asked}", clock.now_ns()
         said = UtteranceChanged(now_ns, turn, "participant", _ASKED, "heard", "started", source=PURPOSE)

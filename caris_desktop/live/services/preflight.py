@@ -1,4 +1,4 @@
-"""The checks before a recording: looked at again and again, ticked by hand, and kept with the recording. GUI thread."""
+"""Preflight service: evaluates checks continually, handles manual checks, and records them. GUI thread."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ from caris_desktop.scenario.model import Scenario
 
 _LOOK_EVERY_MS = 500
 _DISK_EVERY_MS = 15_000
-# The peak of a quiet word two metres off; a fan or a humming cable stays below.
+# Peak of a quiet word at two metres; a fan or hum stays below.
 _LOUD = 0.04
 _LINK_LOST = QT_TR_NOOP("Taken back, as the connection to the robot was lost. Look again.")
 _OTHER_ROBOT = QT_TR_NOOP("Taken back, as another robot is connected. Look again.")
@@ -29,7 +29,7 @@ Disk = tuple[int | None, float | None]
 
 
 class PreflightService(Service):
-    """Keeps ``state.preflight``. While a recording runs, what the console checks by itself stays as it was then."""
+    """Maintains ``state.preflight``. During a recording the automatic checks keep their results from its start."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class PreflightService(Service):
         microphone_chosen: Callable[[], bool],
         parent: QObject | None = None,
     ) -> None:
-        """``disk`` gives what is free and what an hour takes; it waits on files, in a thread of its own."""
+        """``disk`` returns free space and usage per hour; it reads files in a background thread."""
         super().__init__(parent)
         self._state = state
         self._publish = publish
@@ -95,12 +95,12 @@ class PreflightService(Service):
         self._disk_timer.stop()
 
     def waits_for(self) -> tuple[PreflightCheck, ...]:
-        """What a recording should not begin without, as it stands now."""
+        """Checks that a recording should not start without."""
         self.look()
         return tuple(check for check in self._state.preflight.value if check.asks_first)
 
     def standing(self, *, accepted: bool) -> list[Event]:
-        """How every check stands now that a recording begins. ``accepted``: the wizard begins in spite of it."""
+        """Results of all checks at the start of a recording. ``accepted``: the wizard starts in spite of open ones."""
         self.look()
         now_ns = clock.now_ns()
         return [
@@ -113,7 +113,7 @@ class PreflightService(Service):
         ]  # fmt: skip
 
     def look(self, _changed: object = None) -> None:
-        """Find out how everything stands now."""
+        """Evaluate the checks now."""
         scenario = self._scenario
         if scenario is None:
             return
@@ -182,7 +182,7 @@ class PreflightService(Service):
         self.look()
 
     def _reset(self, why: str) -> None:
-        """Whatever was looked after has to be looked after again; ``why`` is said where anything was."""
+        """Reset the manual checks; ``why`` is shown for those that were done."""
         if self._ticks or not why:
             self._why_open, self._taken_back = why, frozenset(self._ticks)
         self._ticks.clear()
