@@ -1,6 +1,6 @@
-"""The sessions of a study: found through an index in a thread, exported in a process, replayed in a program of its own.
+"""Session library of a study: index in a thread, export in a process, replay in a separate program.
 
-GUI thread, except where a method says otherwise.
+GUI thread unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from caris_desktop.recording.studies.query import SessionQuery
 
 if TYPE_CHECKING:
     from caris_desktop.recording.studies.study_index import StudyIndex
-# Exporters and the index are imported when the first is asked for: the window stands before, and sooner without them.
+# Exporters and index are imported on demand: the window opens sooner.
 
 _log = logging.getLogger(__name__)
 _THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")
@@ -44,12 +44,12 @@ _LAST_LINE_CHARACTERS = 400
 
 
 class _SomethingElseIsWantedError(Exception):
-    """Reading sessions for the index stops: the window closes, or looks for something else."""
+    """Interrupts reading for the index: the window closes, or another search was started."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Replay:
-    """A replay in a program of its own, and what it writes for a terminal."""
+    """Replay program, with its terminal output."""
 
     folder: Path
     process: subprocess.Popen[bytes]
@@ -72,7 +72,7 @@ class LiveSessionLibrary(QObject):
         program: Sequence[str] = _THIS_PROGRAM,
         replay_options: Sequence[str] = (),
     ) -> None:
-        """``program`` is what a replay is started with, and ``replay_options`` what it is told besides."""
+        """``program``: command of a replay; ``replay_options``: further arguments."""
         super().__init__(parent)
         self._study = study
         self._problem = problem
@@ -112,7 +112,7 @@ class LiveSessionLibrary(QObject):
             if thread is not None:
                 thread.join(max(0.0, until_s - time.monotonic()))
 
-    # Finding
+    # Search
 
     def find(self, query: SessionQuery) -> None:
         self.found.set(replace(self.found.value, query=query, updating=True))
@@ -123,7 +123,7 @@ class LiveSessionLibrary(QObject):
             self._searcher = threading.Thread(target=self._search, name="session-index", daemon=True)
             self._searcher.start()
 
-    def _search(self) -> None:  # the index thread
+    def _search(self) -> None:  # index thread
         from caris_desktop.recording.studies.study_index import StudyIndex
 
         index: StudyIndex | None = None
@@ -138,7 +138,7 @@ class LiveSessionLibrary(QObject):
                 assert query is not None  # noqa: S101 - waited for above
                 try:
                     index = index or StudyIndex.of_study(self._study)
-                    # What is known already is shown at once; then what has changed since.
+                    # Known results first; then changes since.
                     self._looked.emit(_look(index, query, updating=True))
                     index.update(self._go_on)
                     self._looked.emit(_look(index, query, updating=False))
@@ -156,12 +156,12 @@ class LiveSessionLibrary(QObject):
                 index.close()
 
     def _go_on(self, _fraction: float) -> None:
-        """What was read so far is kept."""
+        """Progress callback that interrupts reading; what was read so far is saved."""
         if self._ended or self._wanted is not None:
             raise _SomethingElseIsWantedError
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
-        """A program of its own: it may be slow or fail without the running session."""
+        """Open a replay in a separate program, which cannot slow or crash the running session."""
         command = [*self._program, "replay", str(folder), "--told-in-window", *self._replay_options]
         if at_ns is not None:
             command.append(f"--at-ns={at_ns}")
@@ -194,7 +194,7 @@ class LiveSessionLibrary(QObject):
             tr("The session that runs here is not touched by it."),
         )
 
-    # Exporting
+    # Export
 
     def look_for_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
@@ -275,7 +275,7 @@ class LiveSessionLibrary(QObject):
         self.export.set(ExportStatus("failed", detail=tr("The export ended unexpectedly. The sessions are unharmed.")))
 
     def _end(self, exporter: ChildProcess) -> None:
-        """In a thread of its own: what has to be removed may be many gigabytes."""
+        """End the exporter in a thread: removing its output may take long."""
         tidying = threading.Thread(target=_end_and_tidy, args=(exporter, self._out), name="export-end", daemon=True)
         self._tidying = [*(thread for thread in self._tidying if thread.is_alive()), tidying]
         tidying.start()
@@ -292,7 +292,7 @@ def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
 
 
 def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
-    """Raises ToldFailure."""
+    """Start a replay. Raises ToldFailure."""
     try:
         words = tempfile.TemporaryFile()  # noqa: SIM115 - open for as long as the replay
         try:
@@ -311,7 +311,7 @@ def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
 
 
 def _last_words(replay: _Replay) -> list[str]:
-    """The last lines of what it wrote for a terminal; empty where it wrote nothing."""
+    """Last lines of its terminal output; empty if none."""
     with replay.words as words:
         words.seek(0, os.SEEK_END)
         words.seek(max(0, words.tell() - _LAST_WORDS_BYTES))
@@ -323,11 +323,11 @@ def _holds_something(folder: Path) -> bool:
     try:
         return any(folder.iterdir())
     except OSError:
-        return False  # the export itself tells why it cannot be used
+        return False  # the export reports why it is unusable
 
 
 def _not_yet_there(folder: Path) -> Path:
-    """The folder, or one beside it with a number where it is there: what was exported is never overwritten."""
+    """The folder, with a number appended if it exists: exports are never overwritten."""
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 

@@ -1,6 +1,4 @@
-"""The pictures as the window gets them, where the scenario says so with people covered there too; and as they are given
-to a language model, with people covered as in what is kept.
-"""
+"""Frames for the window, blurred if the scenario requires it; and for a language model, blurred as in recordings."""
 
 import threading
 from collections import deque
@@ -19,13 +17,14 @@ from caris_desktop.recording.recorder.messages import BlurDemand
 from caris_desktop.scenario.model import Scenario
 
 _SEEN_WITHIN_NS = 500_000_000
-"""Nobody waits for the picture on show, so its people are where they were seen last and probably went since; after
-this long nobody knows, and the whole picture is covered."""
+"""Blur at the last known positions, as a live frame cannot wait for its detection; after this time positions are
+unknown and the whole frame is blurred.
+"""
 _KEPT_LOOKS = 12
 
 
 class ShownFrames:
-    """Reads frames for the GUI thread. What is kept goes another way, and waits to know more."""
+    """FrameReader for the GUI thread. Recordings are blurred elsewhere, with complete detections."""
 
     def __init__(self, frames: FrameReader, state: LiveState) -> None:
         self._frames = frames
@@ -40,7 +39,7 @@ class ShownFrames:
         self._on_scenario_changed(state.scenario.value)
 
     def take(self, people: People, _raw: Any = None) -> None:
-        """Who is in a frame. Any thread."""
+        """Add detected people of a frame. Any thread."""
         if self._given is not None:
             with self._lock:
                 self._looks.setdefault(people.camera, deque(maxlen=_KEPT_LOOKS)).append(people)
@@ -49,8 +48,8 @@ class ShownFrames:
         return self._covered(ref, self._shown, self._to_be_shown)
 
     def read_to_give(self, ref: FrameRef) -> NDArray[np.uint8] | None:
-        """A picture for somebody outside of this window, as for a language model: who has not agreed to photos is
-        covered where the scenario covers people in what is kept.
+        """Frame for use outside the window, as for a language model: people without photo consent are blurred if the
+        scenario blurs recordings.
         """
         return self._covered(ref, self._given, self._to_be_given)
 

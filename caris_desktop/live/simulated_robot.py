@@ -1,4 +1,4 @@
-"""The simulated robot of a demonstration or rehearsal: started as a separate program, ended with the console."""
+"""Simulated robot of a demonstration or rehearsal: separate program that ends with the console."""
 
 import logging
 import re
@@ -13,9 +13,9 @@ _READY = re.compile(r"ws://\S+")
 
 
 class SimulatedRobotProcess:
-    """``on_ready(address)`` and ``on_failed(text)`` are called in a thread of its own.
+    """``on_ready(address)`` and ``on_failed(text)`` are called in a background thread.
 
-    The command must end when its standard input ends: that is how it learns that the console was killed.
+    The command must end when its standard input closes, as it does when the console is killed.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Work that waits on files, or for processes to end: done in a thread of its own, told in the GUI thread."""
+"""Background worker for file access and process exits, with results in the GUI thread."""
 
 import contextlib
 import logging
@@ -23,16 +23,16 @@ Outcome = Callable[[], None]
 
 
 def do_beside(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
-    """Do ``work``, which knows nothing of Qt, in a thread of its own. Returns when it is done, or raises what it did.
+    """Run ``work``, which must not use Qt, in a thread; returns or raises with it.
 
-    Until then ``meanwhile`` is called over and over in the calling thread.
+    Meanwhile ``meanwhile`` is called repeatedly in the calling thread.
     """
     failures: list[Exception] = []
 
     def do() -> None:
         try:
             work()
-        except Exception as failure:  # it is raised again by whoever waits
+        except Exception as failure:  # raised again in the calling thread
             failures.append(failure)
 
     thread = threading.Thread(target=do, name="slow work")
@@ -45,11 +45,10 @@ def do_beside(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
 
 
 class SlowWork(QObject):
-    """Does one piece after the other in the order in which they are asked for, and tells what came of them in that
-    order. GUI thread; the thread that works begins with the first piece, and a piece knows nothing of Qt.
+    """Runs jobs in the order of requests, and delivers results in that order. Call from the GUI thread; jobs run in a
+    thread started on demand, and must not use Qt.
 
-    A disk may take a third of a second for what is to be safe on it. Direct driving ends when the GUI thread stands
-    still for half of that.
+    An fsync may take a third of a second; teleoperation ends when the GUI thread stalls for half of that.
     """
 
     _done = Signal()
@@ -65,7 +64,7 @@ class SlowWork(QObject):
         self._done.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
     def do(self, work: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None]) -> None:
-        """Do ``work``, then ``done`` with what it gave or ``failed`` with what it raised. Returns at once."""
+        """Run ``work``, then call ``done`` with its result or ``failed`` with its exception. Returns at once."""
         if self._closed:
             _log.info("%r is not done: the program ends", work)
             return
@@ -78,9 +77,9 @@ class SlowWork(QObject):
             self._thread.start()
 
     def finish(self, during: During) -> None:
-        """Do all that was asked, tell what came of it, and begin nothing any more. Blocks, half a minute at most.
+        """Complete all jobs, deliver their results, and accept no more. Blocks half a minute at most.
 
-        ``during`` is given what takes long, with words for it, and does it before it returns.
+        ``during`` runs slow work with a message and returns when it is done.
         """
         until_s = time.monotonic() + _FINISHED_WITHIN_S
         while (self._undone or self._outcomes) and time.monotonic() < until_s:
@@ -104,7 +103,7 @@ class SlowWork(QObject):
         while self._outcomes:
             self._outcomes.popleft()()
 
-    def _work(self) -> None:  # its own thread
+    def _work(self) -> None:  # worker thread
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._pieces or self._closed)
@@ -116,7 +115,7 @@ class SlowWork(QObject):
                 self._outcomes.append(outcome)
                 self._undone -= 1
                 self._changed.notify_all()
-            with contextlib.suppress(RuntimeError):  # the console has gone without waiting any longer
+            with contextlib.suppress(RuntimeError):  # the console did not wait any longer
                 self._done.emit()
 
 

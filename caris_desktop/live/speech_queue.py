@@ -1,4 +1,4 @@
-"""What the robot says next: one queue in front of whichever voice the scenario uses. GUI thread, but for reports."""
+"""Speech queue in front of the scenario's voice. GUI thread, except for reports."""
 
 import secrets
 import threading
@@ -32,32 +32,32 @@ _ENDS = ("finished", "interrupted", "failed")
 
 
 class Voice(Protocol):
-    """Speaks one utterance at a time. Its UtteranceChanged events come by ``SpeechQueue.report``."""
+    """Speaks one utterance at a time; reports UtteranceChanged events to ``SpeechQueue.report``."""
 
     @property
     def held_up(self) -> bool:
-        """Whether it will be known in a moment if this voice can speak; what is to be said waits until then."""
+        """Whether the voice is temporarily unavailable; the queue waits for it."""
 
     def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
-        """False when this voice cannot take it now; nothing is queued then.
+        """Speak; False if the voice cannot do so now, without queueing it.
 
-        ``spoken`` is heard, and never told again: ``utterance.text`` is, which has ids in place of names.
+        ``spoken`` is only spoken; events carry ``utterance.text``, with ids in place of names.
         """
 
     def silence(self, actor: Actor) -> bool:
-        """Interrupt what is being said."""
+        """Interrupt the current utterance."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Queued:
-    """An utterance as it is recorded, and as it is spoken."""
+    """Utterance as recorded and as spoken."""
 
     utterance: UtteranceChanged
     spoken: str
 
 
 class SpeechQueue(QObject):
-    """Queues utterances, hands one at a time to the voice and keeps ``state.speech``."""
+    """Queues utterances, passes them to the voice one by one, and maintains ``state.speech``."""
 
     _end_told = Signal(str, object)  # utterance_id, ends_ns
 
@@ -68,7 +68,7 @@ class SpeechQueue(QObject):
         publish: Callable[[UtteranceChanged, bytes | None], None],
         parent: QObject | None = None,
     ) -> None:
-        """``publish`` takes an event, with its pickled form where there is one, in any thread."""
+        """``publish`` receives an event, with its pickled form if available, in any thread."""
         super().__init__(parent)
         self._state = state
         self._voices = voices
@@ -96,11 +96,11 @@ class SpeechQueue(QObject):
         gesture: str = "",
         recorded: str = "",
     ) -> str:
-        """The new utterance's id; empty text says nothing and gives an empty id.
+        """Queue an utterance; returns its id, empty for empty text.
 
-        Without a ``person_id`` it is said to whom the wizard means, or who is nearest. ``recorded`` stands in the
-        record where ``text`` holds a name, with ``{p-...}`` in its place. ``gesture`` goes along with it. A gap that
-        is left in ``text`` is never spoken: the utterance has failed then. Of what a model wrote no Markdown is spoken.
+        Without a ``person_id`` it is addressed to the selected or nearest person. ``recorded`` replaces ``text`` in the
+        record if that contains a name, with ``{p-...}`` in its place. ``gesture`` accompanies it. A text with an
+        unfilled placeholder is never spoken: the utterance fails. Markdown of a model is removed.
         """
         if origin in _OF_A_MODEL:
             text, recorded = spoken(text), spoken(recorded)
@@ -129,11 +129,11 @@ class SpeechQueue(QObject):
         return utterance.utterance_id
 
     def waiting(self, utterance_id: str) -> UtteranceChanged | None:
-        """What waits, as it was asked for; None where it waits no longer."""
+        """Queued utterance as requested; None if not queued."""
         return next((one.utterance for one in self._waiting if one.utterance.utterance_id == utterance_id), None)
 
     def move(self, utterance_id: str, place: int) -> bool:
-        """To this place of the queue, 0 for the next. Here and below: False where it does not wait any more."""
+        """Move to this index, 0 for next. Here and below: False if not queued."""
         queued = self._taken_out(utterance_id)
         if queued is None:
             return False
@@ -142,7 +142,7 @@ class SpeechQueue(QObject):
         return True
 
     def edit(self, utterance_id: str, text: str, actor: Actor = CONSOLE, *, recorded: str = "") -> bool:
-        """Say ``text`` in its place; without any nothing is said."""
+        """Replace the text; an empty one cancels it."""
         text = " ".join(text.split())
         if not text:
             return self.cancel(utterance_id, actor)
@@ -180,11 +180,11 @@ class SpeechQueue(QObject):
         self._show()
 
     def report(self, reported: UtteranceChanged, raw: bytes | None = None) -> None:
-        """A voice tells of what it says: that goes on, until the end of the utterance. Any thread.
+        """Handle a report of a voice and publish it, up to the end of the utterance. Any thread.
 
-        What a voice tells that was given up by ``on_voice_lost`` comes too late, and is dropped.
+        Reports of a voice after ``on_voice_lost`` are dropped.
         """
-        # Held while it goes on: nothing else can come behind the end.
+        # Held during publication: nothing can follow the end.
         with self._reporting:
             if reported.utterance_id != self._reported_on:
                 return
@@ -193,7 +193,7 @@ class SpeechQueue(QObject):
             self._publish(reported, raw)
 
     def on_utterance(self, event: UtteranceChanged) -> None:
-        """What was published reaches the GUI thread."""
+        """Handle a published event in the GUI thread."""
         if self._now is None or event.utterance_id != self._now.utterance_id:
             return
         self._now = event
@@ -208,7 +208,7 @@ class SpeechQueue(QObject):
         self._show()
 
     def on_played(self, sound: PlayedSound, _raw: bytes | None = None) -> None:
-        """A loudspeaker of this computer plays it: it is known to the sample when it ends. Any thread."""
+        """Set the end time from audio played on this computer, exact to the sample. Any thread."""
         if sound.utterance_id:
             self._end_told.emit(sound.utterance_id, sound.stamp_ns + len(sound.samples) * 10**9 // sound.sample_rate_hz)
 
@@ -219,11 +219,11 @@ class SpeechQueue(QObject):
             self._show()
 
     def on_voice_changed(self) -> None:
-        """A voice is held up no longer: it speaks again, or is gone and what waited for it has failed."""
+        """Try again after a voice became available or was lost."""
         self._next()
 
     def on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
-        """The voice went away in mid-sentence, and nobody will tell what became of it."""
+        """Fail the current utterance of a voice that went away."""
         if self._now is not None and self._kind_of(self._now) == kind:
             self.report(replace(self._now, stamp_ns=clock.now_ns(), state="failed", detail=detail))
             self._now = self._ends_ns = None

@@ -1,4 +1,4 @@
-"""LiveState: the current value of every stream and its age. Lives in the GUI thread; panels read only this."""
+"""LiveState: current value of every stream and its age. In the GUI thread; the only state that panels read."""
 
 from collections.abc import Callable
 from dataclasses import field
@@ -60,15 +60,15 @@ from caris_desktop.scenario.phrases import phrase_groups
 
 LOST_AFTER_S = 2.0
 _FRESHNESS_CHECK_MS = 100
-# Cameras that are not on show are looked at less often, and yet stand for the same moment in the map.
+# Other cameras have a lower detection rate, yet count as simultaneous on the map.
 _SEEN_TOGETHER_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class PresentClock:
-    """What time it is for the panels: now, or in a replay the moment on show. ``anchor`` maps it to UTC.
+    """Clock of the panels: now, or a replay's position. ``anchor`` maps it to UTC.
 
-    ``live`` is False in a replay: nothing is waited for there, and nothing is under way.
+    ``live`` is False in a replay, where nothing is pending.
     """
 
     now_ns: Callable[[], int] = clock.now_ns
@@ -77,7 +77,7 @@ class PresentClock:
 
 
 class LiveStream(QObject):
-    """One stream: ``changed(value)`` for each value that the GUI thread took, ``freshness_changed(str)`` as it ages."""
+    """Stream value: ``changed(value)`` per value processed in the GUI thread, ``freshness_changed(str)`` as it ages."""
 
     changed = Signal(object)
     freshness_changed = Signal(str)
@@ -93,16 +93,15 @@ class LiveStream(QObject):
         self._stamps = StampAge()
 
     def age_s(self, *, at_ns: int | None = None) -> float | None:
-        """How old the value is now, or ``at_ns`` of the session clock, in seconds; None before the first.
+        """Age of the value in s, now or ``at_ns`` of the session clock; None before the first.
 
-        Since its arrival, and how long it was under way as far as that is known: a slow network delivers at full rate
-        what was measured long ago.
+        Time since arrival plus the known transport delay: a slow network delivers old measurements at full rate.
         """
         silent_s = self.silent_s(at_ns=at_ns)
         return None if silent_s is None else silent_s + self._stamps.delay_s(*self._offset())
 
     def silent_s(self, *, at_ns: int | None = None) -> float | None:
-        """For how long nothing has arrived."""
+        """Time in s since the last arrival."""
         if self.value is None:
             return None
         arrived_ago_s: float = ((self._present.now_ns() if at_ns is None else at_ns) - self.value.stamp_ns) / 1e9
@@ -110,19 +109,19 @@ class LiveStream(QObject):
 
     @property
     def age_known(self) -> bool:
-        """False where the robot's stamp is beyond belief: the age is at least what :meth:`age_s` says."""
+        """False if the robot's stamp is implausible: the age is then at least :meth:`age_s`."""
         return self.value is None or self._stamps.is_known(*self._offset())
 
     @property
     def arrives_late(self) -> bool:
-        """Whether values come as they should, but are old when they do."""
+        """Whether values arrive at the usual rate but are old."""
         silent_s, stale_after_s = self.silent_s(), self.spec.stale_after_s
         if silent_s is None or stale_after_s is None:
             return False
         return silent_s <= stale_after_s and self.freshness in ("stale", "lost")
 
     def _offset(self) -> tuple[float | None, float]:
-        """The robot's clock minus ours, and its uncertainty, in nanoseconds."""
+        """Offset of the robot's clock from ours, and its uncertainty, in ns."""
         quality = self.robot_clock
         if quality is None or quality.clock_offset_ms is None:
             return None, 0.0
@@ -136,7 +135,7 @@ class LiveStream(QObject):
         self.changed.emit(value)
 
     def clear(self) -> None:
-        """Forget the value, so that nothing old is shown as if it were live."""
+        """Clear the value, so that nothing old is shown as live."""
         self.value = None
         self._stamps = StampAge()
         self.update_freshness()
@@ -157,7 +156,7 @@ class LiveStream(QObject):
 
 
 class LiveValue(QObject):
-    """One piece of the console's own status: ``value`` and ``changed(value)``."""
+    """Status value of the console: ``value`` and ``changed(value)``."""
 
     changed = Signal(object)
 
@@ -170,47 +169,42 @@ class LiveValue(QObject):
             self.set_anew(value)
 
     def set_anew(self, value: Any) -> None:
-        """Also where it is the same: whoever follows it hears of it."""
+        """Set and emit ``changed`` even if the value is equal."""
         self.value = value
         self.changed.emit(value)
 
 
 class LiveState(QObject):
-    """Everything that panels may show.
+    """All state that panels may show.
 
     ``scan``, ``odometry``, ``pose``, ``map``, ``battery``, ``people``, ``people_in_map``, ``path``, ``head``,
     ``readings`` and ``frame`` are LiveStreams. LiveValues are ``link``, ``drive``, ``recording``, ``speech``,
     ``assistant``, ``load``, ``perception``, ``goal`` (GoalChanged or None), ``persons`` (tuple of PersonRow), ``robot``
     (RobotProfile or None), ``scenario`` (Scenario, None before the first), ``places`` (tuple of Place), ``look``
-    (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control
-    id to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus).
-    ``face`` is a FaceStatus, ``face_drawing`` what is drawn of it now (a Drawing, a picture as an array or as JPEG, or
-    None) and ``face_page`` the address of its page, which is a secret.
-    ``voice`` is a VoiceStatus, ``marks`` a MarksStatus, ``notes`` the notes of the session, in a replay of all of it
-    (tuple of FinalMark), ``protocol`` a ProtocolStatus, ``preflight`` a tuple of PreflightCheck. ``microphone`` (which
-    hears the participant) and ``wizard_microphone`` a MicrophoneStatus, ``sound`` a SoundStatus, ``listening`` a
-    ListeningStatus, ``photos`` a tuple of PhotoEntry, newest first. ``levels`` is a LevelsStatus, ``suggestions`` a
-    SuggestionsStatus, ``proposal`` a ProposalStatus. ``cameras`` are the names of those that send
-    pictures, ``camera`` is the one on show: ``frame`` and ``people`` are of it alone, ``people_in_map``
-    and ``persons`` of all of them. :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are the streams of each
-    camera, with an age of their own. ``own_cameras`` are those of this computer, a CameraModel or None by name, and
-    ``camera_state`` is the stream of how each of them is. ``named_person`` is the id of whose name is being typed.
-    ``selected_person`` is the id of whom the wizard means, empty
-    for nobody; ``asked_person`` is the suggestion that a key answers now, an AskedAbout or None, and
-    ``person_history`` what was looked up last, a PersonHistory or None. ``everybody`` (tuple of PersonRow) has who was
-    here, too, and who is known; ``portraits`` is where the pictures of people are fetched by the key in their row.
-    ``transcript`` (tuple of Turn) is what was said in this session, in a replay in all of it. ``assistant_setup`` is
+    (HeadStatus), ``mapping`` (MapStatus), ``controls`` (tuple of RobotControl), ``control_states`` (dict of control id
+    to ControlStatus), ``traffic`` (dict of link name to TrafficMeasured) and ``gamepad`` (GamepadStatus). ``face`` is a
+    FaceStatus, ``face_drawing`` its current contents (Drawing, image array, JPEG data, or None) and ``face_page`` the
+    secret address of its page. ``voice`` is a VoiceStatus, ``marks`` a MarksStatus, ``notes`` the session's notes, in a
+    replay all of them (tuple of FinalMark), ``protocol`` a ProtocolStatus, ``preflight`` a tuple of PreflightCheck.
+    ``microphone`` (the participant's) and ``wizard_microphone`` are MicrophoneStatus, ``sound`` a SoundStatus,
+    ``listening`` a ListeningStatus, ``photos`` a tuple of PhotoEntry, newest first. ``levels`` is a LevelsStatus,
+    ``suggestions`` a SuggestionsStatus, ``proposal`` a ProposalStatus. ``cameras`` are the names of cameras with video,
+    ``camera`` is the one on display: ``frame`` and ``people`` belong to it, ``people_in_map`` and ``persons`` to all.
+    :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are streams per camera, with their own age. ``own_cameras``
+    are those of this computer, a CameraModel or None by name, and ``camera_state`` their state. ``named_person`` is the
+    id of the person being named. ``selected_person`` is the id of the selected person, empty for none; ``asked_person``
+    is the suggestion that keys answer, an AskedAbout or None, and ``person_history`` the last lookup, a PersonHistory
+    or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
+    rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
     an AssistantSetup, ``going_on`` a GoingOnStatus, ``practice`` a PracticeStatus, ``health`` the Health of each child
     process by name.
 
-    ``said_before`` (tuple of sentences, oldest first) is what the wizard typed for the robot, also in sessions before;
-    ``phrase_group`` is the number of the group that the keys of phrases mean, ``fillers_said`` how many there were.
-    ``chosen_utterance`` is the id of the one that waits and is chosen in the list of those, ``held_marks`` are the ids
-    of marks whose key is down.
+    ``said_before`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
+    ``phrase_group`` is the index of the group on the phrase keys, ``fillers_said`` a count. ``chosen_utterance`` is the
+    id of the utterance selected in the queue, ``held_marks`` are the ids of marks whose key is down.
 
-    ``event_happened(event)`` carries each discrete event once. ``time_jumped(events)`` says that a replay went to
-    another moment: what was gathered over time is void, and these are the newest events before that moment, oldest
-    first.
+    ``event_happened(event)`` carries each event once. ``time_jumped(events)`` reports a seek in a replay: accumulated
+    data is void, and these are the newest events before that time, oldest first.
     """
 
     event_happened = Signal(object)
@@ -298,27 +292,27 @@ class LiveState(QObject):
         self._aging.start(_FRESHNESS_CHECK_MS)
 
     def close(self) -> None:
-        """Nothing ages any more; everything stays readable."""
+        """Stop ageing; all values stay readable."""
         self._aging.stop()
 
     def stream(self, name: str) -> LiveStream:
-        """The stream of this name in the stream table."""
+        """Stream by its name in the stream table."""
         return self._streams[name]
 
     def frame_of(self, camera: str) -> LiveStream:
-        """The pictures of this camera, whether it is on show or not."""
+        """Frames of this camera."""
         return self._stream_of("frame", camera)
 
     def people_of(self, camera: str) -> LiveStream:
-        """The people whom this camera sees."""
+        """People detected by this camera."""
         return self._stream_of("people", camera)
 
     def state_of(self, camera: str) -> LiveStream:
-        """How this camera is, where it is one of this computer's."""
+        """State of this camera of this computer."""
         return self._stream_of("camera_state", camera)
 
     def hearing_of(self, source: str) -> LiveStream:
-        """What is made out at this microphone."""
+        """Partial recognition results of this microphone."""
         return self._stream_of("hearing", source)
 
     def _stream_of(self, name: str, camera: str) -> LiveStream:
@@ -337,7 +331,7 @@ class LiveState(QObject):
         if isinstance(value, CameraState):
             self.state_of(value.camera).update_value(value)
         told = isinstance(value, CameraState) and value.state != "ended" and value.camera in self.own_cameras.value
-        if isinstance(value, FrameRef) or told:  # one that never sent a picture says why
+        if isinstance(value, FrameRef) or told:  # a camera that never sent a frame has a reason
             self._note_camera(value.camera)
         if isinstance(value, (FrameRef, People)):
             self._stream_of(spec.name, value.camera).update_value(value)
@@ -358,7 +352,7 @@ class LiveState(QObject):
             self._streams[spec.name].update_value(value)
 
     def _stay_with_who_is_meant(self, event: Any) -> None:
-        """Where it turns out who somebody is, or is not, the wizard still means who stands there."""
+        """Keep the selection on the same person when their identity changes."""
         meant = self.selected_person.value
         match event:
             case PersonIdentified(person_id=before, is_person_id=now) if before == meant:
@@ -371,14 +365,14 @@ class LiveState(QObject):
                 self.selected_person.set("")
 
     def choose_camera(self, name: str) -> None:
-        """Show another camera's picture from now on; its age and its people are those that count."""
+        """Show another camera; ``frame`` and ``people`` follow it."""
         if name in self.cameras.value:
             self._camera_by_hand = True
             self._show_camera(name)
 
     def prefer_camera(self, name: str) -> None:
-        """Show this one as soon as it is there, and until another is chosen. Without a name it is the first one, unless
-        one was chosen already.
+        """Show this camera once it is available, until another is chosen. Without a name: the first one, unless one was
+        chosen already.
         """
         self._camera_preferred = name
         self._camera_by_hand = self._camera_by_hand and not name
@@ -391,29 +385,29 @@ class LiveState(QObject):
 
     @property
     def chosen_camera(self) -> str:
-        """The camera on show where the wizard chose it, empty where it is the first one that there is."""
+        """Camera chosen by the wizard; empty if it is the default."""
         return str(self.camera.value) if self._camera_by_hand else ""
 
     def choose_phrases(self, group: int) -> None:
-        """The keys of phrases mean this group of the scenario's, counted round."""
+        """Set the group of the phrase keys, wrapping around."""
         scenario = self.scenario.value
         groups = phrase_groups(scenario.phrases) if scenario is not None else ()
         self.phrase_group.set(group % len(groups) if groups else 0)
 
     def choose_next_camera(self) -> None:
-        """Each camera in its turn is the one on show."""
+        """Show the next camera."""
         names: tuple[str, ...] = self.cameras.value
         if self.camera.value in names:
             self.choose_camera(names[(names.index(self.camera.value) + 1) % len(names)])
 
     def forget_cameras(self) -> None:
-        """Another robot has others; those of this computer stay."""
+        """Remove the robot's cameras; those of this computer stay."""
         for name in self.cameras.value:
             if name not in self.own_cameras.value:
                 self.forget_camera(name)
 
     def forget_camera(self, name: str) -> None:
-        """It is not used any more."""
+        """Remove a camera that is no longer used."""
         names = tuple(camera for camera in self.cameras.value if camera != name)
         self._places_by_camera.pop(name, None)
         for stream in (self.frame_of(name), self.people_of(name), self.state_of(name)):
@@ -428,14 +422,14 @@ class LiveState(QObject):
             self.frame.clear()
             self.people.clear()
             self.camera.set(name)
-            # What it sends is known already, and how long it has sent nothing: nobody waits for its next picture.
+            # Use its known state and age at once, without waiting for its next frame.
             for shown, its in ((self.frame, self.frame_of(name)), (self.people, self.people_of(name))):
                 if its.value is not None:
                     shown.update_value(its.value)
 
     def _note_camera(self, name: str) -> None:
-        """The robot's come first, then those of this computer as they were asked for; the first one, or the one that
-        is preferred, is shown until the wizard chooses.
+        """Add a camera: the robot's first, then this computer's in order; the first or preferred one is shown until the
+        wizard chooses.
         """
         if name in self.cameras.value:
             if not self.camera.value:
@@ -451,14 +445,14 @@ class LiveState(QObject):
             self._show_camera(self._usual_camera())
 
     def _people_of_all_cameras(self, places: PeopleInMap) -> PeopleInMap:
-        """Those whom this camera sees, with those whom the others see at about the same time."""
+        """People of this camera, merged with those of others at about the same time."""
         self._places_by_camera[places.camera] = places
         together = [
             one for one in self._places_by_camera.values() if abs(one.stamp_ns - places.stamp_ns) <= _SEEN_TOGETHER_NS
         ]
         if len(together) == 1:
             return places
-        # Whom two cameras see stands where the surer one says; who is not known yet may be anybody.
+        # A person seen by two cameras is placed by the more certain one; an unidentified one may be anybody.
         best: dict[str, PersonPlace] = {}
         for number, person in enumerate(person for one in together for person in one.people):
             key = person.person_id or f"{number}"
@@ -471,12 +465,12 @@ class LiveState(QObject):
             stream.update_freshness()
 
     def forget_what_came_over(self, event: LinkChanged) -> None:
-        """A link that is gone takes its latched values along; nothing old stays on show as live."""
+        """Clear the latched values of a lost link, so that nothing old is shown as live."""
         for name in streams_voided_by(event):
             if name != "frame":
                 self._streams[name].clear()
                 continue
-            # A camera of this computer came another way.
+            # A camera of this computer does not depend on the link.
             for camera in self.cameras.value:
                 if camera not in self.own_cameras.value:
                     self.frame_of(camera).clear()
@@ -484,6 +478,6 @@ class LiveState(QObject):
                 self.frame.clear()
 
     def clear_robot_streams(self) -> None:
-        """The robot is gone, or another one."""
+        """Clear all values of the robot, which is gone or replaced."""
         for name in STREAMS_OF_LINK["control"]:
             self._streams[name].clear()

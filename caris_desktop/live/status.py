@@ -1,4 +1,4 @@
-"""What the console knows of itself, as panels read it from LiveState. Plain frozen values; reasons are for ``tr``."""
+"""Status values of the console, as read by panels from LiveState. Plain frozen values; reasons are for ``tr``."""
 
 from dataclasses import field
 from pathlib import Path
@@ -32,7 +32,7 @@ from caris_desktop.scenario.assistant import NamedText
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
-    """``starts``: the program of the robot is being started, so that nothing can answer yet."""
+    """Link status. ``starts``: the robot's program is being started, so that nothing can answer yet."""
 
     state: LinkState = "connecting"
     robot: str = ""
@@ -46,14 +46,13 @@ class LinkStatus:
 
 @dataclass(frozen=True, slots=True)
 class DriveStatus:
-    """``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited, if it is.
+    """Drive status. ``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited.
 
-    ``target_*`` is what is asked for now (after caps); ``driver`` is who holds it, empty for nobody: the gate refuses
-    the base to everybody else. ``max_left_mps`` is 0 on a base that cannot move sideways. ``guard_distance_m`` is the
-    free way ahead of the footprint, where it is measured; ``guard_detail`` says why it is blind. ``goal_limit_mps`` is
-    what the robot's navigation keeps to on its way to goals; None where it drives as fast as it is set up to.
-    ``movement`` is how the odometry agrees with what is commanded, ``velocity_publishers`` are the nodes that publish
-    velocities where somebody else does, and ``stopped`` says whether that is under a stop.
+    ``target_*``: current command, after caps; ``driver``: who drives, empty for nobody; the gate refuses the base to
+    others. ``max_left_mps`` is 0 for a base that cannot move sideways. ``guard_distance_m``: clearance of the footprint
+    in the direction of motion, if measured; ``guard_detail``: why it is blind. ``goal_limit_mps``: speed limit of the
+    robot's navigation; None for its own configuration. ``movement``: agreement of odometry and commands;
+    ``velocity_publishers``: other nodes that publish velocities; ``stopped``: whether this happens under a stop.
     """
 
     allowed: bool = False
@@ -80,7 +79,7 @@ class DriveStatus:
 
 @dataclass(frozen=True, slots=True)
 class HeadStatus:
-    """Where the head was asked to look; ``present`` is False where the robot has no head to turn."""
+    """Commanded head angles; ``present`` is False if the robot has no movable head."""
 
     present: bool = False
     pan_rad: float = 0.0
@@ -89,7 +88,7 @@ class HeadStatus:
 
 @dataclass(frozen=True, slots=True)
 class MapStatus:
-    """``mapping`` is None where the robot does not tell; the operations are those that it offers."""
+    """Mapping status. ``mapping`` is None if unknown; operations are those that the robot offers."""
 
     can_save: bool = False
     can_load: bool = False
@@ -100,7 +99,7 @@ class MapStatus:
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """How the last use of one control went."""
+    """Result of the last use of a control."""
 
     state: RequestState
     value: ControlValue
@@ -109,7 +108,7 @@ class ControlStatus:
 
 @dataclass(frozen=True, slots=True)
 class GamepadStatus:
-    """``name`` is empty while no gamepad is there; ``device`` is the hardware id that its mapping is kept under."""
+    """Gamepad status. ``name`` is empty without a gamepad; ``device``: hardware id, the key of its mapping."""
 
     device: str = ""
     name: str = ""
@@ -118,9 +117,9 @@ class GamepadStatus:
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneStatus:
-    """A microphone is open unless ``state`` is off. ``level`` is how loud it was lately, 0 to 1.
+    """Microphone status; open unless ``state`` is off. ``level``: recent loudness, 0 to 1.
 
-    ``name`` is empty for the system's default input; ``source`` is what its sound is called.
+    ``name`` is empty for the system's default; ``source``: name of its audio stream.
     """
 
     state: Literal["off", "starting", "on", "failed"] = "off"
@@ -133,7 +132,7 @@ class MicrophoneStatus:
 
 @dataclass(frozen=True, slots=True)
 class ListeningStatus:
-    """How turning speech into text stands; off until a microphone is open. ``detail`` says what is wrong."""
+    """Speech recognition status; off until a microphone is open. ``detail``: problem."""
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
     model: str = ""
@@ -143,8 +142,8 @@ class ListeningStatus:
 
 @dataclass(frozen=True, slots=True)
 class SoundStatus:
-    """``hearing``: what the participant's microphone hears is played to the wizard, as loud as ``volume`` (0 to 1).
-    ``talking`` is where the wizard's own voice goes now, empty while it goes nowhere.
+    """Sound status. ``hearing``: the participant's microphone is played to the wizard, at ``volume`` (0 to 1).
+    ``talking``: destination of the wizard's voice, empty for none.
     """
 
     hearing: bool = False
@@ -154,8 +153,8 @@ class SoundStatus:
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    """``room_s`` is how long the disk lasts at ``bytes_per_s``; ``dropped`` counts what is missing, by stream; of
-    the cameras ``covered_whole`` nothing is to be seen in the record. ``detail`` is English, for ``tr``.
+    """Recording status. ``room_s``: remaining disk time at ``bytes_per_s``; ``dropped``: missing values by stream;
+    ``covered_whole``: cameras that are entirely blurred in the record. ``detail`` is English, for ``tr``.
     """
 
     state: Literal["idle", "starting", "recording", "paused", "stopping", "failed"] = "idle"
@@ -171,15 +170,15 @@ class RecordingStatus:
 
 
 IN_SESSION = ("starting", "recording", "paused", "stopping")
-"""States of a recording in which something of a session is under way."""
+"""Recording states that belong to a session."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoingOnStatus:
-    """A trial that broke off with the program, in the session ``folder``: offered, then gone on with.
+    """Crash recovery of a trial in the session ``folder``: offered, then resumed.
 
-    ``unconfirmed`` is what nobody has looked at since; ``people`` are the ids of those who were there, and
-    ``unconfirmed_people`` of those of them who have not been looked at.
+    ``unconfirmed``: conditions not confirmed yet; ``people``: ids of those present before, and ``unconfirmed_people``
+    those of them not confirmed.
     """
 
     state: Literal["", "offered", "unconfirmed", "confirmed"] = ""
@@ -192,9 +191,9 @@ class GoingOnStatus:
 
 @dataclass(frozen=True, slots=True)
 class PreflightCheck:
-    """One check before a recording. ``detail`` is how it stands, ``advice`` what to do about it.
+    """Preflight check. ``detail``: its state, ``advice``: what to do.
 
-    A ``manual`` one is ticked, which ``actor`` did at ``checked_ns``. ``needed``: a recording without it asks first.
+    A ``manual`` one was ticked by ``actor`` at ``checked_ns``. ``needed``: a recording without it needs confirmation.
     """
 
     id: str
@@ -209,13 +208,13 @@ class PreflightCheck:
 
     @property
     def asks_first(self) -> bool:
-        """Whether a recording should not begin as this stands."""
+        """Whether a recording needs confirmation in this state."""
         return self.state == "major" or (self.needed and self.state != "passed")
 
 
 @dataclass(frozen=True, slots=True)
 class SavedScenario:
-    """The ``text`` that a scenario file has now, or why it was not written: ``taken`` by what is not to be replaced."""
+    """Result of saving a scenario: its ``text``, or why it was not written: ``taken`` by other contents."""
 
     path: Path
     text: str = ""
@@ -226,7 +225,7 @@ class SavedScenario:
 
 @dataclass(frozen=True, slots=True)
 class PracticeStepStatus:
-    """One step of the exercise; ``took_s`` is zero where it has not ended."""
+    """Step of the practice; ``took_s`` is zero until it ended."""
 
     step_id: str
     state: Literal["open", "now", "done", "skipped"] = "open"
@@ -235,8 +234,9 @@ class PracticeStepStatus:
 
 @dataclass(frozen=True, slots=True)
 class PracticeStatus:
-    """The guided exercise. ``since_ns`` is when the present step began; once it has ``ended``, ``minutes`` and
-    ``score`` (of 100) are of ``wizard``. ``back_to``: the scenario that comes back."""
+    """Practice status. ``since_ns``: start of the current step; once ``ended``, ``minutes`` and ``score`` (of 100) of
+    ``wizard``. ``back_to``: the scenario to return to.
+    """
 
     state: Literal["", "preparing", "running", "ended"] = ""
     steps: tuple[PracticeStepStatus, ...] = ()
@@ -250,7 +250,7 @@ class PracticeStatus:
 
 @dataclass(frozen=True, slots=True)
 class MarksStatus:
-    """The wizard's marks of this session: ``last`` can still be changed, ``open`` are stretches that go on."""
+    """Marks of this session: ``last`` can still be changed, ``open`` are open intervals."""
 
     last: Marked | None = None
     open: tuple[Marked, ...] = ()
@@ -258,11 +258,11 @@ class MarksStatus:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolStatus:
-    """Where the wizard is in the protocol: in the step of that id, which is the ``number``-th of ``steps``; in none
-    where that is empty, before the first and once the protocol has ended.
+    """Protocol status: the current step's id, the ``number``-th of ``steps``; empty before the first step and after the
+    last.
 
-    ``since_ns`` is when it began, later by what it was left or paused for, and ``paused_ns`` since when it is paused,
-    None while its time goes on. ``done`` and ``skipped`` are ids of other steps; ``next_title`` is empty at the last.
+    ``since_ns``: its start, shifted by interruptions; ``paused_ns``: start of a pause, or None. ``done`` and
+    ``skipped``: ids of other steps; ``next_title`` is empty at the last.
     """
 
     step_id: str = ""
@@ -279,20 +279,19 @@ class ProtocolStatus:
     ended: bool = False
 
     def elapsed_s(self, now_ns: int) -> float:
-        """How long the step has taken by then."""
+        """Time spent in the step in s."""
         until_ns = now_ns if self.paused_ns is None else self.paused_ns
         return max(0.0, (until_ns - self.since_ns) / 1e9) if self.step_id else 0.0
 
     def late_s(self, now_ns: int) -> float:
-        """How much longer than expected; zero where it is in time, or nothing is expected."""
+        """Time over the expected duration in s; zero if on time, or without expectation."""
         return max(0.0, self.elapsed_s(now_ns) - self.expected_s) if self.expected_s else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something that is wrong now and needs somebody. ``why`` is what was told of its reason, ``folded`` what came of
-    it. ``times`` tells how often it came lately, ``asked_ns`` when something was last asked for that it stands
-    in the way of. ``until`` as in Problem; where it does not end by itself somebody says that it was seen to.
+    """Alarm. ``why``: its reason, ``folded``: its consequences. ``times``: recent occurrences, ``asked_ns``: when it
+    last blocked a command. ``until`` as in Problem; an alarm that does not end automatically is dismissed.
     """
 
     alarm_id: str
@@ -312,10 +311,10 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class PhotoEntry:
-    """One photo at hand. ``preview_jpeg`` and ``thumbnail_jpeg`` are pictures of it for the window.
+    """Photo. ``preview_jpeg`` and ``thumbnail_jpeg``: images for the window.
 
-    ``deleted``: it can still be brought back. ``changeable``: tags and deleting are possible, as its session runs, or
-    it is of none.
+    ``deleted``: can be restored. ``changeable``: can be tagged and deleted, since its session is running or it has
+    none.
     """
 
     file_name: str
@@ -332,7 +331,7 @@ class PhotoEntry:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackStatus:
-    """How a replay stands. ``position_ns`` is the moment on show, on the session's own clock."""
+    """Replay status. ``position_ns``: current position, on the session clock."""
 
     session: str = ""
     start_ns: int = 0
@@ -345,7 +344,7 @@ class PlaybackStatus:
 
 @dataclass(frozen=True, slots=True)
 class LiveRobotsStatus:
-    """The robots that consoles on this computer drive while a replay is on show; ``emergency_stop``: of all of them."""
+    """Robots driven by consoles on this computer during a replay; ``emergency_stop``: of all of them."""
 
     robots: tuple[str, ...] = ()
     emergency_stop: bool = False
@@ -353,7 +352,7 @@ class LiveRobotsStatus:
 
 @dataclass(frozen=True, slots=True)
 class AskedGap:
-    """What is to be said, and of its gaps the one for which the wizard has to find the words."""
+    """Text with the placeholder that the wizard must fill."""
 
     text: str
     gap: str
@@ -361,10 +360,10 @@ class AskedGap:
 
 @dataclass(frozen=True, slots=True)
 class SpeechStatus:
-    """``now`` is the utterance that is being spoken, None when quiet; ``waiting`` are those after it.
+    """Speech status. ``now``: current utterance, None if silent; ``waiting``: the queue.
 
-    ``ends_ns`` is when ``now`` will have been said, None until it has begun: to the sample where this computer plays
-    it, else reckoned from its length. ``gap`` is what is asked for before something can be said.
+    ``ends_ns``: end of ``now``, None until it has begun: exact if this computer plays it, else estimated from its
+    length. ``gap``: a placeholder to be filled.
     """
 
     ready: bool = False
@@ -378,8 +377,8 @@ class SpeechStatus:
 
 @dataclass(frozen=True, slots=True)
 class VoiceStatus:
-    """Who speaks and how, as in the scenario file. ``used`` is the voice of this computer that is loaded, empty while
-    none is; ``choices`` are those that there are, each with its language.
+    """Voice settings, as in the scenario file. ``used``: loaded voice of this computer, empty for none; ``choices``:
+    available ones with their language.
     """
 
     output: VoiceOutput = "robot"
@@ -393,10 +392,9 @@ class VoiceStatus:
 
 @dataclass(frozen=True, slots=True)
 class ExchangeStatus:
-    """One question of the wizard. ``preparing`` while its pictures are read; ``answer`` grows while it is answering.
+    """Question of the wizard. ``preparing`` while its images are read; ``answer`` grows while answering.
 
-    ``use`` is what became of the answer, empty as long as nothing did. ``detail`` says why there is none, or why it is
-    still waited for.
+    ``use``: what was done with the answer, empty for nothing. ``detail``: why there is none, or why it is delayed.
     """
 
     exchange_id: str
@@ -414,9 +412,9 @@ class ExchangeStatus:
 
 @dataclass(frozen=True, slots=True)
 class AssistantStatus:
-    """``exchanges`` are the questions that can still be used, the newest first; of that one are the texts beside.
+    """Assistant status. ``exchanges``: usable questions, newest first; the other texts belong to the newest.
 
-    ``state`` is answering while any of them is, and failed where the newest did or there is no model.
+    ``state``: answering while any of them is, failed if the newest did or there is no model.
     """
 
     state: Literal["off", "starting", "ready", "answering", "failed"] = "off"
@@ -430,7 +428,7 @@ class AssistantStatus:
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """A model that can be chosen: ``model`` as in a scenario, ``title`` for the wizard, ``where`` it is."""
+    """Available model: ``model`` as in a scenario, ``title`` for the wizard, ``where``: its location."""
 
     model: str
     title: str
@@ -439,8 +437,8 @@ class ModelChoice:
 
 @dataclass(frozen=True, slots=True)
 class PartAlong:
-    """Something that goes along with the next question; ``count`` of them in ``words`` words. ``kind`` is its name in
-    ``Ask.leave_out``, ``title`` is translated where it is shown.
+    """Prompt context part: ``count`` items with ``words`` words. ``kind``: its name in ``Ask.leave_out``; ``title`` is
+    translated for display.
     """
 
     kind: str
@@ -451,10 +449,9 @@ class PartAlong:
 
 @dataclass(frozen=True, slots=True)
 class AssistantSetup:
-    """What the next question is asked with. ``edited``: texts differ from those of the scenario.
+    """Setup of the next question. ``edited``: texts differ from the scenario's.
 
-    ``pictures`` says whether pictures may go along to this model. ``server`` is the other computer that it is on, empty
-    where it is this one.
+    ``pictures``: the model may get images. ``server``: the other computer that runs it, empty for this one.
     """
 
     model: str = ""
@@ -474,9 +471,9 @@ class AssistantSetup:
 
 @dataclass(frozen=True, slots=True)
 class FaceStatus:
-    """``what`` the face shows: itself with ``expression``, ``text``, the photo of the file name ``text``, or what the
-    robot sees. ``expressions`` are those of ``face``. ``window`` is whether it has one of its own, ``served`` whether
-    there is a page of it, and ``pages`` how many show that now.
+    """Face status. ``what`` it shows: the face with ``expression``, ``text``, the photo with file name ``text``, or the
+    robot's view. ``expressions``: those of ``face``. ``window``: has a window, ``served``: has a web page, ``pages``:
+    number of open pages.
     """
 
     face: str = ""
@@ -494,7 +491,7 @@ class FaceStatus:
 
 @dataclass(frozen=True, slots=True)
 class LevelsStatus:
-    """How much the language model may do by itself now, up to what the scenario allows."""
+    """Autonomy levels of the language model, up to the scenario's limits."""
 
     replies: AssistanceLevel = "off"
     fillers: AssistanceLevel = "off"
@@ -503,7 +500,7 @@ class LevelsStatus:
 
 @dataclass(frozen=True, slots=True)
 class ShownSuggestion:
-    """One suggested reply, as the record has it. ``rank`` is its place and key, which works from ``from_ns`` on."""
+    """Suggested reply, as recorded. ``rank``: its position and key, valid from ``from_ns`` on."""
 
     suggestion_id: str
     rank: int
@@ -513,9 +510,9 @@ class ShownSuggestion:
 
 @dataclass(frozen=True, slots=True)
 class SuggestionsStatus:
-    """The replies that can be said now, and what they are made from: the last ``turns`` of the conversation, the
-    ``place`` of the robot, what the study is ``doing``, and who spoke. The first of them is said without a key at
-    ``says_ns``; at ``filler_ns`` a reply is late. ``detail`` says why there are none.
+    """Suggested replies and their basis: the last ``turns`` of the conversation, the robot's ``place``, the study's
+    activity (``doing``) and the speaker. The first is said automatically at ``says_ns``; at ``filler_ns`` a reply is
+    late. ``detail``: why there are none.
     """
 
     state: Literal["off", "idle", "asking", "shown", "failed"] = "off"
@@ -534,8 +531,8 @@ class SuggestionsStatus:
 
 @dataclass(frozen=True, slots=True)
 class ProposalStatus:
-    """What the language model proposes to do, in ``words``; nothing while ``proposal_id`` is empty. A key confirms it
-    from ``from_ns`` until ``lapses_ns``; at ``acts_ns`` it is done without one.
+    """Proposed action of the language model, as text in ``words``; none while ``proposal_id`` is empty. A key confirms
+    it from ``from_ns`` to ``lapses_ns``; at ``acts_ns`` it runs automatically.
     """
 
     proposal_id: str = ""
@@ -549,20 +546,20 @@ class ProposalStatus:
 
 @dataclass(frozen=True, slots=True)
 class LoadStatus:
-    """How much is given up because the machine is busy: ``step`` 0 is nothing; ``detail`` says what, for ``tr``."""
+    """Load shedding status: ``step`` 0 means none; ``detail`` describes the reduction, for ``tr``."""
 
     step: int = 0
     detail: str = ""
 
     @property
     def pays_small(self) -> bool:
-        """Whether small pictures, of other cameras and of people, are renewed less often: they pay first."""
+        """Whether thumbnails of cameras and people are refreshed less often: they are reduced first."""
         return self.step > 0
 
 
 @dataclass(frozen=True, slots=True)
 class PersonHistory:
-    """What there was with a person, newest first; of all that what has the words of ``text``."""
+    """History of a person, newest first; entries that match ``text``."""
 
     person_id: str
     text: str = ""
@@ -571,10 +568,10 @@ class PersonHistory:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionStatus:
-    """``looks_per_s`` says of each camera how often people are looked for in its pictures.
+    """Perception status. ``looks_per_s``: detection rate by camera.
 
-    ``server`` is the other machine that does it and gets the pictures for it, empty for none. ``recognises`` says by
-    what people can be known again, clothing or face: for what there is a network.
+    ``server``: the other machine that receives the frames, empty for none. ``recognises``: available re-identification
+    networks, clothing or face.
     """
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
@@ -588,7 +585,7 @@ class PerceptionStatus:
 
 @dataclass(frozen=True, slots=True)
 class ExportStatus:
-    """How exporting stands. ``what`` is being written now, ``written`` is where the finished ones are."""
+    """Export status. ``what``: item being written, ``written``: finished ones."""
 
     state: Literal["idle", "running", "done", "failed", "cancelled"] = "idle"
     fraction: float = 0.0
@@ -599,9 +596,9 @@ class ExportStatus:
 
 @dataclass(frozen=True, slots=True)
 class LibraryStatus:
-    """The sessions of the study that match ``query``, newest first; ``updating`` while the index is brought to date.
+    """Session search: sessions that match ``query``, newest first; ``updating`` while the index is updated.
 
-    ``places`` counts where its text was found, of which ``hits`` are the first.
+    ``places``: number of text matches, of which ``hits`` are the first.
     """
 
     query: SessionQuery = field(default_factory=SessionQuery)

@@ -1,4 +1,4 @@
-"""What the panels show of the console itself, on its way to the recording and, in a replay, back to the panels."""
+"""Status tap: records status values of the console, and restores them in a replay."""
 
 import logging
 from collections.abc import Callable
@@ -43,7 +43,7 @@ from caris_desktop.scenario.model import Place
 
 _log = logging.getLogger(__name__)
 
-# The values of LiveState that are recorded, and what they are made of; ``scenario`` and ``robot`` are in their events.
+# Recorded values of LiveState and their types; ``scenario`` and ``robot`` are recorded as events.
 STATUS_TYPES: dict[str, Any] = {
     "recording": RecordingStatus,
     "link": LinkStatus,
@@ -83,7 +83,7 @@ _REASONS = ("detail", "reason", "cap_reason", "guard_detail")
 
 
 class StatusTap(QObject):
-    """Gives every change of those values to ``record``, and each as it stands when the tap is made."""
+    """Passes every change to ``record``, and the initial values."""
 
     def __init__(self, state: LiveState, record: Callable[[StatusShown], None], parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -95,7 +95,7 @@ class StatusTap(QObject):
 
 
 class _Watch(QObject):
-    """One value; a slot of its own knows whose change it hears of."""
+    """Observer of one value, which knows its name."""
 
     def __init__(self, name: str, value: LiveValue, tell: Callable[[str, Any], None], parent: QObject) -> None:
         super().__init__(parent)
@@ -109,7 +109,7 @@ class _Watch(QObject):
 
 
 def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
-    """Put a recorded status back. ``name_of`` gives the names that were kept out of the recording, where known."""
+    """Restore a recorded status. ``name_of``: names kept out of the recording, if known."""
     kind = STATUS_TYPES.get(shown.name)
     if kind is None:
         return
@@ -124,7 +124,7 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
 
 
 def _told_again(content: Any) -> Any:
-    """Its reasons as texts of the program, for whoever watches in another language."""
+    """Recorded reasons converted for translation into another language."""
     if isinstance(content, list):
         return list(map(_told_again, content))
     if not isinstance(content, dict):
@@ -136,7 +136,7 @@ def _told_again(content: Any) -> Any:
 
 
 def _with_names(row: PersonRow, name_of: Callable[[str], str | None]) -> PersonRow:
-    """A suggestion of somebody who has been forgotten since is none any more."""
+    """The row with names; suggestions of an erased person are dropped."""
     suggestions = (
         replace(suggested, name=suggested.name or name_of(suggested.person_id) or "") for suggested in row.suggestions
     )
@@ -148,9 +148,9 @@ def _with_names(row: PersonRow, name_of: Callable[[str], str | None]) -> PersonR
 
 
 def content_of(name: str, value: Any) -> Any:
-    """The plain form of the value of this name, without what stays out of recordings."""
+    """Serialised value, without data excluded from recordings."""
     if name == "controls":
-        # As in files: what a control does is one of several kinds, which the plain form would not tell apart.
+        # As in files: the generic form would not distinguish the kinds of a control's action.
         return data_of(tuple[RobotControl, ...], value)
     return to_jsonable(_for_the_record(value))
 
@@ -162,18 +162,18 @@ def _value_of(name: str, kind: Any, content: Any) -> Any:
 
 
 def _for_the_record(value: Any) -> Any:
-    """Names of people stay in the study's database, and paths of this computer on this computer."""
+    """Names of people stay in the study's database, and paths on this computer."""
     if isinstance(value, RecordingStatus):
         return replace(value, folder=None)
     if isinstance(value, DriveStatus):
-        return replace(value, driver="")  # another wizard's name; each command has it, where exports leave it out
+        return replace(value, driver="")  # another wizard's name; commands carry it, and exports leave it out
     if isinstance(value, tuple) and value and isinstance(value[0], PersonRow):
         return tuple(map(_without_words, value))
     return value
 
 
 def _without_words(row: PersonRow) -> PersonRow:
-    """A row as opaque ids, places and times."""
+    """Row with opaque ids, positions and times only."""
     name = row.name if is_unnamed_label(row.name) else ""
     suggestions = tuple(
         suggested if is_unnamed_label(suggested.name) else replace(suggested, name="") for suggested in row.suggestions

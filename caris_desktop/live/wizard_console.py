@@ -1,4 +1,4 @@
-"""The console as the window sees it, running or replayed."""
+"""Interface of the console towards the window, live or replayed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.scenario.model import Scenario
 
 if TYPE_CHECKING:
-    # The window stands before anything of a session is read.
+    # Imported late: the window is shown before session files are read.
     from caris_desktop.recording.annotation.model import AnnotationDocument
     from caris_desktop.recording.session.session_reader import Session
     from caris_desktop.recording.studies.query import SessionQuery
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RobotChoice:
-    """One robot of the list. ``name`` is what UseRobot takes; ``problem`` says why its profile cannot be used."""
+    """Robot in the list. ``name``: argument of UseRobot; ``problem``: why its profile is unusable."""
 
     name: str
     title: str
@@ -38,10 +38,10 @@ class RobotChoice:
 
 @dataclass(frozen=True, slots=True)
 class BeforeRecording:
-    """What the start dialog begins with, as far as it could be found out.
+    """Initial contents of the start dialog, as far as available.
 
-    ``suggested`` are the study's last answers, with the trial counted on; ``bytes_per_hour`` is what an hour of
-    recording will take, from this study's sessions and what the scenario keeps; ``free_bytes`` where the study lies.
+    ``suggested``: the study's last details with the next trial number; ``bytes_per_hour``: expected usage, from this
+    study's sessions and what the scenario records; ``free_bytes``: free space of the study's disk.
     """
 
     suggested: TrialDetails = field(default_factory=TrialDetails)
@@ -50,9 +50,9 @@ class BeforeRecording:
 
 
 class WizardConsole(Protocol):
-    """What panels read, and the one way to ask for something. GUI thread only; every call returns at once.
+    """State for panels, and the only entry point for intents. GUI thread only; every call returns at once.
 
-    Results show up in ``state``; refusals arrive as ``Problem`` events, never as exceptions.
+    Results appear in ``state``; refusals arrive as ``Problem`` events, never as exceptions.
     """
 
     @property
@@ -65,40 +65,40 @@ class WizardConsole(Protocol):
     def frames(self) -> FrameReader: ...
 
     def do(self, intent: Intent) -> str:
-        """Ask for something; gives why it was refused, empty when it is under way. The wizard is told by itself."""
+        """Run an intent; returns the reason if refused, else empty. The wizard is notified automatically."""
 
     def read_aside(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
     ) -> None:
-        """Have files read in another thread: ``done`` gets later what ``read`` gave, ``failed`` what it raised, else
-        the wizard is told. One after the other, in the order in which it is asked.
+        """Read files in a background thread: ``done`` receives the result of ``read``, ``failed`` its exception, which
+        is otherwise reported. In the order of calls.
         """
 
     def robots(self) -> Sequence[RobotChoice]:
-        """The robots that can be connected to: shipped profiles and the wizard's own. Waits on files, in any
-        thread: it is for ``read_aside``.
+        """Available robots: shipped profiles and the user's own. Reads files, in any thread: call with
+        ``read_aside``.
         """
 
     def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        """Find out what the start dialog begins with; ``told`` gets it later, whatever could be found out."""
+        """Gather the initial contents of the start dialog; ``told`` receives them later."""
 
     def microphones(self) -> Sequence[str]:
-        """Names of the sound inputs of this computer; the empty name is the system's default."""
+        """Sound inputs of this computer; the empty name is the system's default."""
 
     @property
     def microphone(self) -> str | None: ...
 
     @property
     def wizard_microphone(self) -> str | None:
-        """The input that hears the wizard; None for none."""
+        """Wizard's microphone; None for none."""
 
 
 class ReplayControls(Protocol):
-    """What the bar and the timeline of a replay ask for. GUI thread only; every call returns at once.
+    """Interface of replay bar and timeline. GUI thread only; every call returns at once.
 
-    ``playback`` holds a PlaybackStatus, ``overview`` a SessionOverview once it was made in the background (None until
-    then), ``coding`` the annotations of every coder as an AnnotationDocument. ``live_robots`` holds a LiveRobotsStatus:
-    whose robots ``stop`` and ``emergency_stop`` of the replay's console stop.
+    ``playback`` holds a PlaybackStatus, ``overview`` a SessionOverview once computed (None until then), ``coding`` the
+    annotations of all coders as an AnnotationDocument. ``live_robots`` holds a LiveRobotsStatus of robots that ``stop``
+    and ``emergency_stop`` of the replay's console affect.
     """
 
     @property
@@ -115,41 +115,41 @@ class ReplayControls(Protocol):
 
     @property
     def thumbnail_made(self) -> SignalInstance:
-        """(camera, at_ns, image_bgr): a thumbnail that was asked for; an empty array where there is no picture."""
+        """(camera, at_ns, image_bgr): a requested thumbnail; an empty array if there is no image."""
 
     @property
     def noticed(self) -> SignalInstance:
-        """(Problem): what the replay itself has to tell. Those of the session are history, and in its log."""
+        """(Problem): problems of the replay itself; those of the session are in its log."""
 
     @property
     def session(self) -> Session: ...
 
     def with_names(self, text: str) -> str:
-        """What was said, as it is shown: with names where the record has ids."""
+        """Transcript text with names in place of recorded ids."""
 
     def play(self) -> None: ...
 
     def pause(self) -> None: ...
 
     def set_rate(self, rate: float) -> None:
-        """0.1 to 16 times the recorded speed."""
+        """Set the rate, 0.1 to 16."""
 
     def seek(self, at_ns: int) -> None:
-        """Show that moment, on the session's own clock; bounded to the session."""
+        """Seek to a time of the session clock, clamped to the session."""
 
     def step(self, frames: int) -> None:
-        """Pause and show the frame that lies so many frames further on, or back."""
+        """Pause and move by this many frames, backward if negative."""
 
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
-        """To the next mark or utterance in that direction; False where there is none."""
+        """Go to the next mark or utterance in that direction; False if there is none."""
 
     def request_thumbnail(self, camera: str, at_ns: int) -> None:
-        """A small picture of that moment; the newest request for a place counts. ``thumbnail_made`` brings it."""
+        """Request a thumbnail at a time; the newest request per place counts. ``thumbnail_made`` delivers it."""
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
-        """Apply a function of ``recording.annotation.editing``; gives why it was refused, empty when done.
+        """Apply a function of ``recording.annotation.editing``; returns the reason if refused, else empty.
 
-        ``coding`` has the result; it is saved in the background, one file for each coder.
+        ``coding`` has the result; it is saved in the background, one file per coder.
         """
 
     def undo(self) -> bool: ...
@@ -157,13 +157,13 @@ class ReplayControls(Protocol):
     def redo(self) -> bool: ...
 
     def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
-        """Take over an .eaf or CSV file as ``coder``'s. Returns at once; ``told`` gets why it was refused, empty when
-        done.
+        """Import an .eaf or CSV file as ``coder``'s. Returns at once; ``told`` receives the reason if refused, else
+        empty.
         """
 
 
 class SessionLibrary(Protocol):
-    """The sessions of a study, to find, replay and export. GUI thread only; every call returns at once.
+    """Sessions of a study: search, replay, export. GUI thread only; every call returns at once.
 
     ``found`` holds a LibraryStatus, ``export`` an ExportStatus.
     """
@@ -172,7 +172,7 @@ class SessionLibrary(Protocol):
     export: LiveValue
 
     def find(self, query: SessionQuery) -> None:
-        """Bring the index up to date and look; ``found`` changes when there is something to show."""
+        """Update the index and search; ``found`` changes with results."""
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """Open the replay of a session in a window of its own."""
@@ -180,8 +180,8 @@ class SessionLibrary(Protocol):
     def look_for_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
-        """Find a folder for them that is not there yet; ``told`` gets it later. ``chosen`` is where the wizard wants
-        them: that itself, where it holds nothing, else one of their own inside.
+        """Propose a new export folder; ``told`` receives it later. ``chosen``: the wizard's folder, used itself if
+        empty, else a new subfolder.
         """
 
     def start_export(
@@ -193,10 +193,10 @@ class SessionLibrary(Protocol):
         licence: str = "",
         with_names: bool = False,
     ) -> None:
-        """Write each session in each of the formats (``recording.export.FORMATS``), in a process of its own.
+        """Export each session in each format (``recording.export.FORMATS``) in a process.
 
-        Pseudonyms stand for wizards, coders and the robot's address unless ``with_names``.
+        Wizards, coders and the robot's address are pseudonymised unless ``with_names``.
         """
 
     def cancel_export(self) -> None:
-        """What is finished stays, what is half written goes."""
+        """Cancel the export; complete files stay, partial ones are removed."""

@@ -1,4 +1,4 @@
-"""What the language model proposes to do: asked for, shown, and done once the wizard's key confirms it."""
+"""Proposal service: actions proposed by the language model, run after the wizard's confirmation."""
 
 import secrets
 from collections.abc import Callable, Sequence
@@ -22,12 +22,12 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LevelsStatus, ProposalStatus
 from caris_desktop.scenario.model import Scenario
 
-# What fits is likely here; there is nothing to choose words for.
+# The most likely action is wanted; there is no wording to vary.
 _TEMPERATURE = 0.0
 
 
 class ProposalsService(Service):
-    """Keeps ``state.proposal``. ``do`` asks the console, as a key would."""
+    """Maintains ``state.proposal``. ``do`` sends intents to the console, as a key does."""
 
     def __init__(
         self, state: LiveState, bus: Bus, model: ModelClient, *, do: Callable[[Intent], str], parent: QObject
@@ -63,7 +63,7 @@ class ProposalsService(Service):
     def ask_about(
         self, begun: Round, asked: Sequence[ChatMessage], recorded: Sequence[ChatMessage], replies: str
     ) -> None:
-        """Ask what the robot could do, after the model was asked for ``replies``."""
+        """Ask which actions fit, after the model was asked for ``replies``."""
         offer = self._offer()
         if self._state.levels.value.actions == "off" or not offer.actions:
             return
@@ -82,10 +82,10 @@ class ProposalsService(Service):
                 on_end=lambda exchange: self._on_answer(begun, offer, exchange),
             )
         except ToldFailure:
-            self._asking = None  # that there is no model is told where it is asked for replies
+            self._asking = None  # a missing model is reported with the replies
 
     def drop(self, why: str) -> None:
-        """What was proposed is about something that is over."""
+        """Drop proposals whose subject is over."""
         self._cancel(why)
         self._proposals.lapse(clock.now_ns(), why)
         self._show()
@@ -108,7 +108,7 @@ class ProposalsService(Service):
 
     def _on_answer(self, begun: Round, offer: actions.Offer, exchange: LlmExchange) -> None:
         if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
-            return  # nobody waits for it any more
+            return  # no longer needed
         self._asking = None
         if exchange.outcome != "answered":
             return

@@ -1,4 +1,4 @@
-"""The protocol of the scenario: where the wizard is in it, told and recorded. GUI thread."""
+"""Protocol service: the wizard's progress in the scenario's protocol, shown and recorded. GUI thread."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,10 +17,10 @@ ProtocolEvent = ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
 
 
 class ProtocolService(Service):
-    """Keeps ``state.protocol``.
+    """Maintains ``state.protocol``.
 
-    A recording begins with the first step, unless the scenario leaves that to the wizard, and after it all begins anew.
-    A scenario that was edited leaves the wizard in their step.
+    A recording begins with the first step, unless the scenario leaves that to the wizard, and resets the protocol at
+    its end. An edited scenario keeps the current step.
     """
 
     def __init__(self, state: LiveState, publish: Callable[[Event], None], parent: QObject | None = None) -> None:
@@ -31,7 +31,7 @@ class ProtocolService(Service):
         self._walk = ProtocolWalk()
         self._entered: StepEntered | None = None
         self._in_session = False
-        # What the record lacks of a pause; None while there is none.
+        # Events during a pause, missing in the record; None without a pause.
         self._since_pause: list[ProtocolEvent] | None = None
 
     def handlers(self) -> Handlers:
@@ -58,10 +58,10 @@ class ProtocolService(Service):
             self._begin(CONSOLE, shown=False)
         self._show()
 
-    # What a session asks of it
+    # Session
 
     def begin_session(self, actor: Actor, *, step_id: str = "") -> None:
-        """With that step, where a trial goes on in it and the protocol still has it."""
+        """Begin a session, at this step of a resumed trial if the protocol still has it."""
         self._in_session, self._since_pause = True, None
         if self._walk.has(step_id):
             self._walk = ProtocolWalk(self._walk.steps)
@@ -70,7 +70,7 @@ class ProtocolService(Service):
             self._begin(actor)
 
     def standing(self, now_ns: int, *, resumed: bool) -> list[Event]:
-        """What heads a recording, or was missed by one that was paused."""
+        """Initial events of a recording, or those missed during a pause."""
         if resumed:
             return [replace(event, stamp_ns=now_ns) for event in self._since_pause or ()]
         opened: list[Event] = [self._walk.opened(now_ns)] if self._walk.steps else []
@@ -84,16 +84,16 @@ class ProtocolService(Service):
             self._show()
 
     def end_session(self) -> None:
-        """Also where there was none: then it stays as it is."""
+        """Reset after a session; no effect without one."""
         if self._in_session:
             self._in_session, self._since_pause = False, None
             self._walk = ProtocolWalk(self._walk.steps)
             self._show()
 
-    # Inside
+    # Internals
 
     def _begin(self, actor: Actor, *, shown: bool = True) -> None:
-        """With nothing behind it, unless the wizard begins by hand, and may have done so already."""
+        """Restart the protocol, unless the wizard starts it by hand and may have done so."""
         if self._scenario is not None and self._scenario.protocol.begins == "with_recording":
             self._walk = ProtocolWalk(self._scenario.protocol.steps)
             self._walk.pause(self._since_pause is not None, clock.now_ns())
@@ -106,7 +106,7 @@ class ProtocolService(Service):
             self._tell(event)
 
     def _tell(self, event: ProtocolEvent, *, shown: bool = True) -> None:
-        """Not ``shown``: that comes once, when all is told."""
+        """Publish an event; ``shown``: update the state, once after several events."""
         if isinstance(event, StepEntered):
             self._entered = event
         if self._since_pause is not None:

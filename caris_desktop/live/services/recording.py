@@ -1,4 +1,4 @@
-"""The recorder process and the session that it writes. GUI thread, except where a method says otherwise."""
+"""Recording service: recorder process and current session. GUI thread unless stated otherwise."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -40,13 +40,13 @@ from caris_desktop.recording.recorder.messages import (
 from caris_desktop.scenario.model import Scenario
 
 _log = logging.getLogger(__name__)
-# The recorder allows itself a minute for the checksums, and tells the log when it gives up.
+# The recorder limits itself to a minute for checksums, and logs when it gives up.
 _CLOSE_WITHIN_S = 65.0
 ACTIVE = ("starting", "recording", "paused")
 
 
 class RecordingService(Service):
-    """Starts and ends sessions, hands everything to the recorder, and keeps ``state.recording``."""
+    """Starts and ends sessions, forwards all values to the recorder, and maintains ``state.recording``."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class RecordingService(Service):
 
     @property
     def session_folder(self) -> Path | None:
-        """The current session's folder, or the last one's."""
+        """Folder of the current session, or of the last one."""
         return self._folder
 
     @property
@@ -112,7 +112,7 @@ class RecordingService(Service):
             self._offer_markers(self._scenario)
 
     def put(self, value: Any, raw: bytes | None = None) -> None:
-        """Record a domain value; ``raw`` is the value pickled, where the caller has it. Any thread."""
+        """Record a domain value; ``raw`` is its pickled form if available. Any thread."""
         if isinstance(value, FrameRef) and not self._video:
             return
         if isinstance(value, AudioChunk) and not self._audio:
@@ -128,15 +128,15 @@ class RecordingService(Service):
         self._feed.put(value, raw)
 
     def forget_robot(self) -> None:
-        """Another robot: what the former one told does not head what is recorded from now on."""
+        """Reset for another robot: values of the former one must not start the next recording."""
         for names in (*STREAMS_OF_LINK.values(), ("lens",)):
             self._feed.forget_streams(names)
 
     # Sessions
 
     def announce_session(self, opened: Sequence[Event]) -> bool:
-        """A recording is about to start: ``opened`` heads it, and what happens from now on is in it. Until
-        ``begin_session`` it can be given up. False when it was refused; where there is a reason the wizard knows it.
+        """Announce a recording: ``opened`` are its initial events, and later values are included. Can be abandoned
+        until ``begin_session``. False if refused, with a reported reason if there is one.
         """
         if not self.idle or self._scenario is None:
             return False
@@ -158,9 +158,9 @@ class RecordingService(Service):
     def begin_session(
         self, new_session: Callable[[], tuple[Path, SessionHeader]], actor: Actor, *, refused: Callable[[], None]
     ) -> None:
-        """Have the folder of the announced session made, and record into it; ``refused`` where there is none.
+        """Create the folder of the announced session and record into it; ``refused`` is called on failure.
 
-        ``new_session`` raises ToldFailure in English: so the record has it, and ``tr`` says it.
+        ``new_session`` raises ToldFailure in English, for the record; ``tr`` localises it.
         """
         if not self._feed.holds or self._making_folder:
             return
@@ -181,7 +181,8 @@ class RecordingService(Service):
             return  # the recorder failed too often meanwhile
         self._folder = folder
         permissions, recording = self._scenario.permissions, self._scenario.recording
-        # No pictures before: they would be gone from the ring. Whoever has ended it meanwhile gets what was until then.
+        # No video before: frames would be gone from the ring. If the session was ended meanwhile, it has what came
+        # until then.
         self._video = permissions.video_recording and self._state.recording.value.state == "starting"
         self._state.recording.set(replace(self._state.recording.value, folder=folder))
         self._feed.begin(
@@ -210,13 +211,13 @@ class RecordingService(Service):
         self._feed.stop(StopRecording(reason, actor))
 
     def pause_session(self, opened: Sequence[Event], asked: intents.PauseRecording) -> None:
-        """``opened``: how things stand, for the record, which knows nothing of what changed during a pause."""
+        """Pause or resume. ``opened``: current state for the record, which misses changes during a pause."""
         if self._state.recording.value.state in ("recording", "paused"):
             standing = () if asked.paused else opened
             self._feed.pause(PauseRecording(asked.paused, asked.actor), *standing, paused=asked.paused)
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """What it permits holds from now on, in a running session too."""
+        """Apply permissions at once, also to a running session."""
         self._scenario = scenario
         self._blur = BlurDemand(scenario.blur.who, scenario.blur.what)
         if not self._started:
@@ -225,7 +226,7 @@ class RecordingService(Service):
         recording = self._state.recording.value.state in ACTIVE
         permissions = scenario.permissions
         self._audio = recording and permissions.audio_recording
-        recording = recording and not self._feed.holds  # else it begins with what is permitted then
+        recording = recording and not self._feed.holds  # otherwise it begins with the permissions of that time
         self._video = recording and permissions.video_recording
         if recording:
             self._feed.request(
@@ -238,14 +239,14 @@ class RecordingService(Service):
             )
 
     def _offer_markers(self, scenario: Scenario) -> None:
-        """Recorders of physiology look for the outlet before the recording begins."""
+        """Offer the marker outlet before the recording, for recorders of physiological data."""
         offer = OfferMarkers(scenario.recording.lsl, words=scenario.recording.lsl_words)
         if offer != self._markers_offered:
             self._markers_offered = offer
             self._feed.request(offer)
 
     def take_photo(self, *, without_session: Path, actor: Actor = CONSOLE) -> None:
-        """Keep the newest picture with the session, or as ``without_session`` while there is none."""
+        """Save the newest frame with the session, or as ``without_session`` if there is none."""
         ref = self._state.frame.value
         if ref is None:
             self._problem(
@@ -264,7 +265,7 @@ class RecordingService(Service):
         self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), seen, pose))
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
-        """Who agreed to pictures is not covered in them where only those who did not have to be."""
+        """Update consents: consenting people stay unblurred where only others must be blurred."""
         consents = UseConsents(
             frozenset(person.person_id for person in persons if "video" in person.consents),
             frozenset(person.person_id for person in persons if "photo" in person.consents),
@@ -275,15 +276,15 @@ class RecordingService(Service):
                 self._feed.request(consents)
 
     def _tell_consents(self) -> None:
-        """To a new recorder, for which nobody has agreed to anything."""
+        """Send the consents to a new recorder, which starts without any."""
         if self._consents != UseConsents():
             self._feed.request(self._consents)
 
-    # What the recorder says
+    # Recorder messages
 
     def on_report(self, report: RecorderReport) -> None:
         if self._state.recording.value.state == "stopping" and report.state not in ("idle", "failed"):
-            return  # it was on its way when the end was asked for
+            return  # sent before the end was requested
         self._state.recording.set(
             replace(
                 self._state.recording.value,
@@ -302,11 +303,11 @@ class RecordingService(Service):
             self._feed.end()
 
     def _on_ended(self, child: ChildProcess) -> None:
-        """Another recorder takes its place, unless that was tried too often."""
+        """Replace the recorder, unless it failed too often."""
         if child is not self._recorder:
             return
         interrupted = not self.idle
-        # Begun again before the wizard is told: what is told belongs into the record of the new one.
+        # Restarted before the report, which belongs into the new recorder's session.
         again = self._restarts.another()
         if again:
             self._recorder = self._new_recorder()
@@ -315,7 +316,7 @@ class RecordingService(Service):
         if again:
             self._tell_consents()
         if self._feed.holds and again:
-            return  # the session that is to begin begins with the new one
+            return  # the announced session begins with the new recorder
         self._feed.drop()
         self._video = self._audio = False
         self._state.recording.set(
@@ -337,18 +338,16 @@ class RecordingService(Service):
             until="recording",
         )
 
-    # End
+    # Shutdown
 
     def end(self) -> None:
-        """Write out what is queued and end the recorder, which first makes its checksums: of hours of video that takes
-        a minute.
-        """
+        """Write the queue and end the recorder, which computes checksums first: a minute for hours of video."""
         self._feed.close()
         self._recorder.stop(grace_s=_CLOSE_WITHIN_S)
 
 
 def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, SessionHeader]:
-    """Raises ToldFailure."""
+    """Create a session folder. Raises ToldFailure."""
     try:
         return new_session()
     except ToldFailure:
@@ -363,7 +362,7 @@ def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, 
 
 
 def _without_home(problem: Problem) -> Problem:
-    """What is told to the wizard may name folders; whose they are is nobody's business who reads the record."""
+    """The problem without home folder: paths in messages must not identify the user in the record."""
     home = str(Path.home())
     return replace(
         problem,

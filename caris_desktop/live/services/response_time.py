@@ -1,4 +1,4 @@
-"""How long each turn of the participant waited for its answer, told as soon as that is known."""
+"""Response time service: the participant's waiting time per turn, published once known."""
 
 from PySide6.QtCore import QObject
 

@@ -1,5 +1,5 @@
-"""The robot as the wizard uses it: its two link processes, goals, maps, head, and the controls of the Robot panel.
-GUI thread. Driving is a service of its own.
+"""Robot service: link processes, goals, maps, head, and controls of the Robot panel. GUI thread. Driving is a separate
+service.
 """
 
 import asyncio
@@ -61,7 +61,7 @@ from caris_desktop.scenario.model import Place, Scenario
 
 _log = logging.getLogger(__name__)
 _RESTART_AFTER_MS = 1000
-# A control link that had worked is missed by a robot that may move: only one that dies at once waits for its turn.
+# A control link that had worked is restarted at once, since the robot may be moving; one that fails immediately waits.
 _RESTART_AT_ONCE_AFTER_NS = 5_000_000_000
 _SETTLE_AGAIN_S = 1.0
 _MAP_WORDS: dict[MapOperation, str] = {
@@ -74,10 +74,10 @@ _MAP_WORDS: dict[MapOperation, str] = {
 
 @dataclass(frozen=True, slots=True)
 class RobotConnection:
-    """One robot to connect to; the bodies are what runs in the link processes.
+    """Robot connection; the bodies are the link processes' entry points.
 
-    ``settle`` is there while it is open which ROS the robot runs: it asks the robot and gives the connection to use,
-    or raises ToldFailure while the robot does not answer.
+    ``settle`` is set while the ROS version is unknown: it queries the robot and returns the final connection, or raises
+    ToldFailure without an answer.
     """
 
     name: str
@@ -89,7 +89,7 @@ class RobotConnection:
 
 
 class RobotService(Service):
-    """Keeps the links running and ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
+    """Runs the links and maintains ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
 
     _settled = Signal(object, object)
 
@@ -107,7 +107,7 @@ class RobotService(Service):
         asyncio_thread: AsyncioThread,
         parent: QObject | None = None,
     ) -> None:
-        """``before_goal`` ends direct driving."""
+        """``before_goal`` ends teleoperation."""
         super().__init__(parent)
         self._state = state
         self._ring = ring
@@ -131,7 +131,7 @@ class RobotService(Service):
         self._told_no_timeout_of = ""
         self._left = False
         self._closed = False
-        # Without end: a session without its robot is none, and a robot may stand where nobody can reach it.
+        # Unlimited: a session needs its robot, which may stand where nobody can reach it.
         self._restarts = {name: Restarts(at_most=math.inf) for name in ("control", "media")}
 
     @property
@@ -140,7 +140,7 @@ class RobotService(Service):
 
     @property
     def links(self) -> dict[str, ChildProcess]:
-        """The running link processes by name, ``control`` and ``media``."""
+        """Running link processes by name, ``control`` and ``media``."""
         return dict(self._links)
 
     def handlers(self) -> Handlers:
@@ -177,13 +177,13 @@ class RobotService(Service):
         self.offer_controls(scenario.controls, driving_permitted=driving)
 
     def standing(self) -> list[Event]:
-        """What heads a recording of this robot."""
+        """Initial events of a recording about this robot."""
         return [] if self._connection is None else [self._chosen(self._connection)]
 
-    # The links
+    # Links
 
     def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect, or connect to another robot instead of the present one, which is left stopped."""
+        """Connect a robot, leaving a former one stopped."""
         if self._closed:
             return
         self.leave_for(connection)()
@@ -202,25 +202,25 @@ class RobotService(Service):
         self._start_link("media")
 
     def leave_for_one_that_starts(self) -> Callable[[], None] | None:
-        """As ``leave_for``, while another robot's program is started: who does not answer is waited for no longer."""
+        """Like ``leave_for``, while another robot's program starts: an unresponsive robot is given up."""
         if self._connection is None or self._state.link.value.state == "connected":
             return None
         return self.leave_for(self._connection, starts=True)
 
     def leave_for(self, connection: RobotConnection, *, starts: bool = False) -> Callable[[], None]:
-        """Have the links to the present robot end, which is left stopped, as ``connection`` is wanted instead.
+        """End the links to the current robot in favour of ``connection``, leaving it stopped.
 
-        What is given waits for their end, in any thread; until then they may still tell something.
+        The returned function waits for their end, in any thread; until then they may still send values.
         """
         self._left = True
         ending = [self._links.pop(name) for name in ("control", "media") if name in self._links]
         for child in ending:
-            child.ask_to_end()  # side by side: it takes as long as the slower one
+            child.ask_to_end()  # in parallel: it takes as long as the slower one
         if self._settling is not None:
             self._settling.cancel()
             self._settling = None
         self._forget_robot()
-        self._told_no_timeout_of = ""  # the alarm of it ends with the robot, and comes again with it
+        self._told_no_timeout_of = ""  # the alarm ends with the robot and returns with it
         self._state.link.set(
             LinkStatus(state="connecting", robot=connection.name, address=connection.address, starts=starts)
         )
@@ -244,7 +244,7 @@ class RobotService(Service):
                     self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="connected")
                 await asyncio.sleep(_SETTLE_AGAIN_S)
             except Exception:
-                # Nobody waits for this task, so nobody else would hear of it.
+                # Nobody awaits this task, so its failure would go unnoticed.
                 _log.exception("the robot's ROS version could not be asked for")
                 return
             else:
@@ -268,25 +268,25 @@ class RobotService(Service):
             media.stop(grace_s=1.5)
 
     def send(self, command: RobotCommand) -> bool:
-        """To the control link, now or not at all."""
+        """Send to the control link without waiting; False if impossible."""
         control = self._links.get("control")
         return control is not None and control.send(command)
 
     def send_sound(self, command: ListenToRobot | PlayOnRobot) -> bool:
-        """To the media link, now or not at all."""
+        """Send to the media link without waiting; False if impossible."""
         media = self._links.get("media")
         return media is not None and media.send(command)
 
     def on_child_ended(self, child: ChildProcess) -> None:
-        """A link ended by itself: it is made again, and the other one goes on."""
+        """Restart a link that exited; the other one continues."""
         name = child.body.name
         if self._closed or self._links.get(name) is not child:
-            return  # it was replaced while the news of its end was on its way
+            return  # replaced while its exit was being reported
         del self._links[name]
         address = self._connection.address if self._connection is not None else ""
         goal = self._state.goal.value
         if name == "control" and goal is not None and goal.state in ("requested", "active"):
-            # Nobody is left to tell how it ends.
+            # Nobody else reports its end.
             why = QT_TR_NOOP("the link process stopped; the goal is cancelled when the link is back")
             self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=why, actor=CONSOLE))
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
@@ -342,7 +342,7 @@ class RobotService(Service):
             self._start_link(name, follows_crash=True)
 
     def _profile(self, connection: RobotConnection) -> RobotProfile:
-        """With those of its cameras that are wanted: the pictures of others are not fetched."""
+        """Profile with the requested cameras only: others are not subscribed."""
         return replace(connection.profile, cameras=self._wanted.among(connection.profile.cameras))
 
     def _use_cameras(self, wanted: WantedCameras) -> None:
@@ -358,7 +358,7 @@ class RobotService(Service):
             return
 
         def ended(_ended: None) -> None:
-            self._forget_cameras(before)  # which its last pictures may have brought back
+            self._forget_cameras(before)  # which its last frames may have brought back
             self._restart_link("media")
 
         media.ask_to_end()
@@ -371,10 +371,10 @@ class RobotService(Service):
     def _tell_failure(self, failure: ToldFailure) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
-    # What the robot tells
+    # Robot messages
 
     def on_event(self, event: Any) -> None:
-        """An event on its way to the panels."""
+        """Handle an event before the panels do."""
         if isinstance(event, LinkChanged):
             self._on_link_changed(event)
         elif isinstance(event, LinkQuality):
@@ -426,14 +426,14 @@ class RobotService(Service):
             self._state.mapping.set(MapStatus())
         elif event.state == "connected" and before not in ("connected", "trouble"):
             if self._control_is_new and self._state.drive.value.emergency_stop:
-                # Before anything else: a new process and a new robot know nothing of the latch.
+                # First of all: a new process or robot does not know about the latch.
                 self.send(SetEmergencyStop(clock.now_ns(), latched=True, actor=CONSOLE))
             self._control_is_new = False
             self._offer_controls()
             self._tell_of_timeout()
 
     def _tell_of_timeout(self) -> None:
-        """Once for each robot: when its rosbridge dies, nobody can stop a base that does not do so by itself."""
+        """Warn once per robot: if its rosbridge dies, a base without a command timeout cannot be stopped."""
         connection = self._connection
         if connection is None or connection.profile.stops_by_itself:
             return
@@ -522,7 +522,9 @@ class RobotService(Service):
     # Controls
 
     def offer_controls(self, controls: tuple[RobotControl, ...], *, driving_permitted: bool) -> None:
-        """Those of the scenario, from now on; the profile's own stay. Without driving those that move are absent."""
+        """Set the scenario's controls, in addition to the profile's. Without driving permission, moving ones are
+        absent.
+        """
         self._scenario_controls, self._driving_permitted = controls, driving_permitted
         self._show_controls()
         self._offer_controls()
@@ -543,7 +545,7 @@ class RobotService(Service):
     def _show_controls(self) -> None:
         own = self._connection.profile.controls if self._connection is not None else ()
         names = {control.id for control in self._scenario_controls}
-        # A scenario may say a control of the profile anew.
+        # A scenario may redefine a control of the profile.
         robot = interface_names(self._connection.profile) if self._connection is not None else NO_NAMES
         every = [
             decided(control, robot)

@@ -1,4 +1,4 @@
-"""The scenario in force: opening another one, its places, and how the panels are arranged."""
+"""Scenario service: current scenario, its places, and saved dock layouts."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -28,20 +28,18 @@ from caris_desktop.scenario.library import own_file
 from caris_desktop.scenario.model import Place, Scenario
 
 _SEEN_WITHIN_S = 0.25
-"""So long the picture and what panels show stand still while those of another scenario are made, which ends driving by
-hand. A scenario that is only edited changes little, and nobody is stopped by it.
+"""Pause of panel updates in s while a scenario change creates panels, which ends teleoperation. An edited scenario
+changes little, and does not stop driving.
 """
 _NEXT_TURN_MS = 1
-"""Services follow first, and what the scenario does not permit is refused from then on. The window follows in a turn of
-its own: in one, a key would wait for both. 0 ms would be done before what the keyboard says.
+"""Delay in ms between services and window on a scenario change, so that keys are handled in between; 0 ms would precede
+keyboard events. What is not permitted is refused from the first turn on.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Where an imported scenario lies now; in words, what got another name though nobody chose one, and where what was
-    replaced lies.
-    """
+    """Imported scenario: its path; names changed automatically, as text; and where replaced files were moved."""
 
     path: Path
     renamed: str = ""
@@ -49,35 +47,34 @@ class Imported:
 
 
 class LayoutFiles(Protocol):
-    """How arrangements of panels are saved in scenario files, and what a file said before, so that it can be had back.
+    """Saving of dock layouts in scenario files, with the former layout for a reset.
 
-    ``save`` and ``reset`` wait on files, in a thread of their own, and raise ToldFailure; the rest is called in the GUI
+    ``save`` and ``reset`` access files in a background thread and raise ToldFailure; all else is called in the GUI
     thread.
     """
 
     def save(self, scenario: Scenario, asked: intents.SaveLayout) -> Path:
-        """Write the scenario with that arrangement, in its own file or the one that its title names; gives which."""
+        """Write the scenario with a layout, to its own file or a new one for its title; returns the path."""
 
     def note_saved(self, path: Path, asked: intents.SaveLayout, *, replaced: Scenario) -> None:
-        """That was written; ``replaced`` is the scenario as it was open until then."""
+        """Register a saved layout; ``replaced``: the scenario before."""
 
     def as_before(self, scenario: Scenario) -> Scenario:
-        """The scenario with the arrangements that saving replaced."""
+        """The scenario with the layouts that saving replaced."""
 
     def reset(self, scenario: Scenario, before: Scenario) -> Path:
-        """Write the scenario with the arrangements of ``before``."""
+        """Write the scenario with the layouts of ``before``."""
 
     def note_reset(self, path: Path) -> None:
-        """That was written."""
+        """Register a reset."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
-    """``load`` and whatever saves raise ToldFailure; ``text`` is what is recorded of a scenario. ``save_text`` is given
-    the text, its file, the file it was edited from and the checksum of what it may replace, and gives what the file
-    says then. ``share`` writes one file for others, ``unpack`` takes what came so with what was decided of its names,
-    and ``conflicts`` gives those that something else has. All of them wait on files, and are called in a thread of
-    their own. Without ``layouts`` no arrangement of panels is saved.
+    """``load`` and all saving functions raise ToldFailure; ``text`` is the recorded text of a scenario. ``save_text``
+    gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
+    ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and ``conflicts``
+    lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not saved.
     """
 
     load: Callable[[Path], Scenario]
@@ -92,14 +89,14 @@ class ScenarioParts:
 
 Places = tuple[Place, ...]
 Filed = tuple[Scenario, str]
-"""A scenario as it is in its file now, and the text of it."""
+"""Scenario as in its file, with its text."""
 
 
 class ScenarioService(Service):
-    """Keeps ``state.scenario`` and ``state.places``. ``apply`` lets every service follow another scenario. A scenario
-    whose file somebody else changes is opened anew.
+    """Maintains ``state.scenario`` and ``state.places``. ``apply`` passes a scenario to all services. A scenario
+    changed on disk by another program is reopened.
 
-    Files are read and written one after the other in the order of the requests, so that the last one counts.
+    Files are accessed in the order of requests, so that the last one wins.
     """
 
     def __init__(
@@ -120,14 +117,14 @@ class ScenarioService(Service):
         self._slow_work = slow_work
         self._apply = apply
         self._layout: LayoutChanged | None = None
-        # Who starts the program with a scenario is its wizard.
+        # A scenario given at program start counts as the wizard's choice.
         self._opened_by: Actor = WIZARD
         self._closed = False
         self._show = QTimer(self, singleShot=True, interval=_NEXT_TURN_MS)
         self._show.timeout.connect(self._show_current)
         self.current = scenario
         self._text = parts.text(scenario)
-        # ``current`` as it is once all that was asked for is done: only for the thread that does it.
+        # ``current`` after all pending requests; for the background thread only.
         self._filed = scenario
         state.scenario.set(scenario)
         self._watch = ScenarioWatch(slow_work, self._on_changed_outside, self)
@@ -152,7 +149,7 @@ class ScenarioService(Service):
         self._bus.publish(self._opened())
 
     def standing(self, now_ns: int) -> list[Event]:
-        """What heads a recording of it."""
+        """Initial events of a recording about it."""
         return [self._opened(), *([] if self._layout is None else [replace(self._layout, stamp_ns=now_ns)])]
 
     def _layouts(self) -> LayoutFiles:
@@ -179,7 +176,7 @@ class ScenarioService(Service):
         self._rewrite(lambda scenario: layouts.save(scenario, asked), written, asked.actor)
 
     def _reset_layout(self, asked: intents.ResetLayout) -> None:
-        """An arrangement that was saved is undone in its file too, or the next start would bring it back."""
+        """Undo a saved layout in the file too; otherwise the next start would restore it."""
         if self._parts.layouts is None:
             return  # none was saved
         layouts = self._parts.layouts
@@ -197,9 +194,9 @@ class ScenarioService(Service):
         self._rewrite(lambda scenario: layouts.reset(scenario, before), written, asked.actor)
 
     def _rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None], actor: Actor) -> None:
-        """Have ``write`` put the scenario into a file, which ``written`` hears of, and open that.
+        """Write the scenario with ``write``, notify ``written``, and open the result.
 
-        ``write`` is called in a thread of its own, and raises ToldFailure.
+        ``write`` runs in a background thread and raises ToldFailure.
         """
 
         def work() -> tuple[Path, Filed]:
@@ -222,7 +219,7 @@ class ScenarioService(Service):
         self._watch.stop()
 
     def _on_changed_outside(self, path: Path) -> None:
-        """Somebody wrote the file that is open: what it says holds, unless it says something that it may not."""
+        """Reopen the scenario after an external change, unless it needs a confirmation."""
 
         def work() -> Filed:
             try:
@@ -245,7 +242,7 @@ class ScenarioService(Service):
         )
 
     def _confirm_file(self, asked: intents.ConfirmFile) -> None:
-        """A yes is kept before what waits for it is done: both go through the same queue."""
+        """Save the confirmation before the pending intent: both go through the same queue."""
         question = self._state.file_question.value
         if question is None or question.sha256 != asked.sha256:
             return
@@ -279,7 +276,7 @@ class ScenarioService(Service):
             text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
             concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
             if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
-                # Another one, whose protocol would begin anew: what is recorded goes on with the one that it has.
+                # For another scenario the protocol would restart: the recording keeps its own.
                 concerned = [asked.path.resolve()]
             open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
             sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
@@ -353,7 +350,7 @@ class ScenarioService(Service):
 
         self._slow_work.do(lambda: self._parts.share(self._filed, asked.path), done, self._bus.answer)
 
-    def _load(self, path: Path) -> Filed:  # the thread of slow work
+    def _load(self, path: Path) -> Filed:  # background thread
         self._filed = self._parts.load(path)
         return self._filed, self._parts.text(self._filed)
 
@@ -371,7 +368,7 @@ class ScenarioService(Service):
         self._show.start()
 
     def _show_current(self) -> None:
-        # Opened anew it has the arrangement of its file again.
+        # Reopened with the layout of its file.
         self._state.scenario.set_anew(self.current)
 
     def _opened(self) -> ScenarioOpened:
@@ -396,7 +393,7 @@ class ScenarioService(Service):
         self._change_places(without_it, PlacesChanged(clock.now_ns(), asked.place, None, asked.actor))
 
     def _change_places(self, change: Callable[[Places], Places | None], event: PlacesChanged) -> None:
-        """``change`` gives None where there is nothing to do."""
+        """``change`` returns None for no change."""
 
         def work() -> Filed | None:
             places = change(self._filed.places)

@@ -1,4 +1,4 @@
-"""A session from start to end: who is told what as its recording begins, pauses and ends."""
+"""Session service: coordinates the services at start, pause and end of a recording."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +34,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class SessionParts:
-    """All but ``photo_file`` waits on files, in a thread of its own; ``new_session`` makes the folder, and raises
+    """All but ``photo_file`` access files, in a background thread; ``new_session`` creates the folder, and raises
     ToldFailure in English.
     """
 
@@ -46,13 +46,13 @@ class SessionParts:
     study: Path
 
     def disk(self, scenario: Scenario) -> tuple[int | None, float | None]:
-        """What is free, and what an hour of recording takes. Waits on files."""
+        """Free space, and usage per hour of recording. Reads files."""
         return self.free_bytes(), self.expected_bytes_per_hour(scenario)
 
 
 @dataclass(frozen=True, slots=True)
 class Concerned:
-    """The services that a session concerns."""
+    """Services involved in a session."""
 
     recording: RecordingService
     microphone: MicrophoneService
@@ -102,7 +102,7 @@ class SessionService(Service):
             return
         if not asked.anyway:
             self._refuse_unready()
-        # What was said with one participant is neither told to the model about the next nor in the next one's record.
+        # One participant's conversation must enter neither the model's context nor the record of the next.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
         concerned.suggestions.forget()
@@ -111,13 +111,13 @@ class SessionService(Service):
         if not concerned.recording.announce_session([*self._standing(resumed=False), *checked]):
             return
         if concerned.scenario.current.permissions.audio_recording:
-            # Nothing that is said at the beginning shall be missing; opening it takes a second or two.
+            # Opening takes a second or two, and the first words must not be missing.
             concerned.microphone.open_and_then(lambda: self._begin(asked))
         else:
             self._begin(asked)
 
     def _refuse_unready(self) -> None:
-        """Whoever asks, by whatever key: the required checks are passed, or somebody was told of them before."""
+        """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
         waits = self._with.preflight.waits_for()
         if waits:
             raise ToldFailure(
@@ -139,7 +139,7 @@ class SessionService(Service):
         )
 
     def _standing(self, *, resumed: bool) -> list[Event]:
-        """What happened once and holds until it happens again, as it stands now that a recording begins or goes on."""
+        """Persistent state as events, at the start or resumption of a recording."""
         now_ns, state = clock.now_ns(), self._state
         link: LinkStatus = state.link.value
         standing: list[Event] = [
@@ -154,7 +154,7 @@ class SessionService(Service):
             standing.append(replace(latched, stamp_ns=now_ns))
         goal: GoalChanged | None = state.goal.value
         if goal is not None and (resumed or goal.state in ("requested", "active")):
-            # One that came to its end before is none of this recording; during a pause its end is still missing.
+            # A goal that ended before does not belong to this recording; during a pause its end is missing.
             standing.append(replace(goal, stamp_ns=now_ns))
         standing += [
             PersonAppeared(now_ns, row.person_id, row.track, row.number) for row in state.persons.value if row.here
@@ -165,7 +165,7 @@ class SessionService(Service):
         concerned = self._with
         concerned.marks.end_all(actor)
         if not concerned.recording.idle:
-            # An answer that nobody used is so until the end, and the next participant shall not see it.
+            # Unused answers are recorded as such at the end, and hidden from the next participant.
             concerned.assistant.forget()
             concerned.suggestions.forget()
         concerned.microphone.close()
@@ -174,7 +174,7 @@ class SessionService(Service):
 
     def _pause(self, asked: intents.PauseRecording) -> None:
         concerned = self._with
-        # What was asked before belongs to what is recorded, what is asked meanwhile does not.
+        # Earlier questions belong to the recording, those during the pause do not.
         concerned.assistant.forget()
         concerned.suggestions.forget()
         if asked.paused:
@@ -192,12 +192,12 @@ class SessionService(Service):
         if status.state in ("idle", "failed"):
             self._with.protocol.end_session()
         if status.state in ("idle", "failed") and self._with.microphone.records:
-            # It ended by itself, as on a full disk.
+            # It ended unexpectedly, for example on a full disk.
             self._with.microphone.close()
             self._with.marks.forget()
 
     def look_before(self, told: Callable[[BeforeRecording], None]) -> None:
-        """As :meth:`WizardConsole.look_before_recording`."""
+        """Implements :meth:`WizardConsole.look_before_recording`."""
         scenario = self._with.scenario.current
 
         def look() -> BeforeRecording:

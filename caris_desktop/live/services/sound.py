@@ -1,4 +1,4 @@
-"""Sound for the wizard and from the wizard: hearing the robot's microphone along, and push-to-talk. GUI thread."""
+"""Sound service: playback of the robot's microphone to the wizard, and push-to-talk. GUI thread."""
 
 from dataclasses import replace
 
@@ -24,26 +24,26 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.model import Scenario
 
-# Whoever has just spoken often speaks again, and a microphone takes a moment to open.
+# A wizard often speaks again soon, and opening a microphone takes a moment.
 _OPEN_FOR_MS = 20_000
-# The robot's microphone hears the last of the wizard's own voice later than it was said.
+# The robot's microphone receives the end of the wizard's voice with a delay.
 _DEAF_FOR_MS = 500
 _HEARING = "hearing"
 
 
 @dataclass(frozen=True, slots=True)
 class SoundParts:
-    """What plays the robot's sound to the wizard, and the wizard's voice to the participant."""
+    """Playback of the robot's audio to the wizard, and of the wizard's voice to the participant."""
 
     hearing: ProcessBody
     own_voice: ProcessBody
 
 
 class SoundService(Service):
-    """Keeps ``state.sound``.
+    """Maintains ``state.sound``.
 
-    While the wizard's own voice goes out, what the robot hears is not played: it would be that voice, a little later,
-    and nobody can speak against it.
+    During push-to-talk the robot's microphone is not played: the wizard would hear their own voice delayed, which makes
+    speaking impossible.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class SoundService(Service):
         self._get_ready()
 
     def _get_ready(self, _robot: object = None) -> None:
-        """What plays the wizard's voice here is started before it is needed, once it is known that it will be."""
+        """Start the playback of the wizard's voice in advance, once it is known to be needed."""
         scenario, robot = self._scenario, self._state.robot.value
         if not self._started or scenario is None or not scenario.permissions.own_voice:
             return
@@ -130,7 +130,7 @@ class SoundService(Service):
         self._hearing.stop()
         self._voice.playback.stop()
 
-    # The wizard's own voice
+    # Push-to-talk
 
     def _push_to_talk(self, asked: intents.PushToTalk) -> None:
         if not asked.on:
@@ -147,7 +147,7 @@ class SoundService(Service):
         if asked.to == "robot":
             speech = self._state.speech.value
             if speech.now is not None or speech.waiting:
-                # One voice at a time: the robot's own gives way.
+                # One voice at a time: robot speech is interrupted.
                 self._speech.queue.silence(asked.actor)
             robot = self._state.robot.value
             rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
@@ -199,13 +199,13 @@ class SoundService(Service):
 
     def _on_microphone(self, status: MicrophoneStatus) -> None:
         if status.state == "failed":
-            self._voice.fail(QT_TR_NOOP("the microphone cannot be heard"))  # why, it tells itself
+            self._voice.fail(QT_TR_NOOP("the microphone cannot be heard"))  # reported by the microphone itself
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media" and event.state in ("lost", "closed") and self._voice.outlets == {"robot"}:
             self._voice.fail(QT_TR_NOOP("the link to the robot was lost"))
 
-    # Hearing along
+    # Listening to the robot's microphone
 
     def _hear_robot(self, asked: intents.HearRobot) -> None:
         scenario = self._scenario

@@ -1,4 +1,6 @@
-"""Which of the people here a participant's words are taken for; the wizard's own are told apart. GUI thread."""
+"""Speaker service: assigns a participant's turns to people present; the wizard's are detected
+separately. GUI thread.
+"""
 
 from collections import OrderedDict, deque
 
@@ -18,7 +20,9 @@ _TURNS_AT_MOST = 20
 
 
 class SpeakersService(Service):
-    """Says it by a correction of the console's, which one key of the wizard's puts right and which learns nothing."""
+    """Publishes assignments as corrections by the console, which the wizard can change with one key; nothing is learnt
+    from them.
+    """
 
     def __init__(self, state: LiveState, bus: Bus, parent: QObject) -> None:
         super().__init__(parent)
@@ -35,7 +39,7 @@ class SpeakersService(Service):
         return {UtteranceChanged: self._on_utterance}
 
     def who_speaks(self, utterance: UtteranceChanged) -> str:
-        """The id of the person who says or said it; empty where nobody can be sure."""
+        """Person id of the speaker; empty if uncertain."""
         return utterance.person_id or self._who_spoke(utterance)[0]
 
     def _who_spoke(self, utterance: UtteranceChanged) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""What the wizard has the robot say: gaps filled or asked for, the queue changed by hand, gestures along with it."""
+"""Speaking service: template values, placeholder questions, edits of the queue, and gestures of utterances."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +30,7 @@ from caris_desktop.scenario.phrases import PhraseEntry
 
 
 class SpeakingService(Service):
-    """In front of the queue: nothing is spoken with a gap in it, and no name goes on record."""
+    """Front end of the queue: no placeholder is spoken, and no name is recorded."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class SpeakingService(Service):
         do: Callable[[Intent], str],
         parent: QObject,
     ) -> None:
-        """``do`` asks the console for what goes along with an utterance, through the gate."""
+        """``do`` sends the gesture of an utterance to the console, through the gate."""
         super().__init__(parent)
         self._state = state
         self._queue = queue
@@ -166,7 +166,7 @@ class SpeakingService(Service):
                 self._do(intents.ShowExpression(face, actor=event.actor))
 
     def _gesture(self, asked: UtteranceChanged) -> None:
-        """The gate tells the wizard where it refuses; what is said goes on either way."""
+        """Perform the gesture; a refusal by the gate does not stop the speech."""
         actor: Actor = asked.actor
         if asked.gesture == NOD:
             self._do(intents.Nod(actor=actor))

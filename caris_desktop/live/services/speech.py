@@ -1,4 +1,4 @@
-"""What the robot says: one queue, in front of the robot's own voice or this computer's."""
+"""Speech service: speech queue in front of the robot's or this computer's voice."""
 
 import re
 import textwrap
@@ -38,7 +38,7 @@ from caris_desktop.scenario.phrases import sentences
 
 
 class LinkVoice:
-    """The robot speaks; its link reports."""
+    """Robot text-to-speech; its link reports."""
 
     def __init__(self, state: LiveState, robot: RobotPort) -> None:
         self._state = state
@@ -67,7 +67,7 @@ class LinkVoice:
 
 
 class SpeechService(Service):
-    """Runs this computer's voice, and has the queue in front of both."""
+    """Runs this computer's voice, and the queue in front of both."""
 
     def __init__(
         self, state: LiveState, bus: Bus, children: Children, body: ProcessBody, *, robot: RobotPort, parent: QObject
@@ -139,9 +139,7 @@ class SpeechService(Service):
         self._prepare()
 
     def _fall_silent(self) -> None:
-        """In this scenario the robot does not speak: what it was about to say is dropped, and this computer's voice
-        ends.
-        """
+        """Disable speech in this scenario: drop the queue and end this computer's voice."""
         speech = self._state.speech.value
         if speech.now is not None or speech.waiting:
             self.queue.silence(CONSOLE)
@@ -163,11 +161,11 @@ class SpeechService(Service):
             self._child.stop(grace_s=1.5)
 
     def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
-        """To the computer's voice, now or not at all."""
+        """Send to this computer's voice without waiting; False if impossible."""
         return self._child is not None and self._child.send(message)
 
     def on_heard(self, message: Any) -> None:
-        """What this computer's voice says of itself."""
+        """Handle a status message of this computer's voice."""
         match message:
             case SynthesisReady():
                 detail = "" if message.audible else QT_TR_NOOP("no sound device: nobody hears it")
@@ -214,7 +212,7 @@ class SpeechService(Service):
             self._held_problem = None
 
     def _speaking_voice(self) -> VoiceKind:
-        """The voice of the scenario; this computer's where the robot has none, which is said once for each robot."""
+        """The scenario's voice; this computer's if the robot has none, which is reported once per robot."""
         robot: RobotProfile | None = self._state.robot.value
         if self._output == "computer" or robot is None or robot.speech is not None:
             return self._output
@@ -260,7 +258,7 @@ class SpeechService(Service):
         self._prepare()
 
     def _prepare(self) -> None:
-        """What may be said next, the likeliest first. A text with a name in it is only known when it is said."""
+        """Prepare likely next utterances, most likely first. Texts with a name are only known when spoken."""
         if self._soon.isActive():
             return
         waiting = (utterance.text for utterance in self._state.speech.value.waiting)
@@ -276,7 +274,7 @@ class SpeechService(Service):
         self.queue.report(told)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
-        """What a process with a voice sends. What became of an utterance is on record whatever the GUI thread does."""
+        """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
         if isinstance(value, UtteranceChanged) and value.origin != "heard":
             if not self._both.told(value):
                 self.queue.report(value, raw)
@@ -290,7 +288,7 @@ class SpeechService(Service):
             self.read(value, raw)
 
     def _tell(self, problem: Problem) -> None:
-        """What is wrong with this computer's voice matters once a scenario speaks with it."""
+        """Report a problem of this computer's voice once a scenario uses it."""
         if self._settings.at_hand:
             self._bus.publish(problem)
         else:
@@ -300,13 +298,13 @@ class SpeechService(Service):
         if event.link != "control":
             return
         if event.state in ("connecting", "closed"):
-            # Of what was asked of another link process nobody tells; a lost link's own process still does.
+            # A new link process does not report earlier requests; after a mere disconnection the process still does.
             self._on_voice_lost("robot", QT_TR_NOOP("the link was lost"))
         self.queue.on_voice_changed()
 
     def _on_ended(self, child: ChildProcess) -> None:
         if child is not self._child:
-            return  # it was replaced while the news of its end was on its way
+            return  # replaced while its exit was being reported
         self._child = None
         self._state.speech.set(replace(self._state.speech.value, ready=False, detail=QT_TR_NOOP("the voice stopped")))
         self._restarts.after_end(self._tell_ended, self._begin)
@@ -332,12 +330,12 @@ class SpeechService(Service):
 
 
 def _without_ids(text: str) -> str:
-    """A few words of what was to be said; ids stand in it where names are said."""
+    """Shortened text; names are ids in it."""
     return textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", text), 60, placeholder="…")
 
 
 class _Computer:
-    """The computer's voice, as the queue sees it."""
+    """This computer's voice, as used by the queue."""
 
     held_up = False
 

@@ -1,4 +1,4 @@
-"""Suggested replies: asked for at each pause of a participant, shown as they are written, said with a key."""
+"""Suggestion service: replies requested at each pause of a participant, streamed, and said by key."""
 
 import secrets
 from collections.abc import Sequence
@@ -44,14 +44,14 @@ from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.scenario.assistant import AssistantPeople
 from caris_desktop.scenario.model import Scenario
 
-# What the robot said as the last ones is no reply to what was said after it.
+# The robot's last utterances are no replies to what followed.
 _NOT_AGAIN = 2
 _FUNCTIONS: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
 
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What the model was asked, for the wizard's eyes."""
+    """The model's prompt, for the wizard."""
 
     begun: Round
     messages: tuple[ChatMessage, ...]
@@ -60,7 +60,7 @@ class _Asked:
 
 
 class SuggestionsService(Service):
-    """Keeps ``state.suggestions`` and ``state.levels``, and has fillers said that are late."""
+    """Maintains ``state.suggestions`` and ``state.levels``, and says fillers when a reply is late."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class SuggestionsService(Service):
         before, self._scenario = self._used, scenario
         self._used = scenario
         if before is not None and _assisted_alike(before, scenario):
-            return  # as where a place was saved: what the wizard set stays
+            return  # as when a place was saved: the wizard's levels stay
         self.forget()
         for function in _FUNCTIONS:
             self._use_level(function, scenario.highest_level(function), CONSOLE)
@@ -123,14 +123,14 @@ class SuggestionsService(Service):
         self.forget()
 
     def forget(self) -> None:
-        """Another participant comes, or nothing of what is said now belongs to the record: all of it is put away."""
+        """Discard everything: another participant comes, or the recording pauses."""
         self._doing = ""
         self._filler.spoken()
         self._rounds.forget(clock.now_ns())
         self._proposals.drop(QT_TR_NOOP("the conversation is over"))
         self._show()
 
-    # What is heard and said
+    # Conversation events
 
     def _on_hearing(self, hearing: Hearing) -> None:
         if hearing.speaking and hearing.speaker in ("", "participant"):
@@ -156,7 +156,7 @@ class SuggestionsService(Service):
         self._show()
 
     def _on_correction(self, correction: UtteranceCorrected) -> None:
-        """What was replied to was said by somebody else, or with other words."""
+        """Handle a correction of the turn that was replied to."""
         current = self._rounds.round
         if current is None or current.turn_id != correction.utterance_id:
             return
@@ -175,10 +175,10 @@ class SuggestionsService(Service):
         levels: LevelsStatus = self._state.levels.value
         return levels.replies != "off" or levels.actions != "off"
 
-    # The model is asked: what Rounds tells of
+    # Callbacks of Rounds
 
     def ask(self, begun: Round) -> None:
-        """Rounds: a round begins."""
+        """Rounds: a cycle begins."""
         self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
         self._asked = asked = self._question(begun)
@@ -203,7 +203,7 @@ class SuggestionsService(Service):
             self._detail = failure.advice or failure.what
 
     def _read_ahead(self) -> None:
-        """While the participant still speaks, the model of this program reads what was said before."""
+        """Let the embedded model preload the conversation while the participant speaks."""
         if self._listens and self._model.embedded:
             self._model.warm_up(self._said_before(), "replies")
 
@@ -215,13 +215,13 @@ class SuggestionsService(Service):
         return self._question(Round("", 0, "", 0)).messages
 
     def drop(self, why: str) -> None:
-        """Rounds: nobody waits for these replies any more."""
+        """Rounds: these replies are no longer needed."""
         asking, self._asking = self._asking, None
         if asking is not None:
             asking.cancel(why)
 
     def tell(self, event: SuggestionChanged) -> None:
-        """Rounds: a reply was shown, or met its fate."""
+        """Rounds: a reply was shown, or its outcome is known."""
         self._bus.publish(event)
 
     def _question(self, begun: Round) -> _Asked:
@@ -233,7 +233,7 @@ class SuggestionsService(Service):
 
         def told(what: AssistantPeople) -> tuple[ChatMessage, ...]:
             rows: list[PersonRow] = [row for row in self._state.persons.value if row.here]
-            # Who is spoken to comes first: of many only some are told.
+            # The addressee comes first: of many people only some are listed.
             rows.sort(key=lambda row: row.person_id != person_id)
             labels = {row.person_id: who_is_here(row, what) for row in rows}
 
@@ -265,7 +265,7 @@ class SuggestionsService(Service):
         )  # fmt: skip
 
     def _goes_on(self, written: str) -> bool:
-        """False where all that was written before turned out to be reasoning: what was offered of it goes."""
+        """False if earlier text was the model's reasoning: replies offered from it are withdrawn."""
         before, self._written = self._written.strip(), written
         if written.startswith(before):
             return True
@@ -283,17 +283,17 @@ class SuggestionsService(Service):
 
     def _on_end(self, asked: _Asked, exchange: LlmExchange) -> None:
         if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
-            return  # it was dropped, and this tells of just that
+            return  # this event reports its own cancellation
         if exchange.outcome == "answered" and not self._goes_on(exchange.answer):
             return
         self._asking = None
         if exchange.outcome == "answered":
-            # A server that keeps to no schema writes one reply a line.
+            # A server that ignores the schema writes one reply per line.
             self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
             self._detail = exchange.detail if exchange.cut else ""
             self._proposals.ask_about(asked.begun, asked.messages, asked.recorded, exchange.answer)
         elif exchange.outcome == "cancelled" and not self._read:
-            # Another model was chosen, which is there once this has returned.
+            # The model was changed; the new one is set after this returns.
             QTimer.singleShot(0, self, lambda: self._ask_again(asked))
         else:
             self._detail = exchange.detail
@@ -311,7 +311,7 @@ class SuggestionsService(Service):
         return answer.splitlines()[: -1 if exchange.cut else None]
 
     def _offer(self, begun: Round, texts: Sequence[str]) -> None:
-        """Show what of it can be said, and is no echo of what was said just now."""
+        """Show replies that can be spoken and do not repeat what was just said."""
         turns: tuple[Turn, ...] = self._state.transcript.value
         said = [turn.text for turn in turns if turn.speaker == "robot" and turn.said][-_NOT_AGAIN:]
         for text in texts:
@@ -320,7 +320,7 @@ class SuggestionsService(Service):
                 self._rounds.offer(begun, self._with_marks(fit), self._model.model, clock.now_ns())
 
     def _with_marks(self, text: str) -> str:
-        """For the record, which holds no names."""
+        """Replace names by ids for the record."""
         for row in self._people():
             text = person_marks.marked(text, row.name, row.person_id) if row.known else text
         return text
@@ -328,7 +328,7 @@ class SuggestionsService(Service):
     def _people(self) -> tuple[PersonRow, ...]:
         return (*self._state.persons.value, *self._state.everybody.value)
 
-    # What the wizard makes of it
+    # Intents
 
     def _say(self, asked: intents.SaySuggestion) -> None:
         card = self._rounds.card(asked.suggestion_id, clock.now_ns())
@@ -346,7 +346,7 @@ class SuggestionsService(Service):
         if card is not None and said:
             self._say_card(card, said, asked.actor)
         else:
-            # The conversation moved on while the wizard wrote: these are their words by now.
+            # The conversation moved on during editing: the text now counts as the wizard's own.
             self._speech.say(asked.text, "typed", asked.actor, recorded=said)
 
     def _say_card(self, card: Suggested, said: str, actor: Actor) -> None:
@@ -370,7 +370,7 @@ class SuggestionsService(Service):
         self._rounds.dismiss(asked.actor, clock.now_ns())
         self._show()
 
-    # Levels
+    # Autonomy levels
 
     def _set_level(self, asked: intents.SetLevel) -> None:
         highest = self._scenario.highest_level(asked.function)
@@ -396,7 +396,7 @@ class SuggestionsService(Service):
             self._filler.spoken()
         self._show()
 
-    # Time
+    # Timer
 
     def _on_time(self) -> None:
         now_ns = clock.now_ns()
@@ -429,7 +429,7 @@ class SuggestionsService(Service):
             moments.append(says_ns)
         next_ns = min((moment for moment in moments if moment is not None), default=None)
         if next_ns is not None:
-            # One that has gone by since the clock was looked at last is due at once.
+            # A deadline that passed since the last check is due now.
             self._timer.start(max(0, (next_ns - now_ns) // 1_000_000 + 1))
         else:
             self._timer.stop()
@@ -443,7 +443,7 @@ class SuggestionsService(Service):
 
 
 def _assisted_alike(before: Scenario, now: Scenario) -> bool:
-    """Whether it is the same scenario as far as the language model and its levels go."""
+    """Whether language model and levels are unchanged."""
     return (before.path, before.permissions, before.assistance, before.assistant) == (
         now.path,
         now.permissions,

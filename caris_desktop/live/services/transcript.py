@@ -1,4 +1,4 @@
-"""What was said since this session began, with what the wizard corrected of it."""
+"""Transcript service: turns of the session, with the wizard's corrections."""
 
 from PySide6.QtCore import QObject
 
@@ -13,7 +13,7 @@ from caris_desktop.live.state import LiveState
 
 
 class TranscriptService(Service):
-    """Keeps ``state.transcript``, and takes corrections of it."""
+    """Maintains ``state.transcript``, and applies corrections."""
 
     def __init__(self, state: LiveState, bus: Bus, parent: QObject) -> None:
         super().__init__(parent)
