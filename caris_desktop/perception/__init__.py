@@ -1,1 +1,1 @@
-"""Perception Module: cameras, detectors, trackers."""
+"""Perception: cameras, person detectors, trackers, re-identification."""

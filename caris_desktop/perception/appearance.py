@@ -1,4 +1,4 @@
-"""How somebody looks, as a vector: crops of people through a re-identification network (OSNet's form, ONNX)."""
+"""Appearance embeddings of people: crops through a re-identification network (OSNet, ONNX)."""
 
 import logging
 from collections.abc import Iterable, Sequence
@@ -17,18 +17,18 @@ log = logging.getLogger(__name__)
 WIDTH_PX, HEIGHT_PX = 128, 256
 _NAMES = "osnet*.onnx"
 _PREFERRED = "osnet_x0_25_msmt17.onnx"
-# ImageNet's, in RGB. Fed with pictures that are only scaled, OSNet recognises half as many.
+# ImageNet's, in RGB. With images that are only scaled, OSNet recognises half as many.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 
 
 class AppearanceError(Exception):
-    """A file that is no such network. The message is for the wizard."""
+    """Unusable network file. The message is for the wizard."""
 
 
 class AppearanceModel:
-    """For one thread. ``name`` is the network's: its file's name and the beginning of its checksum, since vectors of
-    two networks are never alike. A checksum beside the file (``.sha256``) has to be its own.
+    """Re-identification network. For one thread. ``name`` is the file's name and the beginning of its checksum, since
+    vectors of two networks are not comparable. A checksum next to the file (``.sha256``) must match.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class AppearanceModel:
     """
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        # The console, which imports this module for its types, does without onnxruntime.
+        # The console imports this module for its types, without onnxruntime.
         from caris_desktop.perception.backends.onnx import session_options
         from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 
@@ -50,7 +50,7 @@ class AppearanceModel:
             self._session: Any = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         except WrongChecksum as error:
             raise AppearanceError(str(error)) from error
-        except Exception as error:  # onnxruntime raises types of its own, which it does not name
+        except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
             raise AppearanceError(
                 filled(QT_TR_NOOP("The re-identification model {name} could not be loaded."), name=path.name)
@@ -65,7 +65,7 @@ class AppearanceModel:
                 )
             )
         self._one_by_one = first.shape[0] == 1
-        self.look(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # the first is the slowest
+        self.look(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # warm-up: slow
 
     def look(self, image_bgr: NDArray[np.uint8], corners_px: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """One row of unit length for each box (left, top, right, bottom), shape (boxes, length of a vector)."""
@@ -77,7 +77,7 @@ class AppearanceModel:
 
 
 def find_appearance(folders: Iterable[Path]) -> Path | None:
-    """The first re-identification network in these folders; None where none is."""
+    """First re-identification network in these folders; None if there is none."""
     for folder in folders:
         preferred = folder / _PREFERRED
         if preferred.is_file():

@@ -1,7 +1,7 @@
-"""Makes people unrecognisable: parts of a picture as a few flat blocks, from which nothing can be worked out again.
+"""Blurring of people: pixelates image areas irreversibly.
 
-What is left of a face is at most six blocks across, of a body ten, each the average of its pixels in coarse steps:
-less, also over many frames, than anybody is recognised by.
+A face is reduced to at most six blocks across, a body to ten, each a coarse average: too little for recognition, even
+over many frames.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ _LEAST_HEAD_OF_HEIGHT = 0.07
 
 
 def part_to_cover(box: PersonBox, what: What) -> Corners:
-    """Where the face may be in somebody's box, or all of the box.
+    """Area of the face in a person's box, or the whole box.
 
-    The head is the upper third, or more where the box is broad for its height: sitting, cut off, or bent.
+    The head is the upper third, or more if the box is wide for its height: sitting, cropped, or bent.
     """
     left, top = box.left_px, box.top_px
     right, bottom = left + box.width_px, top + box.height_px
@@ -44,10 +44,10 @@ def part_to_cover(box: PersonBox, what: What) -> Corners:
 
 
 def head_of(keypoints: NDArray[np.float64], height_px: float) -> Corners | None:
-    """Where somebody's head is by nose, eyes and ears, wherever in the box that is: bent, lying, an arm above it.
+    """Area of the head by nose, eyes and ears, wherever it is in the box: bent, lying, an arm above it.
 
     ``keypoints`` are COCO's of one person, shape (17, 3): x, y in pixels, visibility; ``height_px`` is that of the box.
-    None where fewer than two of them are seen.
+    None if fewer than two of them are visible.
     """
     seen = keypoints[:5][keypoints[:5, 2] >= _SEEN]
     if len(seen) < 2:
@@ -59,24 +59,24 @@ def head_of(keypoints: NDArray[np.float64], height_px: float) -> Corners | None:
 
 
 def cover(image_bgr: NDArray[np.uint8], parts: Sequence[Corners], what: What) -> None:
-    """Pixelate these parts in place. ``image_bgr``: uint8, shape (height, width, 3)."""
+    """Pixelate these areas in place. ``image_bgr``: uint8, shape (height, width, 3)."""
     height_px, width_px = image_bgr.shape[:2]
     for left, top, right, bottom in parts:
         x0, y0 = max(0, int(np.floor(left))), max(0, int(np.floor(top)))
         x1, y1 = min(width_px, int(np.ceil(right))), min(height_px, int(np.ceil(bottom)))
         if x0 < x1 and y0 < y1:
-            # Blocks are as large as those of the whole part, also where most of it is beyond the picture's edge.
+            # Block size by the whole area, even if most of it is outside the image.
             block_px = max(_LEAST_BLOCK_PX, (right - left) / BLOCKS_ACROSS[what])
             _pixelate(image_bgr[y0:y1, x0:x1], block_px)
 
 
 def cover_all(image_bgr: NDArray[np.uint8]) -> None:
-    """Pixelate the whole picture in place, so that a face that fills a third of it is no more than six blocks."""
+    """Pixelate the whole image in place, so that a face of a third of it has at most six blocks."""
     _pixelate(image_bgr, max(_LEAST_BLOCK_PX, image_bgr.shape[1] / WHOLE_BLOCKS_ACROSS))
 
 
 def _pixelate(part_bgr: NDArray[np.uint8], block_px: float) -> None:
-    import cv2  # heavy, and not of every process that imports this
+    import cv2  # heavy, and not needed by every process that imports this
 
     height_px, width_px = part_bgr.shape[:2]
     across, down = max(1, int(width_px / block_px)), max(1, int(height_px / block_px))

@@ -1,4 +1,4 @@
-"""The things of the data set COCO, which most detectors were made with, in its order."""
+"""Class names of the COCO data set, which most detectors are trained on, in its order."""
 
 COCO_NAMES = (
     "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",

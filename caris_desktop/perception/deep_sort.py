@@ -1,7 +1,7 @@
-"""The tracker of the published system, DeepSORT (Wojke, Bewley and Paulus, 2017), to compare with.
+"""DeepSORT tracker (Wojke, Bewley and Paulus, 2017), as in the published system, for comparison.
 
-Where somebody would be gates who it can be, how they look decides, and whoever was seen last chooses first. Two things
-differ: time is counted in seconds, as in all of this program, and without a network for looks only ways decide.
+Motion gates the candidates, appearance decides, and recently seen tracks match first. Two differences: time is in
+seconds, as in the whole program, and without an appearance network motion alone decides.
 """
 
 import itertools
@@ -17,10 +17,10 @@ from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of
 
 _LEAST_CONFIDENCE = 0.3
 _CONFIRM_AFTER = 3
-_LOST_S = 1.2  # 30 pictures of the 25 a second that it was made for
+_LOST_S = 1.2  # 30 frames at 25 Hz, its original frame rate
 _LOOKS_KEPT = 100
-_LOOKS_AT_MOST_APART = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors lie closer together
-_GATE = 9.4877  # chi-squared of four measures, 95 %
+_LOOKS_AT_MOST_APART = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors are closer together
+_GATE = 9.4877  # chi-squared with four degrees of freedom, 95 %
 _OVERLAP_AT_LEAST = 0.3
 _NEVER = 1e5
 
@@ -37,7 +37,7 @@ class _Track(Motion):
 
 
 class DeepSort:
-    """Follows the people of one camera. ``new_number`` gives the number of each new one."""
+    """Tracks the people of one camera. ``new_number`` returns the number of a new track."""
 
     def __init__(self, new_number: Callable[[], int]) -> None:
         self._new_number = new_number
@@ -52,13 +52,13 @@ class DeepSort:
         shift_px: tuple[float, float] = (0.0, 0.0),
         appearance_of: AppearanceOf | None = None,
     ) -> list[Followed]:
-        """Take in the next picture; as :meth:`caris_desktop.perception.following.Follower.follow`."""
+        """Add the next frame; as :meth:`caris_desktop.perception.following.Follower.follow`."""
         for track in self._tracks:
             track.advance(stamp_s, shift_px)
         boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
         looks = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
         pairs: list[tuple[_Track, int]] = []
-        # The longer ago, the less is known of where they are, and the more boxes would suit them.
+        # The longer a track is lost, the larger its uncertainty and the more boxes match it.
         confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
         before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
         for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
@@ -99,7 +99,7 @@ def _by_looks(
 
 
 def _apart(track: _Track, corners: Floats, looks: Floats | None) -> float:
-    """The least cosine distance of all views of somebody; where nobody looks, how unlikely the way is."""
+    """Minimum cosine distance over a track's views; without a network, scaled Mahalanobis distance."""
     unlikely = track.unlikeliness(corners)
     if unlikely > _GATE:
         return _NEVER

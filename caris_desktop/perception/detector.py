@@ -1,4 +1,4 @@
-"""What finds things in one picture: the interface of all detectors, which ``backends`` opens."""
+"""Detector interface, implemented in ``backends``."""
 
 from typing import Protocol
 
@@ -14,11 +14,11 @@ _COCO_CLASS_COUNT = 80
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections:
-    """What was found in one picture, in no particular order.
+    """Detections in one image, in no particular order.
 
-    ``corners_px`` is left, top, right, bottom inside the picture, shape (n, 4); ``confidences`` and ``classes`` (rows
-    of the detector's ``class_names``) have shape (n,). ``keypoints`` is x, y in pixels and visibility of the 17 of
-    COCO, shape (n, 17, 3), None from a detector that knows none.
+    ``corners_px`` is left, top, right, bottom inside the image, shape (n, 4); ``confidences`` and ``classes`` (rows of
+    the detector's ``class_names``) have shape (n,). ``keypoints`` is x, y in pixels and visibility of COCO's 17, shape
+    (n, 17, 3), None if unsupported.
     """
 
     corners_px: NDArray[np.float64]
@@ -28,22 +28,22 @@ class Detections:
 
 
 class DetectorAwayError(Exception):
-    """A detector on another machine cannot be asked now; says why, without an end. Trying again may help."""
+    """A remote detector is unavailable; the reason as a phrase. A retry may succeed."""
 
 
 class Detector(Protocol):
-    """For one thread. ``label`` is what the wizard reads."""
+    """For one thread. ``label`` is displayed to the wizard."""
 
     label: str
     class_names: tuple[str, ...]
 
     def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
-        """Everything above the least confidence in a picture: uint8 BGR, shape (height, width, 3)."""
+        """Detections above the confidence threshold in an image: uint8 BGR, shape (height, width, 3)."""
         ...
 
 
 def person_classes(detector: Detector, weights: Weights) -> tuple[int, ...]:
-    """Which classes of the detector mean a person.
+    """Classes of the detector that mean a person.
 
     Raises
     ------

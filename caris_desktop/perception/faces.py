@@ -1,7 +1,7 @@
-"""How a face looks, as a vector: faces through a network in ArcFace's form (ONNX, 112 x 112), which the study supplies.
+"""Face embeddings: aligned faces through an ArcFace network (ONNX, 112 x 112) that the study supplies.
 
-Where the detector tells eyes and nose, the face is turned and scaled so that they lie where the network expects them.
-Where it tells none, the middle of the head's part of the box has to do: that is worth less, and is told as such.
+With eyes and nose from the detector, the face is rotated and scaled to the network's reference positions. Without them,
+the middle of the head area is used, with a lower quality.
 """
 
 import logging
@@ -24,7 +24,7 @@ from caris_desktop.perception.tracker import TrackedBox
 log = logging.getLogger(__name__)
 
 SIDE_PX = 112
-# Where eyes and nose are in the faces that such networks were trained with (insightface, arcface_src).
+# Reference positions of eyes and nose in the networks' training data (insightface, arcface_src).
 _PLACES = np.array([[56.0252, 71.7366], [73.5318, 51.5014], [38.2946, 51.6963]])
 _NOSE, _LEFT_EYE, _RIGHT_EYE = 0, 1, 2
 """Of COCO's keypoints, in the order of ``_PLACES``: somebody's left eye is on the right of the picture."""
@@ -37,14 +37,13 @@ _KEPT = 500
 
 
 class FaceModelError(Exception):
-    """A file that is no such network, or not the one meant. The message is for the wizard."""
+    """Unusable or wrong network file. The message is for the wizard."""
 
 
 class FaceModel:
-    """For one thread. ``name`` is the network's, as vectors of two networks are never alike.
+    """Face network. For one thread. ``name`` identifies it, as vectors of two networks are not comparable.
 
-    Where a file of the same name with ``.sha256`` behind it lies beside it, its checksum has to be the one in there.
-    Raises FaceModelError.
+    A file of the same name plus ``.sha256`` in its folder must contain its checksum. Raises FaceModelError.
     """
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
@@ -66,7 +65,7 @@ class FaceModel:
             self._session: Any = onnxruntime.InferenceSession(
                 content, session_options(threads), providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # onnxruntime raises types of its own, which it does not name
+        except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
             raise FaceModelError(
                 filled(QT_TR_NOOP("The network for faces, {name}, could not be loaded."), name=path.name)
@@ -78,10 +77,10 @@ class FaceModel:
             raise FaceModelError(
                 filled(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
             )
-        self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # the first is the slowest
+        self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 
     def look(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """``face_bgr``: uint8, shape (112, 112, 3). A vector of unit length."""
+        """Embedding of unit length. ``face_bgr``: uint8, shape (112, 112, 3)."""
         rgb = face_bgr[:, :, ::-1].astype(np.float32)
         batch = np.ascontiguousarray(((rgb - 127.5) / 127.5).transpose(2, 0, 1)[np.newaxis])
         vector = np.asarray(self._session.run(None, {self._input: batch})[0], np.float32).reshape(-1)
@@ -89,9 +88,9 @@ class FaceModel:
 
 
 class StudyFaces:
-    """The faces that are looked at where the scenario says so, by the study's network, if it has one. For one thread.
+    """Face embeddings where the scenario permits them, with the study's network if it has one. For one thread.
 
-    Nothing is opened before the first look at which faces may be looked at.
+    The network is opened on the first permitted use.
     """
 
     def __init__(self, path: Path | None, *, threads: int = 1) -> None:
@@ -106,7 +105,7 @@ class StudyFaces:
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
-        """As :meth:`Faces.taken`; none where faces may not be looked at. Raises FaceModelError, once."""
+        """As :meth:`Faces.taken`; empty if faces are not permitted. Raises FaceModelError, once."""
         if not look.faces:
             return []
         path, self._path = self._path, None
@@ -124,7 +123,7 @@ class FaceCrop:
 
 
 class Faces:
-    """For one thread. Of each track at most two faces a second, and one face in each picture: who waited longest."""
+    """For one thread. At most two faces per second and track, and one per image: the track that waited longest."""
 
     def __init__(self, model: FaceModel) -> None:
         self._model = model
@@ -137,7 +136,7 @@ class Faces:
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
-        """``keypoints`` are the detector's, shape (detections, 17, 3), where it tells any."""
+        """Embedding of a due face, if any. ``keypoints`` are the detector's, shape (detections, 17, 3), or None."""
         due = [
             box
             for box in boxes
@@ -158,7 +157,7 @@ class Faces:
 
 
 def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np.float64] | None) -> FaceCrop | None:
-    """The face of who is in the box, as the network expects it; None where it is too small or turned away.
+    """Aligned face of a person; None if it is too small or turned away.
 
     ``keypoints`` are those of this person, shape (17, 3): x, y in pixels, visibility.
     """
@@ -174,7 +173,7 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
 
 
 def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
-    """The middle of the upper end of the box, as broad as heads are for their shoulders."""
+    """Middle of the upper end of the box, in the usual ratio of head to shoulder width."""
     side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
     left, top = box.left_px + (box.width_px - side) / 2, box.top_px
     height, width = image_bgr.shape[:2]
@@ -186,7 +185,7 @@ def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
 
 
 def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn, scale and shift that brings the points nearest to the places, shape (2, 3): Umeyama 1991, least squares."""
+    """Similarity transform of the points to the reference positions, shape (2, 3): Umeyama 1991, least squares."""
     middle, goal = points.mean(axis=0), places.mean(axis=0)
     away, wanted = points - middle, places - goal
     u, stretch, vt = np.linalg.svd(wanted.T @ away)

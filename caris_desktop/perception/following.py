@@ -1,8 +1,7 @@
-"""Follows people from picture to picture: which of the boxes of this picture is whom of the last.
+"""Person tracker: assigns the boxes of each frame to tracks, by motion and appearance.
 
-Built for the camera of a robot: pictures come at 7 to 30 a second, some are missing, and the camera turns. All of it is
-counted in seconds of capture time, never in pictures: how far somebody may have got, how sure that is, and how long
-nobody is given up. No Qt, no detector: boxes in, numbers out.
+Made for a robot's camera: 7 to 30 frames per second, dropped frames, and camera rotation. All limits are in seconds of
+capture time, never in frames. No Qt, no detector: boxes in, track numbers out.
 """
 
 import itertools
@@ -16,18 +15,18 @@ import numpy as np
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 
-# Confidences: who is surely somebody, who may be somebody followed already, and who may be somebody new.
+# Confidence thresholds: a certain person, a possible continuation of a track, and a possible new track.
 SURE, PERHAPS, NEW = 0.5, 0.1, 0.3
-# Boxes are blown up by these parts of their size before they are compared, in two passes: between two pictures people
-# move by more than their boxes overlap (C-BIoU, Yang et al., WACV 2023).
+# Boxes are enlarged by these fractions before comparison, in two passes: between two frames people may move further
+# than their boxes overlap (C-BIoU, Yang et al., WACV 2023).
 BUFFERS = (0.3, 0.5)
 _LEAST_OVERLAP = 0.1
 _LEAST_OVERLAP_PERHAPS = 0.4
 _SAME_BOX = 0.7
-# Of somebody new, the confidences of all pictures together: with two good ones they count, with poor ones later.
+# Sum of confidences that confirms a new track: reached by two good frames, or later by poor ones.
 _CONFIRM_AFTER = 1.0
-# Where no box is a sure one, many poor ones count too, unless another box covers more than this part of them: then
-# they are mostly somebody's legs, or two people as one.
+# Without a certain box many poor ones count too, unless another box covers more than this fraction: those are mostly a
+# person's legs, or two people as one.
 _POOR_COUNTS = 0.25
 _ALONE = 0.1
 _TENTATIVE_S = 0.4
@@ -37,8 +36,8 @@ LOST_S = 2.0
 REMEMBERED_S = 300.0
 """How long they can be known again by how they look."""
 
-# Cosine distance of two views: how far those of one person lie apart as a rule; up to where one is known again by looks
-# alone, and by how much whoever comes second must be worse; up to where a better view is waited for.
+# Cosine distances of two views: typical for one person; limit for re-identification by appearance alone, with the
+# required margin to the second best; limit for waiting for a better view.
 _LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN, _LOOKS_LIKELY = 0.3, 0.27, 0.06, 0.4
 _WAIT_FOR_VIEW_S = 0.5
 _LOOKS_COUNT = 2.0
@@ -58,9 +57,9 @@ AppearanceOf = Callable[[Sequence[int]], Floats]
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """One person in one picture. ``box`` is the row of the detection, ``number`` never means two people.
+    """One person in one frame. ``box`` is the row of the detection; ``number`` is never reused for another person.
 
-    ``looks`` is how they look, where somebody looked in this picture.
+    ``looks`` is the appearance embedding, if it was computed in this frame.
     """
 
     number: int
@@ -83,7 +82,7 @@ class _Track(Motion):
 
 
 class Follower:
-    """Follows the people of one camera. ``new_number`` gives the number of each new one."""
+    """Tracks the people of one camera. ``new_number`` returns the number of a new track."""
 
     def __init__(self, new_number: Callable[[], int] | None = None) -> None:
         self._new_number = new_number or itertools.count(1).__next__
@@ -103,7 +102,7 @@ class Follower:
         picture_px: tuple[float, float] | None = None,
         appearance_of: AppearanceOf | None = None,
     ) -> list[Followed]:
-        """Take in the next picture.
+        """Add the next frame.
 
         Parameters
         ----------
@@ -124,7 +123,7 @@ class Follower:
         if self._stamp_s is not None:
             self._pauses_s.append(since_s)
         self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
-        # Of who has been away for longer only the looks matter.
+        # Tracks lost for longer are matched by appearance only.
         for track in self._tracks:
             if stamp_s - track.seen_s <= self._patience_s(LOST_S):
                 track.advance(stamp_s, shift_px)
@@ -138,7 +137,7 @@ class Follower:
             found = _pairs(waiting, sure, corners_px, confidences, buffer=buffer, least=_LEAST_OVERLAP, views=views)
             pairs += found
             waiting, sure = _left(waiting, sure, found)
-        # A box that is hardly one continues whom we know, and begins nobody.
+        # A low-confidence box may continue a track, but not begin one.
         known = [track for track in waiting if track.confirmed]
         found = _pairs(known, perhaps, corners_px, confidences, buffer=0.0, least=_LEAST_OVERLAP_PERHAPS)
         pairs += found
@@ -176,7 +175,7 @@ class Follower:
         return begun
 
     def _learn_looks(self, pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: "_Views") -> None:
-        """Learn from good views, now and then. Of somebody new every view counts until there is a good one."""
+        """Learn from good views, periodically. For a new track every view counts until there is a good one."""
         new = [(track, box) for track, box in pairs if not track.confirmed]
         due = [
             (track, box)
@@ -200,7 +199,7 @@ class Follower:
     def _exchange_mistaken(
         self, track: _Track, looks: Floats, here: dict[int, int], qualities: Floats, views: "_Views"
     ) -> bool:
-        """Who clearly looks like somebody else, and not like themselves, was taken for them when they met."""
+        """Undo an identity switch: a track whose appearance clearly matches another track instead of its own."""
         own = _apart(track.looks_like, looks)
         if own <= _UNLIKE:
             return False
@@ -221,10 +220,10 @@ class Follower:
         return True
 
     def _begin_anew_if_strange(self, track: _Track, looks: Floats, stamp_s: float) -> None:
-        """Somebody left where somebody else came, and the one number went on: the box looks like nobody known."""
+        """End a track that continued on another person: the box matches no known appearance."""
         if not (track.doubted and track.well_seen and _apart(track.looks_like, looks) > _STRANGE):
             return
-        away_s = stamp_s - self._patience_s(LOST_S) - 1e-3  # known by their looks, and waited for nowhere
+        away_s = stamp_s - self._patience_s(LOST_S) - 1e-3  # known by appearance only, without a position
         gone = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
         self._tracks.append(gone)
         track.number, track.looks_like, track.well_seen = self._new_number(), None, False
@@ -241,7 +240,7 @@ class Follower:
         return track.confirmed
 
     def _who_is_back(self, track: _Track, stamp_s: float) -> tuple[_Track | None, bool]:
-        """Who of those who are away looks like somebody new and nobody else does; and whether anybody might be it."""
+        """Lost track that a new one matches by appearance unambiguously; and whether any track might match."""
         away = sorted(
             (
                 (_apart(each.looks_like, track.looks_like), number)
@@ -265,12 +264,12 @@ class Follower:
         ]
 
     def _patience_s(self, usual_s: float) -> float:
-        """Longer where pictures are rare: who was not looked for is not gone."""
+        """Timeout, longer at low frame rates, since absence is only known from frames."""
         return max(usual_s, min(_PATIENCE_AT_MOST_S, _PATIENT_PAUSES * max(self._pauses_s, default=0.0)))
 
 
 def view_qualities(corners_px: Floats, confidences: Floats, picture_px: tuple[float, float] | None) -> Floats:
-    """How well each can be seen, 0..1: sure, big enough, not covered by another, not cut off at the side."""
+    """View quality per box, 0..1: confidence, size, occlusion, clipping at the image border."""
     qualities = confidences.astype(np.float64)
     for row, corners in enumerate(corners_px):
         covered = _covered(corners, np.delete(corners_px, row, axis=0))
@@ -281,7 +280,7 @@ def view_qualities(corners_px: Floats, confidences: Floats, picture_px: tuple[fl
 
 
 def _covered(corners: Floats, others: Floats) -> float:
-    """The part of a box that the one of the others covers which covers most."""
+    """Largest fraction of a box that another box covers."""
     wide = np.minimum(corners[2], others[:, 2]) - np.maximum(corners[0], others[:, 0])
     high = np.minimum(corners[3], others[:, 3]) - np.maximum(corners[1], others[:, 1])
     area = (corners[2] - corners[0]) * (corners[3] - corners[1])
@@ -289,7 +288,7 @@ def _covered(corners: Floats, others: Floats) -> float:
 
 
 class _Views:
-    """How the people in the boxes of one picture look, as far as somebody has looked."""
+    """Appearance embeddings of the boxes in one frame, as far as computed."""
 
     def __init__(self, appearance_of: AppearanceOf | None, at_most: int) -> None:
         self._appearance_of = appearance_of
@@ -309,7 +308,7 @@ class _Views:
 
 
 def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_s: float) -> list[int]:
-    """Boxes that nobody, several people, or only somebody lost would have."""
+    """Boxes that match no track, several tracks, or only a lost one."""
     if not boxes:
         return []
     if not tracks:
@@ -329,7 +328,7 @@ def _mixed(before: Floats | None, looks: Floats | None) -> Floats | None:
 
 
 def _apart(first: Floats | None, second: Floats | None) -> float:
-    """Cosine distance of two looks, the usual one where one is not known."""
+    """Cosine distance of two embeddings, the typical one if one is missing."""
     return _LOOKS_USUAL if first is None or second is None else 1.0 - float(first @ second)
 
 
@@ -343,7 +342,7 @@ def _pairs(
     least: float,
     views: _Views | None = None,
 ) -> list[tuple[_Track, int]]:
-    """The best assignment of boxes to tracks by overlap; a confident box goes before one that is hardly one."""
+    """Optimal assignment of boxes to tracks by overlap, weighted by confidence."""
     if not tracks or not boxes:
         return []
     overlap = overlaps(corners_of(tracks), corners_px[boxes], buffer)

@@ -1,4 +1,4 @@
-"""The process body of inference: newest camera frame in, people out."""
+"""Inference process: newest camera frame in, people out."""
 
 import contextlib
 import logging
@@ -40,12 +40,12 @@ _ASK_AGAIN_AFTER_S = 2.0
 
 
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
-    """Process body: receives ``Look``s and answers with ``People`` for the newest of them.
+    """Process entry point: receives ``Look``s and answers with ``People`` for the newest.
 
-    Sends ``InferenceReady`` or ``InferenceFailed`` first. Of the frames that wait, only the newest is processed; each
-    processed frame yields one ``People`` (also when nobody is in it) or one ``FrameSkipped``. After ``People`` come
-    ``PersonLooks`` of those at whom it had a look, and a ``PersonPortrait`` of whom was never seen better. Returns when
-    the connection ends.
+    Sends ``InferenceReady`` or ``InferenceFailed`` first. Of waiting frames only the newest is processed; each
+    processed frame yields one ``People`` (possibly empty) or one ``FrameSkipped``. ``People`` are followed by
+    ``PersonLooks`` with new embeddings, and a ``PersonPortrait`` for each best view so far. Returns when the connection
+    closes.
     """
     step_back(settings.niceness)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
@@ -83,7 +83,7 @@ def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[Look
 
 
 def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
-    """Waits for a detector on another machine until it is there, or the connection ends."""
+    """Open the perceiver; waits for a remote detector until it is available, or the connection closes."""
     away = ""
     while True:
         try:
@@ -160,7 +160,7 @@ def _people(ref: FrameRef, perceived: Perceived, work_s: float) -> People:
 
 
 def person_box(box: TrackedBox, pose: Pose) -> PersonBox:
-    """Somebody as the console tells of them, before anybody knows who it is."""
+    """PersonBox before identification."""
     return PersonBox(
         box.track,
         "",
@@ -184,14 +184,14 @@ def _looks(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[PersonL
 
 
 def _fail(connection: Connection, problem: Problem) -> NoReturn:
-    """Report, then wait for the end: a process that ends by itself looks like a crash, which is worth a new try."""
+    """Report, then wait for the connection to close: an exit would count as a crash and be restarted."""
     connection.send(InferenceFailed(clock.now_ns(), problem))
     while True:
         newest(connection)
 
 
 def newest(connection: Connection) -> Look:
-    """Wait for a frame, drop all that wait but the last. Raises EOFError when the connection ends."""
+    """Wait for a frame; drop all waiting ones but the last. Raises EOFError when the connection closes."""
     look: Look = connection.recv()
     while connection.poll():
         look = connection.recv()
@@ -199,9 +199,9 @@ def newest(connection: Connection) -> Look:
 
 
 def rest_s(work_s: float, settings: InferenceSettings) -> float:
-    """How long to leave the processor alone after ``work_s`` of work.
+    """Seconds to idle after ``work_s`` of work.
 
-    A tenth of the period is left over for jitter, else a camera at exactly ``max_hz`` would lose frames.
+    A tenth of the period is spared for jitter, else a camera at exactly ``max_hz`` would lose frames.
     """
     for_rate = 0.9 / settings.max_hz - work_s
     for_load = work_s * (1.0 - settings.max_load) / settings.max_load

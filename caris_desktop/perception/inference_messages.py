@@ -1,4 +1,4 @@
-"""What the console and the process of inference tell each other, besides values of the stream table."""
+"""Messages between the console and the inference process, besides values of the stream table."""
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.people import LooksKind
@@ -11,10 +11,10 @@ USUAL_FOCAL_PER_WIDTH = 0.87
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A picture to find people in. ``looked`` is where its camera pointed when it was taken: heading (left positive,
-    not wrapped) and tilt (down positive) in radians; None where nobody told. ``focal_per_width`` is its lens.
-    ``faces``: faces may be looked at, too. ``to_cover``: people have to be covered in this camera's pictures, so
-    whoever may be one is to be told of.
+    """Detection request for a frame. ``looked`` is the camera's direction at capture: heading (left positive, not
+    wrapped) and tilt (down positive) in radians; None if unknown. ``focal_per_width`` is its focal length relative to
+    the width. ``faces``: face embeddings are permitted. ``to_cover``: people must be blurred in this camera's images,
+    so that possible people are reported too.
     """
 
     frame: FrameRef
@@ -28,8 +28,8 @@ class Look:
 class InferenceReady:
     """The model is loaded and warm; sent once, before the first ``People``.
 
-    ``server`` is the other machine that looks in this one's place, and gets the pictures; empty for none.
-    ``recognises`` says by what people can be known again: for what there is a network.
+    ``server`` is the machine that runs the detector and gets the images; empty for this one. ``recognises`` lists the
+    available kinds of embeddings.
     """
 
     stamp_ns: int
@@ -41,7 +41,7 @@ class InferenceReady:
 
 @dataclass(frozen=True, slots=True)
 class InferenceFailed:
-    """Inference cannot run (any more); the process sends nothing more. Starting it again would fail in the same way."""
+    """Inference cannot run; no more messages follow. A restart would fail in the same way."""
 
     stamp_ns: int
     problem: Problem
@@ -49,7 +49,7 @@ class InferenceFailed:
 
 @dataclass(frozen=True, slots=True)
 class DetectorAway:
-    """The machine that looks in this one's place does not answer: no ``People`` until it does, and then again."""
+    """The remote detector does not answer: no ``People`` until it does."""
 
     stamp_ns: int
     problem: Problem
@@ -57,7 +57,7 @@ class DetectorAway:
 
 @dataclass(frozen=True, slots=True)
 class FrameSkipped:
-    """The frame's pixels were overwritten before they could be read, or could not be processed: no ``People``."""
+    """The frame was overwritten before it could be read, or could not be processed: no ``People``."""
 
     stamp_ns: int
     camera: str

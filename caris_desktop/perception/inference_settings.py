@@ -1,4 +1,4 @@
-"""What a run of inference is told, in words that bring no library along."""
+"""Settings of an inference run, without heavy imports."""
 
 import os
 from dataclasses import field
@@ -18,17 +18,17 @@ LEAST_CONFIDENCE = 0.1
 def default_threads() -> int:
     """Half of the cores, at most four: more gain little, and the console needs some.
 
-    On two busy cores a second thread was measured to make a frame slower, since each waits for the other.
+    On two busy cores a second thread was measured to slow a frame down, since the threads wait for each other.
     """
     return max(1, min(4, (os.cpu_count() or 2) // 2))
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
-    """What a scenario says of the detector; picklable.
+    """Detector settings of a scenario; picklable.
 
-    ``things`` are the classes beside people that are told of. ``server`` is the address of another machine that looks
-    in this one's place, empty for none; without ``other_computers`` that has to be a program on this computer.
+    ``things`` are the reported classes besides people. ``server`` is the address of a remote detector, empty for none;
+    without ``other_computers`` it must be on this computer.
     """
 
     model: DetectorChoice = field(default_factory=DetectorChoice)
@@ -40,16 +40,14 @@ class DetectorSettings:
 
 @dataclass(frozen=True, slots=True)
 class InferenceSettings:
-    """What a run of inference needs; picklable.
+    """Settings of an inference run; picklable.
 
-    ``weights_path`` is what the user configured, None for what ``detector`` says, which may have to be downloaded: the
-    search runs in the child.
-    ``recognise_looks``: people who were away are known again by how they look, with a re-identification network beside
-    the detector or in a models folder, if there is one.
-    Of the trackers ``own`` is :mod:`caris_desktop.perception.following`; the others are there to compare with.
-    ``max_hz`` bounds the frames per second, ``max_load`` the share of time spent working, so that a slow model leaves
-    room for others. ``niceness`` is added to the child's own (where the system knows such a thing). ``face_model`` is
-    the study's network for faces, where it has one; looks that say so are looked at for faces too.
+    ``weights_path`` is the user's file, None for ``detector``, which may have to be downloaded: the search runs in the
+    process. ``recognise_looks``: re-identify people with an appearance network next to the detector or in a models
+    folder, if there is one. Of the trackers, ``own`` is :mod:`caris_desktop.perception.following`; the others are for
+    comparison. ``max_hz`` limits the frame rate, ``max_load`` the busy fraction, so that a slow model leaves CPU time
+    to others. ``niceness`` is added to the process's own (where supported). ``face_model`` is the study's face network,
+    if any, used for requests with ``faces``.
     """
 
     weights_path: Path | None = None

@@ -1,4 +1,4 @@
-"""Ultralytics' trackers, fed with the boxes of whichever detector."""
+"""Ultralytics' trackers, for the boxes of any detector."""
 
 from typing import Any, Literal
 
@@ -9,8 +9,8 @@ LibraryName = Literal["bytetrack", "botsort"]
 
 
 class LibraryTracker:
-    """One camera's. Numbers count from 1 for each. ``with_looks``: it is told how the people in all boxes look, which
-    BoT-SORT makes use of.
+    """Tracker of one camera. Track numbers count from 1 for each. ``with_looks``: it is given embeddings of all boxes,
+    which BoT-SORT uses.
     """
 
     def __init__(self, name: LibraryName, *, with_looks: bool = False) -> None:
@@ -32,7 +32,7 @@ class LibraryTracker:
         image_bgr: NDArray[np.uint8],
         looks: NDArray[np.float64] | None = None,
     ) -> list[tuple[int, int]]:
-        """Take in the next picture; number and row of each box that belongs to somebody."""
+        """Add the next frame; return the track number and row of each assigned box."""
         from ultralytics.engine.results import Boxes
 
         rows = np.column_stack([corners_px, confidences, np.zeros(len(confidences))]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What can be told better of who was who once all pictures are known: for recordings, never for the console."""
+"""Offline smoothing of tracks, once all frames are known: for recordings, never for the console."""
 
 import itertools
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ NOBODY_FOUND = 0.0
 
 @dataclass(slots=True)
 class _Stretch:
-    """All that one number was given to. ``looks`` is a sum over good views."""
+    """All boxes of one track number. ``looks`` is a sum over good views."""
 
     number: int
     pictures: set[int]
@@ -34,10 +34,10 @@ class _Stretch:
 
 
 def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
-    """The same people, with numbers that belong together made one, and gaps of up to two seconds filled.
+    """Tracks with fragments joined, and gaps of up to two seconds filled.
 
-    ``pictures`` are the people of each picture of one camera, ``stamps_s`` when each was taken. Filled boxes have
-    the confidence :data:`NOBODY_FOUND`.
+    ``pictures`` are the people in each frame of one camera, ``stamps_s`` the capture times. Filled boxes have the
+    confidence :data:`NOBODY_FOUND`.
     """
     one_for = linked(pictures, stamps_s)
     joined = [[replace(box, track=one_for[box.track]) for box in boxes] for boxes in pictures]
@@ -45,7 +45,7 @@ def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[flo
 
 
 def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> dict[int, int]:
-    """For each number the one that stands for the person: never one number for two in the same picture."""
+    """Representative number of each track's person; two boxes of one frame never share one."""
     stretches = _stretches(pictures)
     one_for = {number: number for number in stretches}
     for first, second in _nearest_first(stretches, pictures, stamps_s):
@@ -62,7 +62,7 @@ def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) 
 def _nearest_first(
     stretches: dict[int, _Stretch], pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
 ) -> list[tuple[int, int]]:
-    """Pairs that may be one person: those whose way goes on, then those who look alike, the likeliest first."""
+    """Candidate pairs: continued motion first, then similar appearance, most likely first."""
     pairs: list[tuple[float, int, int]] = []
     for a, b in itertools.permutations(stretches.values(), 2):
         if max(a.pictures) < min(b.pictures):
@@ -79,7 +79,7 @@ def _nearest_first(
 def _off_the_way(
     a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
 ) -> float:
-    """How far ``b`` begins from where ``a`` would be by then, in heights; infinite after too long."""
+    """Distance of the start of ``b`` from the extrapolated ``a``, in box heights; infinite after too long a gap."""
     last, begins = max(a.pictures), min(b.pictures)
     gone_s = stamps_s[begins] - stamps_s[last]
     if gone_s > _NEAR_S:
@@ -104,7 +104,7 @@ def _stretches(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
 
 
 def _apart(a: _Stretch, b: _Stretch, *, unknown: float) -> float:
-    """Cosine distance of how they look on the whole."""
+    """Cosine distance of the mean embeddings."""
     if a.looks is None or b.looks is None:
         return unknown
     return 1.0 - float(a.looks @ b.looks / (np.linalg.norm(a.looks) * np.linalg.norm(b.looks)))

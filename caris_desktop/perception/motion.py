@@ -1,4 +1,4 @@
-"""How a box moves through the pictures, in seconds: what all trackers of ours share."""
+"""Motion model of boxes (Kalman filter in seconds), shared by our trackers."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from caris_desktop.domain.value_class import dataclass
 
 Floats = NDArray[np.float64]
 
-# Of a box's height: how precisely a detector puts it; how fast people change their way; how slowly boxes change size.
+# In box heights: a detector's position error; people's acceleration; the rate of size changes.
 _SEEN_WITHIN = 0.05
 _ACCELERATION_PER_S2 = 2.0
 _SPEED_AT_FIRST_PER_S = 0.7
@@ -19,10 +19,10 @@ _WAY_FADES_S = 0.6
 
 @dataclass(slots=True, eq=False)
 class Motion:
-    """Centre, width and height with their speeds in pixels and seconds; each axis is estimated by itself.
+    """Centre, width and height with their speeds in pixels and seconds; axes are independent.
 
-    ``mean`` (4, 2): value and speed. ``covariance`` (4, 2, 2). ``stamp_s`` is the moment that they are of, ``seen_s``
-    and ``first_s`` when the box was seen last and first.
+    ``mean`` (4, 2): value and speed. ``covariance`` (4, 2, 2). ``stamp_s`` is the time of the state, ``seen_s`` and
+    ``first_s`` the last and first detection.
     """
 
     mean: Floats
@@ -40,9 +40,9 @@ class Motion:
         return np.array([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
 
     def advance(self, stamp_s: float, shift_px: tuple[float, float]) -> None:
-        """Where it would be now: on in the same way, which counts for less the longer nobody has seen it.
+        """Predict the state; the speed decays while the box is not detected.
 
-        ``shift_px`` is by how much everything has moved in the picture meanwhile because the camera turned.
+        ``shift_px`` is the image motion by camera rotation since the last frame.
         """
         dt = stamp_s - self.stamp_s
         self.stamp_s = stamp_s
@@ -52,7 +52,7 @@ class Motion:
         unseen_s = stamp_s - self.seen_s - dt
         self.mean[:, 0] += self.mean[:, 1] * dt
         self.mean[:, 1] *= np.exp(-dt / _WAY_FADES_S) if unseen_s > 0.0 else 1.0
-        # Sizes have no way of their own: somebody who came nearer does not go on growing.
+        # Sizes have no speed: someone who came nearer does not go on growing.
         self.mean[2:, 1] = 0.0
         step = np.array([[1.0, dt], [0.0, 1.0]])
         self.covariance = step @ self.covariance @ step.T
@@ -69,13 +69,13 @@ class Motion:
         self.seen_s = stamp_s
 
     def unlikeliness(self, corners: Floats) -> float:
-        """Squared Mahalanobis distance of a box from where it would be."""
+        """Squared Mahalanobis distance of a box from the predicted one."""
         measured = _measured(corners)
         return float(((measured - self.mean[:, 0]) ** 2 / (self.covariance[:, 0, 0] + _variance(measured))).sum())
 
 
 def first_seen(corners: Floats, stamp_s: float) -> tuple[Floats, Floats, float, float, float]:
-    """The fields of a :class:`Motion` that begins."""
+    """Initial fields of a :class:`Motion`."""
     measured = _measured(corners)
     height = max(4.0, float(measured[3]))
     covariance = np.zeros((4, 2, 2))
@@ -90,15 +90,15 @@ def corners_of(motions: Sequence[Motion]) -> Floats:
 
 
 def assigned(cost: Floats, limit: float) -> list[tuple[int, int]]:
-    """Rows and columns whose costs together are least; none costs more than ``limit``."""
-    import lap  # the console, which imports this module for its types, does without
+    """Optimal assignment as (row, column) pairs; none costs more than ``limit``."""
+    import lap  # the console imports this module for its types, without lap
 
     _, columns, _ = lap.lapjv(np.ascontiguousarray(cost), extend_cost=True, cost_limit=limit)
     return [(row, column) for row, column in enumerate(columns.tolist()) if column >= 0]
 
 
 def overlaps(first: Floats, second: Floats, buffer: float = 0.0) -> Floats:
-    """Intersection over union of each box with each, shape (first, second), after both grew by ``buffer``."""
+    """Intersection over union of all pairs, shape (first, second), after enlarging both by ``buffer``."""
     a, b = _blown_up(first, buffer), _blown_up(second, buffer)
     wide = np.minimum(a[:, None, 2], b[None, :, 2]) - np.maximum(a[:, None, 0], b[None, :, 0])
     high = np.minimum(a[:, None, 3], b[None, :, 3]) - np.maximum(a[:, None, 1], b[None, :, 1])

@@ -1,4 +1,6 @@
-"""From a picture to the people in it: detector, tracker, looks and portraits as one, for the console and offline."""
+"""Perception pipeline from image to people: detector, tracker, embeddings and portraits, for the
+console and offline.
+"""
 
 import time
 from collections.abc import Iterable
@@ -26,7 +28,7 @@ _THING_CONFIDENCE = 0.35
 
 @dataclass(frozen=True, slots=True)
 class Perceived:
-    """What was found in one picture. ``boxes`` are the people among ``detections``, ``poses`` theirs by track."""
+    """Result for one image. ``boxes`` are the people among ``detections``, ``poses`` theirs by track."""
 
     boxes: list[TrackedBox]
     poses: dict[int, Pose]
@@ -39,7 +41,7 @@ class Perceived:
 
 
 class Perceiver:
-    """For one thread. ``label`` is the detector's; ``looks_model`` names the network that tells how people look, empty
+    """Pipeline for one thread. ``label`` is the detector's; ``looks_model`` names the re-identification network, empty
     without one.
     """
 
@@ -75,7 +77,7 @@ class Perceiver:
         self._portraits = PortraitTaker()
 
     def perceive(self, image_bgr: NDArray[np.uint8], look: Look) -> Perceived:
-        """Take in the next picture of a camera: uint8 BGR, shape (height, width, 3)."""
+        """Process the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         began_s = time.perf_counter()
         detections = self._detector.detect(image_bgr)
         detected_s = time.perf_counter()
@@ -94,8 +96,8 @@ class Perceiver:
         return Perceived(boxes, poses, things, unfollowed, portraits, detections, detector_s, tracker_s)
 
     def _unfollowed(self, detections: Detections, boxes: list[TrackedBox]) -> tuple[PersonBox, ...]:
-        """Whoever the detector takes for a person and the tracker does not (yet), and heads by themselves where they
-        are known: they need not be at the upper end of a box.
+        """Detected people without a track (yet), and separate head boxes where known: heads need not be at the upper
+        end of a box.
         """
         followed = {box.detection for box in boxes}
         found = zip(detections.corners_px.tolist(), detections.confidences.tolist(), detections.classes, strict=True)
@@ -133,7 +135,7 @@ def open_perceiver(
     settings: DetectorSettings | None = None,
     models_folder: Path | None = None,
 ) -> Perceiver:
-    """Find, load and warm up everything, which takes seconds. ``models_folder`` is the study's own.
+    """Find, load and warm up everything; takes seconds. ``models_folder`` is the study's own.
 
     Raises
     ------
@@ -149,7 +151,7 @@ def open_perceiver(
 
 
 def _appearance(first: Iterable[Path | None], threads: int) -> tuple[AppearanceModel | None, str]:
-    """The network in one of these folders or a models folder, if there is one that can be used."""
+    """Appearance network from these folders or a models folder, if usable, and the reason if not."""
     path = find_appearance((*(folder for folder in first if folder is not None), *models_dirs()))
     if path is None:
         return None, ""

@@ -1,4 +1,4 @@
-"""Keeps the best view of each person so far, as a small picture."""
+"""Portraits: the best view of each person so far, as a small image."""
 
 import cv2
 import numpy as np
@@ -24,16 +24,16 @@ class _Best:
 
 
 class PortraitTaker:
-    """For one thread. Of each track at most one a second, and only one that is clearly better than the last."""
+    """For one thread. At most one per second and track, and only if clearly better than the last."""
 
     def __init__(self) -> None:
         self._best: dict[int, _Best] = {}
 
     def taken(self, image_bgr: NDArray[np.uint8], frame: FrameRef, boxes: list[TrackedBox]) -> list[PersonPortrait]:
-        """The new best views in a picture: uint8 BGR, shape (height, width, 3)."""
+        """New best views in an image: uint8 BGR, shape (height, width, 3)."""
         portraits = []
         for box in boxes:
-            # Near ones show more, also where a network would see no better.
+            # Closer people show more detail, even where a network would not benefit.
             worth = box.quality * min(1.0, box.height_px / _TALL_PX) ** 0.5
             best = self._best.get(box.track)
             if box.quality < _LEAST_QUALITY or (

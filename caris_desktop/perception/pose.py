@@ -1,7 +1,7 @@
-"""From the key points of a pose to what a wizard cares for: standing or sitting, a hand raised, facing the camera.
+"""Pose classification from key points: standing or sitting, a raised hand, facing the camera.
 
-What one picture shows is judged by plain geometry, in parts of the trunk's length, so that distance does not matter.
-What is told changes only once pictures have shown it for a while: a single bad one changes nothing.
+Each frame is judged by geometry in units of trunk length, independent of distance. The output changes only after
+several frames, so that a single bad one has no effect.
 """
 
 from dataclasses import field
@@ -20,10 +20,10 @@ _NOSE, _EYES, _EARS = 0, (1, 2), (3, 4)
 _SHOULDERS, _WRISTS, _HIPS, _KNEES = (5, 6), (9, 10), (11, 12), (13, 14)
 _VISIBLE = 0.5
 
-# How far the knees are below the hips, in lengths of the trunk. A thigh is as long as the trunk; of somebody who sits
-# it lies, or points at the camera.
+# Height of the knees below the hips, in trunk lengths. A thigh is as long as the trunk; of a sitting person it is
+# horizontal, or points at the camera.
 _STANDS_ABOVE, _SITS_BELOW = 0.65, 0.45
-# Where the nose is between the eyes: 0 in their middle, 1 at one of them, as in a head turned by about 50 degrees.
+# Position of the nose between the eyes: 0 in the middle, 1 at one of them, as for a head turned by about 50 degrees.
 _FACES_WITHIN, _TURNED_BEYOND = 0.6, 1.0
 
 CHANGES_AFTER_S = 0.5
@@ -33,7 +33,7 @@ _FORGOTTEN_AFTER_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """As ``PersonBox`` has it."""
+    """Pose as in ``PersonBox``."""
 
     posture: Posture = ""
     hand_raised: bool | None = None
@@ -41,7 +41,7 @@ class Pose:
 
 
 def posture_of(points: Points, before: Posture = "") -> Posture:
-    """Standing or sitting, empty where nobody could say; ``before`` decides where it could be either."""
+    """Standing or sitting, empty if unknown; ``before`` decides in between (hysteresis)."""
     trunk = _trunk(points)
     knees, hips = _seen(points, _KNEES), _seen(points, _HIPS)
     if trunk is None or not len(knees) or not len(hips):
@@ -56,7 +56,7 @@ def posture_of(points: Points, before: Posture = "") -> Posture:
 
 
 def raises_hand(points: Points, before: bool | None = None) -> bool | None:
-    """Whether a hand is as high as the head; once raised, it counts until it is lower than the shoulders."""
+    """True if a hand is as high as the head; once raised, until it is lower than the shoulders."""
     shoulders, wrists = _seen(points, _SHOULDERS), _seen(points, _WRISTS)
     if not len(shoulders) or not len(wrists):
         return None
@@ -76,11 +76,11 @@ def raises_hand(points: Points, before: bool | None = None) -> bool | None:
 
 
 def faces_camera(points: Points, before: bool | None = None) -> bool | None:
-    """Whether the face is turned this way; None where neither head nor shoulders are seen."""
+    """True if the face is turned to the camera; None if neither head nor shoulders are visible."""
     eyes = _seen(points, _EYES)
     nose_seen = points[_NOSE, 2] > _VISIBLE
     if not nose_seen or len(eyes) < len(_EYES):
-        # Of a head from behind or from the side a face is missing; of one outside the picture, the ears are too.
+        # A head from behind or the side lacks a face; a head outside the image lacks the ears, too.
         return False if len(_seen(points, _EARS)) and len(_seen(points, _SHOULDERS)) else None
     between = abs(eyes[0, 0] - eyes[1, 0]) / 2.0
     if between <= 0.0:
@@ -97,7 +97,7 @@ def _seen(points: Points, which: tuple[int, ...]) -> Points:
 
 
 def _trunk(points: Points) -> tuple[bool, float] | None:
-    """Whether it is upright, and its length; None where it is not seen."""
+    """Whether the trunk is upright, and its length; None if it is not visible."""
     shoulders, hips = _seen(points, _SHOULDERS), _seen(points, _HIPS)
     if not len(shoulders) or not len(hips):
         return None
@@ -111,7 +111,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Held(Generic[T]):
-    """A value that changes once another was seen for CHANGES_AFTER_S, and is lost after UNKNOWN_AFTER_S without any."""
+    """Value that changes after CHANGES_AFTER_S of another one, and is reset after UNKNOWN_AFTER_S without any."""
 
     unknown: T
     value: T
@@ -141,13 +141,13 @@ class _Body:
 
 
 class Poses:
-    """The poses of everybody who is followed, by track."""
+    """Poses of all tracks."""
 
     def __init__(self) -> None:
         self._bodies: dict[int, _Body] = {}
 
     def of(self, track: int, points: Points, stamp_s: float) -> Pose:
-        """What is told of this track once it was seen so in the picture of ``stamp_s``."""
+        """Filtered pose of a track, after key points in the frame of ``stamp_s``."""
         if track not in self._bodies:
             self._bodies = {
                 known: body for known, body in self._bodies.items() if stamp_s - body.last_s < _FORGOTTEN_AFTER_S

@@ -1,4 +1,4 @@
-"""Follows the people of several cameras, with our tracker or one of the library, in the boxes of any detector."""
+"""Person trackers of several cameras, with our tracker or ultralytics', for the boxes of any detector."""
 
 import itertools
 from collections.abc import Sequence
@@ -23,10 +23,10 @@ _SAME_PERSON = 0.7
 
 @dataclass(frozen=True, slots=True)
 class TrackedBox:
-    """One person in one frame; ``track`` stays the same as long as the tracker follows that person.
+    """One person in one frame; ``track`` is constant while the person is tracked.
 
-    ``detection`` is the row of what the detector found. ``quality`` is how well they can be seen, 0..1, and ``looks``
-    how they look, of unit length, where somebody looked in this frame.
+    ``detection`` is the row of the detection. ``quality`` is the view quality, 0..1, and ``looks`` the embedding of
+    unit length, if computed in this frame.
     """
 
     track: int
@@ -43,8 +43,8 @@ class TrackedBox:
 class PersonTracker:
     """One tracker for each camera. For one thread.
 
-    Track numbers start at 1 and never mean two people, of whichever cameras. ``person_classes`` are the rows of the
-    detector's class names that mean a person. Without ``appearance`` nobody is known by how they look.
+    Track numbers start at 1 and are unique across cameras. ``person_classes`` are the class rows that mean a person.
+    Without ``appearance``, tracks are matched by motion alone.
     """
 
     def __init__(
@@ -58,10 +58,10 @@ class PersonTracker:
         self._numbers: dict[tuple[str, int], int] = {}
         self._new_number = itertools.count(1).__next__
         if tracker == "bytetrack" or tracker == "botsort":  # noqa: PLR1714 - mypy narrows only so
-            LibraryTracker(tracker)  # the library takes seconds to load, which the first picture shall not
+            LibraryTracker(tracker)  # load the library before the first frame, since it takes seconds
 
     def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: Look) -> list[TrackedBox]:
-        """The people among what was found in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
+        """Tracked people among the detections in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         rows = _people(detections, self._person_classes)
         corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
         if self._tracker == "own" or self._tracker == "deepsort":  # noqa: PLR1714 - mypy narrows only so
@@ -119,7 +119,7 @@ class PersonTracker:
 
 @dataclass(slots=True)
 class _Followed:
-    """A tracker of ours of one camera, and where the camera pointed last."""
+    """Our tracker for one camera, and the camera's last direction."""
 
     follower: Follower | DeepSort
     looked: tuple[float, float] | None = None
@@ -146,7 +146,7 @@ class _Followed:
         )
 
     def _shift_px(self, look: Look) -> tuple[float, float]:
-        """By how much everything has moved in the picture because the camera turned; a small turn, as pixels."""
+        """Image shift by the camera's rotation since the last frame; for small angles, in pixels."""
         before, self.looked = self.looked, look.looked
         if before is None or look.looked is None:
             return 0.0, 0.0
@@ -159,7 +159,7 @@ def _size_px(frame: FrameRef) -> tuple[float, float]:
 
 
 def _people(detections: Detections, classes: Sequence[int]) -> NDArray[np.int64]:
-    """Rows of the people. A model may have several classes that mean one; nobody gets a box from each."""
+    """Rows of the people, without duplicates from several person classes."""
     has_size = (detections.corners_px[:, 2:] > detections.corners_px[:, :2]).all(axis=1)
     rows = np.flatnonzero(np.isin(detections.classes, classes) & has_size)
     if len(classes) < 2 or len(rows) < 2:

@@ -1,4 +1,4 @@
-"""Which way a robot's camera looked when: from odometry and head, so that a turn is not taken for people who move."""
+"""Camera rotation compensation: a robot camera's direction over time, from odometry and head angles."""
 
 import bisect
 import math
@@ -11,7 +11,7 @@ _NOT_OLDER_NS = 500_000_000
 
 
 class CameraTurning:
-    """Keeps the last seconds. ``take`` from any thread, the rest from one."""
+    """Buffers the last seconds. ``take`` from any thread, the rest from one."""
 
     def __init__(self) -> None:
         self._headings: deque[tuple[int, float]] = deque(maxlen=_KEPT)
@@ -25,19 +25,19 @@ class CameraTurning:
             return
         heading = value.pose_in_odom.heading_rad
         if self._headings:
-            # Without a jump where it passes the full turn.
+            # Unwrap the angle.
             before = self._headings[-1][1]
             heading = before + math.remainder(heading - before, math.tau)
         self._headings.append((value.stamp_ns, heading))
 
     def forget(self) -> None:
-        """Another robot."""
+        """Clear everything for another robot."""
         for kept in (self._headings, self._pans, self._tilts):
             kept.clear()
 
     def looked(self, stamp_ns: int, *, on_head: bool) -> tuple[float, float] | None:
-        """Heading in the odometry's frame (left positive, not wrapped) and tilt (down positive) at that moment, in
-        radians; None where nobody has told it.
+        """Heading in the odometry frame (left positive, not wrapped) and tilt (down positive) at that time, in radians;
+        None if unknown.
         """
         heading = _at(tuple(self._headings), stamp_ns)
         if heading is None:
@@ -49,7 +49,7 @@ class CameraTurning:
 
 
 def _at(told: tuple[tuple[int, float], ...], stamp_ns: int) -> float | None:
-    """Between the two values around the moment; the nearest where there is none after it yet."""
+    """Interpolated value at that time, or the last one."""
     place = bisect.bisect_left(told, (stamp_ns, -math.inf))
     if place == 0 or place == len(told):
         if not told:

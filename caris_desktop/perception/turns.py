@@ -1,4 +1,4 @@
-"""Whose picture is looked at next: several cameras share the looks that one alone would get."""
+"""Camera schedule: several cameras share the detection rate of one."""
 
 from collections import deque
 
@@ -19,8 +19,8 @@ _LOOKS_COUNTED = 400
 
 
 class CameraTurns:
-    """Keeps the newest picture of each camera. The camera on show leads: a look at another one takes the place of one
-    at it, so that a second camera adds no work. For one thread, or under a lock.
+    """Newest frame per camera. The displayed camera leads: a detection on another one replaces one of its own, so that
+    more cameras add no load. For one thread, or under a lock.
     """
 
     def __init__(self) -> None:
@@ -33,19 +33,19 @@ class CameraTurns:
         self.others_every_ns = OTHERS_EVERY_NS
 
     def show(self, camera: str) -> None:
-        """The camera that the wizard sees from now on."""
+        """Set the displayed camera."""
         self._shown = camera
         self._lead_came_ns = None
 
     def forget(self) -> None:
-        """Other cameras will come."""
+        """Clear everything for other cameras."""
         self._newest.clear()
         self._looked_ns.clear()
         self._shown = self._first = self._last = ""
         self._lead_came_ns = None
 
     def offer(self, ref: FrameRef, *, now_ns: int) -> bool:
-        """A new picture replaces an older one of its camera. True when it makes a look due that was not before."""
+        """Replace the camera's frame. True if this makes a detection due."""
         self._first = self._first or ref.camera
         is_new = ref.camera not in self._newest
         self._newest[ref.camera] = ref
@@ -55,7 +55,7 @@ class CameraTurns:
         return is_new
 
     def take(self, *, now_ns: int) -> FrameRef | None:
-        """The picture to look at now; None while there is none, or it is not yet the turn of those there are."""
+        """Frame to process now; None if no frame is due."""
         lead_silent = self._lead_came_ns is None or now_ns - self._lead_came_ns >= SILENT_AFTER_NS
         if self._lead not in self._newest and not lead_silent:
             return None
@@ -67,9 +67,9 @@ class CameraTurns:
         ]
         camera = min(due, key=lambda other: self._looked_ns.get(other, -every_ns), default=self._lead)
         if self._last not in ("", self._lead) and self._lead in self._newest:
-            camera = self._lead  # a slow detector goes back and forth
+            camera = self._lead  # a slow detector alternates
         ref = self._newest.pop(camera, None)
-        # Its look was spent on the other one.
+        # Its detection went to the other camera.
         self._newest.pop(self._lead, None)
         if ref is not None:
             self._looked_ns[camera], self._last = now_ns, camera
@@ -81,21 +81,21 @@ class CameraTurns:
 
 
 class LookRates:
-    """How often each camera was looked at lately."""
+    """Recent detection rate of each camera."""
 
     def __init__(self) -> None:
         self._looked_ns: dict[str, deque[int]] = {}
 
     def note(self, camera: str, *, now_ns: int) -> None:
-        """A look at this camera has brought something."""
+        """Note a result for this camera."""
         self._looked_ns.setdefault(camera, deque(maxlen=_LOOKS_COUNTED)).append(now_ns)
 
     def forget(self) -> None:
-        """Other cameras will come."""
+        """Clear everything for other cameras."""
         self._looked_ns.clear()
 
     def per_second(self, *, now_ns: int) -> dict[str, float]:
-        """Each camera and its looks per second over the last seconds, the most looked at first."""
+        """Detections per second of each camera over the last seconds, highest first."""
         rates = {
             camera: sum(now_ns - at_ns < _RATE_OVER_NS for at_ns in looked_ns) / (_RATE_OVER_NS / 1e9)
             for camera, looked_ns in self._looked_ns.items()

@@ -1,4 +1,4 @@
-"""Reads the pictures of a recorded video one after another, as fast as they are wanted."""
+"""Reader of recorded video frames in sequence, on demand."""
 
 import logging
 from collections.abc import Iterator
@@ -14,21 +14,21 @@ from caris_desktop.domain.video_files import FILM_OPTIONS
 log = logging.getLogger(__name__)
 
 _USUAL_FPS = 25.0
-# FFmpeg would show a text file as pictures of its letters.
+# FFmpeg would render a text file as images of its characters.
 _LETTERS = ("ansi", "bintext", "xbin", "idf")
 _TORN_AT_MOST = 50
 """In a row: so many are a file that is of no use."""
 
 
 class VideoFileError(Exception):
-    """A file that cannot be read as a video. The message is for the wizard."""
+    """File that cannot be read as a video. The message is for the wizard."""
 
 
 class VideoFile:
-    """One video with its pictures in order. Use it in a ``with``.
+    """Video file with frames in order. Use it in a ``with``.
 
-    ``pictures_about`` is how many it says to hold, 0 where it does not say. ``torn`` counts those that could not be
-    decoded so far; the rest goes on without them.
+    ``pictures_about`` is the declared number of frames, 0 if unknown. ``torn`` counts undecodable frames so far, which
+    are skipped.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class VideoFile:
         self._container.close()
 
     def pictures(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Seconds since the first, never backwards, and uint8 BGR, shape (height, width, 3).
+        """Seconds since the first frame, non-decreasing, and uint8 BGR, shape (height, width, 3).
 
         Raises
         ------

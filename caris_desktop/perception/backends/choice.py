@@ -1,7 +1,7 @@
-"""Chooses the fastest way to run a detector on this computer, among those that find the same.
+"""Runtime selection: the fastest inference runtime on this computer whose detections match.
 
-Weights of ultralytics (.pt) are exported to ONNX, then each runtime that is installed looks at photos with people. The
-export and what was measured are kept in the user's cache, so that the next start needs neither them nor torch.
+Ultralytics weights (.pt) are exported to ONNX, then each installed runtime is measured on photos of people. The export
+and the measurement are cached per user, so that the next start needs neither them nor torch.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ _LOOKS = 6
 _PREFERRED = ("onnxruntime", "OpenVINO", "torch")
 _WORTH_IT = 0.9
 _WORDS_AT_MOST = 120
-# Found by both: what is surely there for one must be there for the other, about as surely, in the same place.
+# Both must find: confident detections of one must exist in the other, with similar confidence and position.
 _SURE = 0.25
 _LEAST_OVERLAP = 0.9
 _CONFIDENCE_WITHIN = 0.05
@@ -47,8 +47,8 @@ _CONFIDENCE_WITHIN = 0.05
 
 @dataclass(frozen=True, slots=True)
 class MeasuredChoice:
-    """What was measured. ``runtime`` is the chosen one; ``ms`` the time of one picture by runtime, ``why_not`` what was
-    wrong with the others, in words.
+    """Measurement. ``runtime`` is the selected one; ``ms`` is the time per image by runtime, ``why_not`` the defects of
+    the others, as text.
     """
 
     runtime: str
@@ -57,7 +57,7 @@ class MeasuredChoice:
 
     @property
     def shown(self) -> str:
-        """What is added to the label of the detector."""
+        """Suffix for the detector's label."""
         others = [f"{name} {ms:.0f} ms" for name, ms in self.ms.items() if name != self.runtime]
         others += [f"{name}: {why}" for name, why in self.why_not.items()]
         measured = f", {self.ms[self.runtime]:.0f} ms" if self.runtime in self.ms else ""
@@ -73,10 +73,10 @@ def open_fastest(
     cache_dir: Path | None = None,
     pictures: Sequence[NDArray[np.uint8]] | None = None,
 ) -> Detector:
-    """Like :func:`open_detector`, by the fastest runtime of this computer that finds the same as the first.
+    """Like :func:`open_detector`, with the fastest runtime whose detections match the reference.
 
-    The first is what the file was made for: torch for .pt, onnxruntime for .onnx. May take half a minute with weights
-    that this computer has not seen. ``pictures`` stand in for ultralytics' photos.
+    The reference is torch for .pt and onnxruntime for .onnx. May take half a minute with new weights. ``pictures``
+    replace ultralytics' photos.
     """
     suffix = weights.path.suffix.lower()
     if suffix != ".pt" and not (suffix == ".onnx" and openvino.is_installed()):
@@ -100,7 +100,7 @@ def open_fastest(
 def _openers(
     weights: Weights, export: Path, *, confidence: float, threads: int, device: Device
 ) -> dict[str, Callable[[], Detector]]:
-    """How the weights can be opened, by runtime; the first is the one that decides what is to be found."""
+    """Openers of the weights by runtime; the first is the reference."""
 
     def opened(path: Path) -> Detector:
         at = replace(weights, path=path)
@@ -140,7 +140,7 @@ def _measure(
         try:
             detector = openers[name]()
             found = [detector.detect(picture) for picture in pictures]
-        except Exception as error:  # a runtime that fails here is one that is not chosen
+        except Exception as error:  # a runtime that fails is not selected
             log.info("%s is not used", name, exc_info=True)
             why_not[name] = " ".join(str(error).split())[:_WORDS_AT_MOST] or type(error).__name__
             continue
@@ -151,7 +151,7 @@ def _measure(
         else:
             why_not[name] = "it finds something else"
     ms = _time(opened, pictures)
-    # What needs torch, or another package, must be worth it.
+    # Another package than the preferred one must be clearly faster.
     preferred = sorted(opened, key=_PREFERRED.index)
     runtime = preferred[0]
     for name in preferred[1:]:
@@ -161,7 +161,7 @@ def _measure(
 
 
 def _time(opened: dict[str, Detector], pictures: Sequence[NDArray[np.uint8]]) -> dict[str, float]:
-    """Milliseconds of one picture: the quickest of several, since the computer does other things meanwhile."""
+    """Milliseconds per image: the minimum of several, against other load."""
     if len(opened) == 1:
         return {}
     spans_ns: dict[str, list[int]] = {name: [] for name in opened}
@@ -198,7 +198,7 @@ def _labelled(detector: Detector, choice: MeasuredChoice) -> Detector:
 
 
 def _photos() -> list[NDArray[np.uint8]]:
-    """Two photos with people that come with ultralytics; none where they are missing, and then nothing is exchanged."""
+    """Two photos of people from ultralytics; without them no runtime is exchanged."""
     import cv2
 
     spec = importlib.util.find_spec("ultralytics")
@@ -209,7 +209,7 @@ def _photos() -> list[NDArray[np.uint8]]:
 
 
 def _circumstances(weights: Weights, runtimes: tuple[str, ...], threads: int, device: Device) -> str:
-    """Stands for all that the measurement depends on but the weights."""
+    """Hash of everything but the weights that affects the measurement."""
     packages = ("torch", "ultralytics-opencv-headless", "onnxruntime", "openvino")
     told = [
         __version__, platform.node(), platform.machine(), platform.processor(), os.cpu_count(), threads, device,

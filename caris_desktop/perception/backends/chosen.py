@@ -1,4 +1,4 @@
-"""Opens the detector that a scenario or the user chose, or the usual one: here, or on another machine."""
+"""Open the detector selected by scenario or user, or the default one, locally or on another machine."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +14,9 @@ from caris_desktop.perception.weights import WeightsError, find_weights
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chosen:
-    """``people`` are the rows of the detector's class names that mean a person.
+    """``people`` are the class rows that mean a person.
 
-    ``folder`` is where its file is, None where that is elsewhere.
+    ``folder`` contains the detector's file, None if that is remote.
     """
 
     detector: Detector
@@ -27,7 +27,7 @@ class Chosen:
 def open_chosen(
     own: Path | None, settings: DetectorSettings, *, confidence: float, threads: int, allow_download: bool
 ) -> Chosen:
-    """``own`` is the user's own file, which comes before what the scenario names. Takes seconds.
+    """Open a detector; takes seconds. ``own`` is the user's file, which precedes the scenario's.
 
     Raises
     ------

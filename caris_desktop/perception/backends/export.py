@@ -1,4 +1,4 @@
-"""Turns .pt weights of ultralytics into ONNX networks for pictures of any size, offline and with what is installed."""
+"""Export of ultralytics .pt weights to ONNX networks for images of any size, offline."""
 
 import contextlib
 import copy
@@ -23,11 +23,11 @@ _OPSET = 17
 
 
 class ModelExportError(Exception):
-    """These weights cannot be exported; says why."""
+    """Weights that cannot be exported, with the reason."""
 
 
 def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
-    """Write the network of ``weights`` to ``target``, which appears whole or not at all. Takes seconds.
+    """Export ``weights`` to ``target`` atomically. Takes seconds.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
         replace_file(target.with_name(f"{target.name}.sha256"), checksum.encode(), durable=False)
     except ModelExportError:
         raise
-    except Exception as error:  # torch has types of its own for what it cannot export
+    except Exception as error:  # torch raises types of its own for failed exports
         raise ModelExportError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
 
@@ -59,7 +59,7 @@ def _exported(model: Any) -> bytes:
         raise ModelExportError(QT_TR_NOOP("it is no detector of boxes"))
     for part in network.modules():
         if isinstance(part, Detect):
-            # What ultralytics' own exporter sets.
+            # Attributes that ultralytics' exporter sets.
             part.export, part.dynamic, part.format = True, True, "onnx"
             part.max_det, part.agnostic_nms, part.xyxy, part.shape = 300, False, False, None
         elif isinstance(part, C2f):
@@ -72,7 +72,7 @@ def _exported(model: Any) -> bytes:
         type(head) is Detect and not head.end2end and head.reg_max == BINS and head.stride.tolist() == STRIDES_PX
     )
     if undecoded:
-        # Without the nodes that decode every place, of which few matter; it saves a sixteenth of the time.
+        # Without the nodes that decode all anchors, of which few matter; it saves a sixteenth of the time.
         head._inference = lambda found: torch.cat([found["boxes"], found["scores"]], 1)
     written = io.BytesIO()
     with torch.no_grad(), warnings.catch_warnings(), _without_onnx_package():
@@ -98,7 +98,7 @@ def _exported(model: Any) -> bytes:
 
 @contextlib.contextmanager
 def _without_onnx_package() -> Iterator[None]:
-    """torch wants the package onnx for one step only, which adds functions that no detector has."""
+    """Disable torch's only step that needs the package onnx, which adds functions that no detector has."""
     if importlib.util.find_spec("onnx") is not None:
         yield
         return

@@ -1,4 +1,4 @@
-"""Whatever ultralytics opens, run by ultralytics: .pt weights, and networks of a form that is not known here."""
+"""Detector run by ultralytics: .pt weights, and networks with an unknown output format."""
 
 import logging
 from typing import Any
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 class UltralyticsDetector:
-    """A ``Detector``. Raises what torch, onnxruntime or tflite raise for a bad file."""
+    """``Detector`` by ultralytics. Raises what torch, onnxruntime or tflite raise for a bad file."""
 
     def __init__(self, weights: Weights, *, confidence: float, threads: int, device: str = "auto") -> None:
         prepare_ultralytics(threads=threads)
@@ -27,7 +27,7 @@ class UltralyticsDetector:
             "verbose": False,
         }
         self._model = load_model(weights)
-        # The first frame is many times slower than the rest, and loading happens in it.
+        # Warm-up: the first frame is much slower, and includes loading.
         self._model.predict(np.full((480, 640, 3), 114, np.uint8), **self._arguments)
         names: dict[int, str] = self._model.predictor.model.names
         self.class_names = tuple(names.get(number, "") for number in range(max(names, default=-1) + 1))
@@ -58,10 +58,10 @@ _SHOWN = {"cpu": "CPU", "cuda": "CUDA", "mps": "MPS"}
 
 
 def load_model(weights: Weights) -> Any:
-    """The weights as ultralytics' ``YOLO``; :func:`prepare_ultralytics` comes before it.
+    """Load weights as ultralytics' ``YOLO``, after :func:`prepare_ultralytics`.
 
-    A .pt is a pickle. It is read with none but the classes that such models are made of; only one that the user named
-    on the command line may bring others, as code of its own.
+    A .pt is a pickle. It is restricted to the classes that such models consist of; only a file that the user named on
+    the command line may contain other code.
     """
     from ultralytics import YOLO
     from ultralytics.nn import tasks
@@ -70,7 +70,7 @@ def load_model(weights: Weights) -> Any:
         return YOLO(str(weights.path), task="detect")
     if not weights.may_run_code and not tasks._SafeLoad.SUPPORTED:
         raise RuntimeError("this torch cannot load a .pt without running the code in it")
-    # Whoever imported ultralytics first, without its environment variable, left this False.
+    # An import of ultralytics without its environment variable left this False.
     tasks.SAFE_LOAD = True
     try:
         return YOLO(str(weights.path))

@@ -1,4 +1,4 @@
-"""A detector around a network: the picture fitted into it, its output read, its boxes laid over the picture."""
+"""Detector around a network: scales the image to its input, decodes its output, and maps boxes back."""
 
 import ast
 import json
@@ -25,12 +25,12 @@ _NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
 
 
 class UnknownFormError(Exception):
-    """A network that is intact, but whose inputs or outputs have a form that is not known here."""
+    """Intact network with unknown input or output format."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelFacts:
-    """What a file tells of itself. ``class_names`` is empty where it names none; so is most of a foreign file."""
+    """Metadata of a model file. ``class_names`` is empty if unnamed; other fields may be missing too."""
 
     class_names: tuple[str, ...] = ()
     keypoint_values: int = 0
@@ -40,7 +40,7 @@ class ModelFacts:
 
 
 def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
-    """Reads what ultralytics writes into its exports; never evaluates it."""
+    """Parse the metadata of ultralytics' exports, without evaluating it."""
     names = _value(metadata.get("names"))
     if isinstance(names, Mapping):
         numbered = {int(number): str(name) for number, name in names.items()}
@@ -70,7 +70,7 @@ def _value(text: object) -> object:
 
 
 class Network(Protocol):
-    """What a runtime has to offer. ``fixed_size`` (height, width) is None for a network that takes any."""
+    """Interface of a runtime. ``fixed_size`` (height, width) is None for a network with dynamic input size."""
 
     runtime: str
     facts: ModelFacts
@@ -80,12 +80,12 @@ class Network(Protocol):
     """Its boxes are in parts of the input's size, not in pixels."""
 
     def run(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """One picture in, the first output out."""
+        """Run one image; return the first output."""
         ...
 
 
 class NetworkDetector:
-    """A ``Detector``.
+    """``Detector`` for a network.
 
     Raises
     ------
@@ -104,7 +104,7 @@ class NetworkDetector:
         self._to_input: Callable[[NDArray[np.uint8]], NDArray[np.float32]] = (
             pixels_rgb if network.channels_last else planes_rgb
         )
-        # The first picture is many times slower than the rest, and its output tells the form.
+        # Warm-up: the first image is much slower, and its output shows the format.
         output = network.run(self._to_input(np.full((*size, 3), 114, np.uint8)))
         class_count = len(facts.class_names) or None
         form: Form | None = "undecoded" if facts.undecoded else None

@@ -1,4 +1,4 @@
-"""ONNX networks by onnxruntime: with threads that sleep instead of spin, and smaller than they were exported."""
+"""ONNX networks by onnxruntime, with sleeping instead of spinning threads, and without their decoding head."""
 
 import logging
 import re
@@ -16,13 +16,15 @@ from caris_desktop.perception.backends.outputs import BINS
 
 log = logging.getLogger(__name__)
 
-# The detection head of YOLOv8, 9 and 11 before its boxes are decoded: (1, 4 * bins + classes, places).
+# Detection head of YOLOv8, 9 and 11 before box decoding: (1, 4 * bins + classes, anchors).
 _RAW_HEAD = re.compile(r"/model\.\d+/Concat_3_output_0")
 _CUDA, _CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 
 
 def session_options(threads: int) -> Any:
-    """At most this many threads, none of which spins: that delayed other processes on two cores by up to 11 ms."""
+    """Session options with a thread limit and no spinning, which delayed other processes on two
+    cores by up to 11 ms.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -34,7 +36,7 @@ def session_options(threads: int) -> Any:
 
 
 class OnnxNetwork:
-    """A ``Network``. One that was exported for a single input size is opened for any, where its head is known.
+    """``Network`` by onnxruntime. An export for a single input size is opened for any size if its head is known.
 
     Raises UnknownFormError, and what onnxruntime raises for a bad file.
     """
@@ -48,7 +50,7 @@ class OnnxNetwork:
         options = session_options(threads)
         on_gpu = device in ("auto", "cuda") and _CUDA in onnxruntime.get_available_providers()
         content = path.read_bytes()
-        # On a GPU the exported size costs little.
+        # On a GPU, the exported size costs little.
         cut = None if on_gpu else _resizable(path, content, options)
         self._session = cut or onnxruntime.InferenceSession(
             content, options, providers=[_CUDA, _CPU] if on_gpu else [_CPU]
@@ -73,7 +75,7 @@ class OnnxNetwork:
 
 
 def _resizable(path: Path, content: bytes, options: Any) -> Any:
-    """A session of the network without its last nodes, for input of any size; None where its head is not known."""
+    """Session without the last nodes, for input of any size; None if the head is unknown."""
     import onnxruntime
 
     cut = without_decoding(content)
@@ -81,7 +83,7 @@ def _resizable(path: Path, content: bytes, options: Any) -> Any:
         return None
     try:
         session = onnxruntime.InferenceSession(cut, options, providers=[_CPU])
-    except Exception as error:  # onnxruntime has types of its own
+    except Exception as error:  # onnxruntime raises its own types
         log.info("%s keeps the input size that it was exported for: %s", path.name, error)
         return None
     (shape,) = (output.shape for output in session.get_outputs())
@@ -90,9 +92,9 @@ def _resizable(path: Path, content: bytes, options: Any) -> Any:
 
 
 def without_decoding(content: bytes) -> bytes | None:
-    """An ONNX network without the nodes that compute its boxes, which hold it to one size of input.
+    """ONNX network without the nodes that decode boxes, which fix its input size.
 
-    None where it takes any size anyway, its head is not known, or it is no ONNX network.
+    None if the input size is dynamic already, the head is unknown, or it is not an ONNX network.
     """
     try:
         known = describe(content)

@@ -1,4 +1,4 @@
-"""Opens detectors: each file by the thinnest runner that understands it."""
+"""Open detector files with the thinnest runner that supports them."""
 
 import logging
 
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def check_weights(weights: Weights) -> str:
-    """The SHA-256 of the file, empty for a folder. Raises WeightsError where it is not the file that is meant."""
+    """SHA-256 of the file, empty for a folder. Raises WeightsError for a wrong checksum."""
     try:
         return "" if weights.path.is_dir() else check_file(weights.path)
     except WrongChecksum as error:
@@ -24,7 +24,7 @@ def check_weights(weights: Weights) -> str:
 
 
 def open_detector(weights: Weights, *, confidence: float, threads: int, device: Device = "auto") -> Detector:
-    """Load and warm up a detector, which takes seconds. ``confidence`` is the least that it tells of.
+    """Load and warm up a detector; takes seconds. ``confidence`` is its threshold.
 
     Raises
     ------
@@ -49,11 +49,11 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
                 searched=(str(weights.path),),
                 advice=QT_TR_NOOP("Choose a YOLO detector that was exported by ultralytics, or YOLOX"),
             ) from error
-        # Ultralytics made it, so it can read it.
+        # Ultralytics exported it, so it can read it.
         log.info("%s is left to ultralytics: %s", weights.path, error)
     except WeightsError:
         raise
-    except Exception as error:  # onnxruntime, LiteRT and OpenVINO each raise types of their own for a bad file
+    except Exception as error:  # onnxruntime, LiteRT and OpenVINO raise types of their own for a bad file
         raise _unreadable(weights) from error
     return _by_ultralytics(weights, confidence=confidence, threads=threads, device=device)
 

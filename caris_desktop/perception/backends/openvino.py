@@ -1,4 +1,4 @@
-"""Networks by OpenVINO, where that package is installed: folders of its own form, or ONNX files."""
+"""Networks by OpenVINO, if installed: folders in its format, or ONNX files."""
 
 import importlib.util
 import io
@@ -27,7 +27,7 @@ def is_installed() -> bool:
 
 
 def network_file(path: Path) -> Path:
-    """The file with the graph in a folder that was exported for OpenVINO. Raises FileNotFoundError."""
+    """Graph file in an OpenVINO export folder. Raises FileNotFoundError."""
     if path.is_dir():
         found = sorted(path.glob("*.xml"))
         if not found:
@@ -37,7 +37,7 @@ def network_file(path: Path) -> Path:
 
 
 class OpenvinoNetwork:
-    """A ``Network``.
+    """``Network`` by OpenVINO.
 
     Raises UnknownFormError, and what OpenVINO raises for a bad file.
     """
@@ -46,14 +46,14 @@ class OpenvinoNetwork:
     relative = False
 
     def __init__(self, path: Path, *, threads: int) -> None:
-        # With this name taken OpenVINO uses its own stub for reports of use to its maker.
+        # A placeholder module makes OpenVINO use its telemetry stub.
         sys.modules.setdefault("openvino_telemetry", cast(Any, None))
         import openvino
 
         core = openvino.Core()
         file = network_file(path)
         if file.suffix == ".onnx":
-            # Of an ONNX file OpenVINO reads the network alone.
+            # OpenVINO reads an ONNX file without its metadata.
             content = file.read_bytes()
             model, facts = _read_onnx(core, content), facts_of(describe(content).metadata)
         else:
@@ -77,7 +77,7 @@ class OpenvinoNetwork:
 
 
 def _read_onnx(core: Any, content: bytes) -> Any:
-    """For input of any size, where its head is known."""
+    """Network for input of any size, if its head is known."""
     cut = without_decoding(content)
     if cut is not None:
         try:

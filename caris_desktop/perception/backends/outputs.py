@@ -1,4 +1,4 @@
-"""Reads what detection networks give back, in each of the forms that are in use. Plain arrays, no runtime."""
+"""Decoders of detection network outputs, for each output format in use. Plain arrays, no runtime."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.value_class import dataclass
 
 STRIDES_PX = [8, 16, 32]
-# Ultralytics' own: boxes of one class that overlap more are one thing, and no picture holds more things than that.
+# Ultralytics' values: boxes of one class with more overlap are duplicates; maximum boxes per image.
 _SAME_OVERLAP = 0.7
 _BOXES_AT_MOST = 300
 _CANDIDATES_AT_MOST = 5000
@@ -23,7 +23,7 @@ Form = Literal["raw", "final", "yolox", "undecoded"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Boxes in pixels of the network's input: left, top, right, bottom; ``keypoints`` as ``Detections`` has them."""
+    """Boxes in input pixels: left, top, right, bottom; ``keypoints`` as in ``Detections``."""
 
     corners: NDArray[np.float64]
     confidences: NDArray[np.float64]
@@ -31,7 +31,7 @@ class Found:
     keypoints: NDArray[np.float64] | None = None
 
     def at(self, rows: Any) -> "Found":
-        """Those of these row numbers, or those whose mark is true."""
+        """Subset by row numbers or mask."""
         keypoints = None if self.keypoints is None else self.keypoints[rows]
         return Found(self.corners[rows], self.confidences[rows], self.classes[rows], keypoints)
 
@@ -39,11 +39,11 @@ class Found:
 def form_of(
     shape: tuple[int, ...], input_size: tuple[int, int], *, class_count: int | None, keypoint_values: int = 0
 ) -> Form | None:
-    """Which form an output of this shape has; None for one that is not known here.
+    """Format of an output by its shape; None if unknown.
 
-    ``raw``: (1, 4 + classes, places), boxes as centre and size. ``final``: (1, boxes, 6), already chosen. ``yolox``:
-    (1, places, 5 + classes), relative to its places. ``class_count`` is None where the file names no classes;
-    ``keypoint_values`` numbers for the key points of a pose follow in each of the first two.
+    ``raw``: (1, 4 + classes, anchors), boxes as centre and size. ``final``: (1, boxes, 6), after suppression.
+    ``yolox``: (1, anchors, 5 + classes), relative to the anchors. ``class_count`` is None if the file names no classes;
+    in the first two, ``keypoint_values`` pose values follow.
     """
     if len(shape) != 3 or shape[0] != 1:
         return None
@@ -61,7 +61,7 @@ def form_of(
 
 
 def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.float32], tuple[int, int], float], Found]:
-    """The function that reads this form: of output, size of the input and least confidence."""
+    """Decoder of a format: function of output, input size and confidence threshold."""
     if form == "yolox":
         return read_yolox
     if form == "undecoded":
@@ -72,7 +72,7 @@ def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.floa
 
 
 def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
-    """Of YOLOv8, 11 and their like: every place of the picture with a box and the probability of each class."""
+    """Decode YOLOv8, 11 and similar: every anchor with a box and class probabilities."""
     values = output[0]
     last_class = len(values) - keypoint_values
     best = values[4:last_class].max(axis=0)
@@ -90,7 +90,7 @@ def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values:
 
 
 def read_final(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
-    """Of networks that choose themselves: corners, confidence and class of each box, then its key points."""
+    """Decode networks with built-in suppression: corners, confidence and class per box, then key points."""
     rows = output[0]
     rows = rows[rows[:, 4] > confidence].astype(np.float64)
     return _finite(
@@ -101,7 +101,7 @@ def read_final(output: NDArray[np.float32], confidence: float, *, keypoint_value
 
 
 def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: float) -> Found:
-    """Of YOLOX: offset from the place and logarithm of the size in strides, objectness, probability of each class."""
+    """Decode YOLOX: offset and log size in strides relative to the anchor, objectness, class probabilities."""
     values = output[0]
     best = values[:, 4] * values[:, 5:].max(axis=1)
     kept = np.flatnonzero(best > confidence)
@@ -119,7 +119,7 @@ def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: f
 
 
 def _keypoints(values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Some exports leave out how visible a point is; then all are."""
+    """Key points; exports without visibility count all as visible."""
     if values.shape[1] == KEYPOINTS * 3:
         return values.reshape(-1, KEYPOINTS, 3)
     if values.shape[1] == KEYPOINTS * 2:
@@ -129,14 +129,14 @@ def _keypoints(values: NDArray[np.float64]) -> NDArray[np.float64] | None:
 
 
 def _finite(found: Found) -> Found:
-    """A network that overflows yields no boxes rather than boxes nowhere."""
+    """Drop boxes with infinite or NaN corners, from a network that overflows."""
     return found.at(np.isfinite(found.corners).all(axis=1))
 
 
 def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
-    """Of boxes of one group that are about the same, the surest. ``groups`` tells the group of each class.
+    """Non-maximum suppression within groups. ``groups`` has the group of each class.
 
-    Classes that mean the same to us share a group, so that one person does not get a box from each.
+    Classes of equal meaning share a group, so that one person does not get a box from each.
     """
     order = np.argsort(-found.confidences, kind="stable")[:_CANDIDATES_AT_MOST]
     found = found.at(order)
@@ -157,7 +157,7 @@ def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
 
 
 def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, ...]) -> NDArray[np.int64]:
-    """The group of each class, for :func:`suppress`: those that mean a person are one."""
+    """Group of each class for :func:`suppress`: person classes share one."""
     wanted = {name.lower() for name in person_class_names}
     groups = np.arange(len(class_names), dtype=np.int64)
     groups[[name.lower() in wanted for name in class_names]] = -1
@@ -165,7 +165,7 @@ def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, .
 
 
 def decode(raw: NDArray[np.float32], size: tuple[int, int], confidence: float) -> NDArray[np.float32]:
-    """What the left-out nodes of such a head compute, for the places that are surer than ``confidence``.
+    """Decode a raw head in place of its removed nodes, for anchors above ``confidence``.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def decode(raw: NDArray[np.float32], size: tuple[int, int], confidence: float) -
 
 @lru_cache(maxsize=4)
 def places(height_px: int, width_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centres of the cells of a detection head in units of their stride, shape (2, places), and the stride of each."""
+    """Anchor centres of a detection head in units of their stride, shape (2, anchors), and the strides."""
     centres, strides = [], []
     for stride_px in STRIDES_PX:
         rows, columns = np.mgrid[0 : height_px // stride_px, 0 : width_px // stride_px]

@@ -1,4 +1,4 @@
-"""Fits pictures into what a network takes, and lays what it found back over the picture."""
+"""Image scaling to a network's input, and mapping of its results back."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ _GREY = 114
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How a picture lies in the input of a network: scaled by these factors, then moved by these pixels."""
+    """Placement of an image in the input: scale factors, then offset in pixels."""
 
     scale_x: float
     scale_y: float
@@ -22,21 +22,21 @@ class Fit:
     picture_height_px: int
 
     def to_picture(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points of shape (..., 2) of the input as points of the picture, which may lie outside of it."""
+        """Map input points, shape (..., 2), to image points, which may lie outside of it."""
         offset = np.array([self.left_px, self.top_px], np.float64)
         return (points - offset) / np.array([self.scale_x, self.scale_y], np.float64)
 
 
 def input_size(picture_size: tuple[int, int], longest_px: int) -> tuple[int, int]:
-    """Height and width of the smallest input, in whole strides, that holds the picture at this length of side."""
+    """Height and width of the smallest input in whole strides for the image at this longest side."""
     height_px, width_px = _scaled(picture_size, (longest_px, longest_px))
     return _whole_strides(height_px), _whole_strides(width_px)
 
 
 def fit(image_bgr: NDArray[np.uint8], size: tuple[int, int], *, centred: bool = True) -> tuple[NDArray[np.uint8], Fit]:
-    """The picture scaled into ``size`` (height, width) with its proportions kept and grey around it.
+    """Scale the image into ``size`` (height, width) with its aspect ratio and grey padding.
 
-    In the middle as ultralytics places it, else in the upper left corner as YOLOX does.
+    Centred as in ultralytics, else in the upper left corner as in YOLOX.
     """
     height_px, width_px = image_bgr.shape[:2]
     scaled_height_px, scaled_width_px = _scaled((height_px, width_px), size)
@@ -66,16 +66,16 @@ def _whole_strides(side_px: int) -> int:
 
 
 def planes_rgb(fitted_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What ultralytics' networks take: shape (1, 3, height, width), red first, 0 to 1."""
+    """Input of ultralytics' networks: shape (1, 3, height, width), RGB, 0 to 1."""
     planes = np.empty((1, 3, *fitted_bgr.shape[:2]), np.float32)
     for plane, values in zip(planes[0], reversed(cv2.split(fitted_bgr)), strict=True):
-        # Divided as ultralytics does it: the last bit decides to which whole number an int8 network rounds.
+        # Divided as in ultralytics: the last bit affects the rounding of an int8 network.
         np.divide(values, np.float32(255.0), out=plane)
     return planes
 
 
 def pixels_rgb(fitted_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The same for networks that want their channels last: shape (1, height, width, 3)."""
+    """Input of channels-last networks: shape (1, height, width, 3), RGB, 0 to 1."""
     pixels: NDArray[np.float32] = np.divide(
         cv2.cvtColor(fitted_bgr, cv2.COLOR_BGR2RGB)[np.newaxis], np.float32(255.0), dtype=np.float32
     )
@@ -83,5 +83,5 @@ def pixels_rgb(fitted_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def planes_bgr(fitted_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What YOLOX takes: shape (1, 3, height, width), blue first, 0 to 255."""
+    """Input of YOLOX: shape (1, 3, height, width), BGR, 0 to 255."""
     return np.stack(cv2.split(fitted_bgr))[np.newaxis].astype(np.float32)

@@ -1,6 +1,6 @@
-"""Detection on another machine: a picture there as JPEG, what was found in it back as JSON, one at a time.
+"""Remote detector: sends JPEG images to another machine and receives boxes as JSON, one at a time.
 
-The server greets with what its detector is. Then each binary message is a picture, and each answer the boxes in it.
+The server's greeting describes its detector. Then each binary message is an image, and each answer its boxes.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ TOKEN_VARIABLE = "CARIS_PERCEPTION_TOKEN"  # noqa: S105 - the name of a variable
 SERVER_VARIABLE = "CARIS_PERCEPTION_SERVER"
 _CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
-# Of what is larger a detector sees nothing more, and the network would carry it for nothing.
+# Larger images do not improve detection, and cost bandwidth.
 _LONGEST_PX = 1280
 _JPEG_QUALITY = 90
 _MESSAGE_AT_MOST_BYTES = 4_000_000
@@ -49,7 +49,7 @@ _TRY_AGAIN_AFTER_S = 2.0
 
 
 class RemoteDetector:
-    """A ``Detector``. Without its server, ``detect`` raises DetectorAwayError and tries again every other second.
+    """``Detector`` on a server. Without it, ``detect`` raises DetectorAwayError and retries every two seconds.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class RemoteDetector:
     def close(self) -> None:
         connection, self._connection = self._connection, None
         if connection is not None:
-            # At once: who does not answer would not say goodbye either.
+            # At once: an unresponsive server would not answer a close either.
             connection.close_socket()
         self._open.close()
 
@@ -122,7 +122,7 @@ class RemoteDetector:
                     shown=self._shown,
                 )
             )
-        # The scenario names the server, the user where the token may go.
+        # The scenario names the server; the user decides which server may get the token.
         for_this = is_same_server(os.environ.get(SERVER_VARIABLE, ""), self._address)
         token = os.environ.get(TOKEN_VARIABLE, "") if for_this else ""
         try:
@@ -182,7 +182,7 @@ class RemoteDetector:
             connection.send(jpeg)
             answer = parse_json(connection.recv(timeout=self._answer_within_s))
         except (OSError, TimeoutError, WebSocketException) as error:
-            # A late answer would be taken for that to the next picture.
+            # A late answer would be mistaken for that to the next image.
             self.close()
             self._tried_s = self._monotonic_s()
             raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
@@ -190,7 +190,7 @@ class RemoteDetector:
 
 
 def _trusted(host: str, port: int) -> ssl.SSLContext:
-    """By its fingerprint, where the user has confirmed one."""
+    """TLS context, pinned to a fingerprint if the user confirmed one."""
     confirmed = os.environ.get(FINGERPRINT_VARIABLE, "").strip()
     try:
         return confirmed_context(confirmed, host, port) if confirmed else client_context()
@@ -212,7 +212,7 @@ def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
 
 
 def _greeting(message: str | bytes) -> dict[str, Any]:
-    """Raises KeyError, TypeError and ValueError where it is none of ours."""
+    """Parse the greeting. Raises KeyError, TypeError and ValueError if it is invalid."""
     told = parse_json(message)
     if told["caris_perception"] != PROTOCOL:
         raise ValueError("another version")
@@ -230,7 +230,7 @@ def _read(answer: dict[str, Any], scale: float) -> Detections:
 
 
 def told(found: Detections) -> str:
-    """What the server answers."""
+    """Answer of the server."""
     boxes = np.column_stack([found.corners_px.round(2), found.confidences.round(4), found.classes])
     keypoints = None if found.keypoints is None else found.keypoints.round(2).tolist()
     return json.dumps({"boxes": boxes.tolist(), "keypoints": keypoints})

@@ -1,4 +1,4 @@
-"""A detector for other computers: takes pictures over a websocket, one after the other, and answers with the boxes."""
+"""Detection server for other computers: receives images over a websocket and answers with boxes."""
 
 import contextlib
 import hmac
@@ -37,10 +37,10 @@ async def serving(
     tls: ssl.SSLContext | None,
     note: Callable[[str], None] = lambda _words: None,
 ) -> AsyncIterator[Server]:
-    """Serve while the context lasts. ``people`` are the rows of the class names that mean a person.
+    """Serve while the context lasts. ``people`` are the class rows that mean a person.
 
-    One picture is looked at after the other, whoever sends them: a detector is for one thread. Who cannot tell
-    ``token`` gets no answer, nor does a page in somebody's browser.
+    Images of all clients are processed in sequence: a detector is for one thread. Clients without ``token``, and web
+    pages, are refused.
     """
     clients: set[ServerConnection] = set()
     hello = json.dumps(
@@ -99,7 +99,7 @@ def _look(detector: Detector, message: str | bytes) -> str:
         return json.dumps({"error": "This picture cannot be read."})
     try:
         return told(detector.detect(np.asarray(image, np.uint8)))
-    except Exception:  # one picture that fails is not the end of the server
+    except Exception:  # a failed image does not end the server
         log.exception("a picture of %s pixels could not be looked at", image.shape[:2])
         return json.dumps({"error": "The detector failed on this picture."})
 

@@ -1,4 +1,4 @@
-"""TensorFlow Lite networks by LiteRT, float or int8."""
+"""TensorFlow Lite networks (float or int8) by LiteRT."""
 
 import ast
 import json
@@ -17,7 +17,7 @@ _WHOLE = (np.dtype(np.int8), np.dtype(np.uint8), np.dtype(np.int16))
 
 
 class TfliteNetwork:
-    """A ``Network``. Raises UnknownFormError, and what LiteRT raises for a bad file."""
+    """``Network`` by LiteRT. Raises UnknownFormError, and what LiteRT raises for a bad file."""
 
     def __init__(self, path: Path, *, threads: int) -> None:
         from ai_edge_litert.interpreter import Interpreter
@@ -33,7 +33,8 @@ class TfliteNetwork:
         shape = [int(side) for side in self._taken["shape"]]
         self.channels_last = shape[3] == 3
         self.fixed_size: tuple[int, int] | None = (shape[1], shape[2]) if self.channels_last else (shape[2], shape[3])
-        # As ultralytics has them: relative, but for boxes that a network with its channels first has chosen itself.
+        # As in ultralytics: relative coordinates, except for boxes of a channels-first network with built-in
+        # suppression.
         chosen = int(self._given["shape"][-1]) == 6 + self.facts.keypoint_values
         self.relative = self.channels_last or not chosen
 
@@ -53,7 +54,7 @@ class TfliteNetwork:
 
 
 def metadata_of(path: Path) -> Mapping[str, object]:
-    """What ultralytics appended to the file, as a zip archive behind the network; nothing where there is none."""
+    """Metadata that ultralytics appended to the file as a zip archive; empty if there is none."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()

@@ -1,6 +1,6 @@
-"""Prepares a child process for ultralytics: no calls home, no installs, few threads, and a torchvision that loads.
+"""Set-up of a process for ultralytics: no telemetry, no installs, few threads, and a torchvision that loads.
 
-Everything here changes process-wide state, so it is for the inference process only, never for the console.
+It changes process-wide state, so it is for the inference process only, never for the console.
 """
 
 import importlib
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 def prepare_runtimes(*, threads: int) -> None:
-    """Call before the first import of onnxruntime or cv2 does work: no more threads than these."""
+    """Limit the threads of onnxruntime and cv2. Call before their first use."""
     os.environ["OMP_NUM_THREADS"] = str(threads)
 
     import cv2
@@ -26,7 +26,7 @@ def prepare_runtimes(*, threads: int) -> None:
 
 
 def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
-    """Call before the first import of ultralytics or torch; afterwards both can be imported. Once is enough.
+    """Prepare the import of ultralytics and torch. Call before the first one; once is enough.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
     os.environ["YOLO_OFFLINE"] = "true"
     os.environ["YOLO_AUTOINSTALL"] = "false"
     os.environ["YOLO_VERBOSE"] = "false"
-    # A .pt is a pickle: only the classes that models are made of may be in it.
+    # A .pt is a pickle: it may contain only the classes that models consist of.
     os.environ["ULTRALYTICS_SAFE_LOAD"] = "true"
     prepare_runtimes(threads=threads)
 
@@ -63,10 +63,10 @@ def prepare_ultralytics(*, threads: int, cache_dir: Path | None = None) -> None:
 
 
 def ensure_torchvision() -> bool:
-    """Register a stand-in for torchvision where the installed one does not load. True when the real one does.
+    """Replace a torchvision that does not load by a stand-in. True if the real one loads.
 
-    A torchvision built for CUDA does not load beside a CPU build of torch. Ultralytics needs it for one function
-    only, non-maximum suppression, of which it has its own version.
+    A torchvision built for CUDA does not load with a CPU build of torch. Ultralytics needs it only for non-maximum
+    suppression, which it also implements itself.
     """
     try:
         importlib.import_module("torchvision")
@@ -95,7 +95,7 @@ def _torchvision_stand_in() -> dict[str, types.ModuleType]:
 
 
 def _limit_runtimes(threads: int) -> None:
-    """Thread counts of the runtimes that ultralytics opens itself, which offers no setting for them."""
+    """Limit the threads of runtimes that ultralytics opens itself, which has no setting for them."""
     from ultralytics.nn import autobackend
     from ultralytics.nn.backends import litert
     from ultralytics.nn.backends.onnx import ONNXBackend
@@ -111,7 +111,7 @@ def _limit_runtimes(threads: int) -> None:
 
 
 def torch_device(wanted: str) -> str:
-    """What torch computes on: what is wanted where it is here, for ``auto`` the best that is here."""
+    """torch device: the wanted one if available, for ``auto`` the best available."""
     import torch
 
     cuda, mps = torch.cuda.is_available(), torch.backends.mps.is_available()

@@ -1,1 +1,1 @@
-"""Cameras of this computer and of the network: one interface, one file each, chosen by one string."""
+"""Cameras of this computer and of the network: one interface, one module each, selected by one string."""

@@ -1,4 +1,4 @@
-"""The body of a camera's process: pictures into its frame ring, and word of how the camera is."""
+"""Camera process: writes images to a frame ring and reports the camera's state."""
 
 import contextlib
 import logging
@@ -30,26 +30,26 @@ from caris_desktop.perception.cameras.open_camera import open_camera
 
 log = logging.getLogger(__name__)
 
-# Without being told, a video file begins once a detector usually is ready.
+# Start of a video file without ``PlayVideo``: a detector is usually ready by then.
 PLAY_AFTER_S = 6.0
 _RETRY_AFTER_S = (1.0, 2.0, 5.0)
-# A file that could not be played in time for this long continues from where it is instead of rushing after.
+# After a longer delay, playback continues from the present position instead of catching up.
 _CATCH_UP_AT_MOST_S = 1.0
-# Pictures of no use that come one after the other: the camera is no better than one that is lost.
+# After this many unusable images in a row the camera counts as lost.
 _REFUSED_AT_MOST = 100
 _DEPTH_COLUMNS = 80
 
 
 @dataclass(frozen=True, slots=True)
 class HearCamera:
-    """Sent to the process: send on what the camera's microphone hears, or no longer."""
+    """Sent to the process: start or stop sending the audio of the camera's microphone."""
 
     on: bool
 
 
 @dataclass(frozen=True, slots=True)
 class PlayVideo:
-    """Sent to the process: begin to play a recorded video, since whoever shall see it from its start is ready."""
+    """Sent to the process: start the playback of a recorded video, since its viewers are ready."""
 
 
 def run_camera(
@@ -59,15 +59,14 @@ def run_camera(
     *,
     open_one: Callable[[ChosenCamera], CameraSource] | None = None,
 ) -> None:
-    """Process body: writes the camera's pictures to ``frames`` and sends a ``FrameRef`` for each.
+    """Process entry point: write the camera's images to ``frames`` and send a ``FrameRef`` for each.
 
-    While ``HearCamera`` says so, it sends an ``AudioChunk`` for what is heard beside it, where there is such a thing.
-    Also sends a ``CameraState`` whenever it is connected, lost or ended, and a ``Problem`` once per outage, and once
-    for pictures that cannot be shown. A camera that is lost is retried for ever. Returns when the connection ends, and
-    after the end of a recorded video.
+    While ``HearCamera`` is on, it sends an ``AudioChunk`` for the camera's microphone, if there is one. It sends a
+    ``CameraState`` at each change (connected, lost, ended), a ``Problem`` once per outage, and one for unusable images.
+    A lost camera is retried forever. It returns when the connection closes, and after the end of a recorded video.
 
-    A video file begins when ``PlayVideo`` arrives, or after ``PLAY_AFTER_S``, and plays at its own rate, or with
-    ``fast`` as fast as it can be read. In a fresh ring its n-th picture gets sequence n; none is left out.
+    A video file starts on ``PlayVideo`` or after ``PLAY_AFTER_S``, at its own rate, or with ``fast`` as fast as
+    possible. In a fresh ring its n-th image has sequence n, without gaps.
     """
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         _Running(connection, chosen, frames, open_one or open_camera).serve()
@@ -89,7 +88,7 @@ class _Running:
         self._hears = False
 
     def serve(self) -> None:
-        """Until a recorded video ends. Raises EOFError when the connection does."""
+        """Run until a recorded video ends. Raises EOFError when the connection closes."""
         name = self._chosen.name
         failures = 0
         self._tell_state("connecting")
@@ -137,7 +136,7 @@ class _Running:
             failures += 1
 
     def _read(self, camera: CameraSource) -> Picture | None:
-        """The next picture that can be shown. Raises CameraError."""
+        """Next usable image. Raises CameraError."""
         for _ in range(_REFUSED_AT_MOST):
             try:
                 picture = camera.read()
@@ -150,7 +149,7 @@ class _Running:
         )
 
     def _play(self, camera: CameraSource, first: Picture | None) -> None:
-        """Until a recorded video ends."""
+        """Play until a recorded video ends."""
         started_ns: int | None = None
         picture = first
         while picture is not None:
@@ -175,7 +174,7 @@ class _Running:
             picture = self._read(camera)
 
     def _wait(self, seconds: float) -> None:
-        """Until the time is over or ``PlayVideo`` came. Raises EOFError when the connection ends."""
+        """Wait for the time or ``PlayVideo``. Raises EOFError when the connection closes."""
         if self._connection.poll(seconds):
             asked = self._connection.recv()
             if isinstance(asked, HearCamera):
@@ -213,6 +212,6 @@ class _Running:
 
 
 def _coarse(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Enough for people, and little to send: some of its points, as many as ``_DEPTH_COLUMNS`` in a row."""
+    """Subsampled depth image, ``_DEPTH_COLUMNS`` wide: enough for people, and small to send."""
     step = max(1, depth_mm.shape[1] // _DEPTH_COLUMNS)
     return np.ascontiguousarray(depth_mm[step // 2 :: step, step // 2 :: step])

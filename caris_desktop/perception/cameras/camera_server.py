@@ -1,7 +1,7 @@
-"""A camera for others in the network: MJPEG and WebRTC, with the time at which each picture was taken.
+"""Camera server: MJPEG and WebRTC with capture times.
 
-Runs on the computer on the robot, so it needs neither Qt nor torch, and of HTTP it speaks only what its clients do:
-the console, browsers, and other programs that read MJPEG or WHEP.
+It runs on the robot's computer, hence without Qt and torch, and implements only the HTTP that its clients use: the
+console, browsers, and other MJPEG or WHEP clients.
 """
 
 import asyncio
@@ -28,9 +28,9 @@ MOST_CLIENTS = 16
 _LONGEST_HEAD_BYTES = 16_384
 _LONGEST_BODY_BYTES = 65_536
 _REQUEST_WITHIN_S = 5.0
-# Whoever takes nothing for so long has gone.
+# A client that accepts nothing for this long is gone.
 _STALLED_S = 10.0
-# What the system keeps for a slow client beside the newest picture is shown late there.
+# What the system buffers for a slow client is shown late there.
 _SEND_BUFFER_BYTES = 131_072
 _BOUNDARY = "frame"
 _REASONS = {200: "OK", 201: "Created", 204: "No Content", 400: "Bad Request", 401: "Unauthorized", 403: "Forbidden",
@@ -56,12 +56,12 @@ class _Answer:
 
 
 class _BadRequestError(Exception):
-    """What was sent cannot be understood."""
+    """Malformed request."""
 
 
 class CameraServer:
-    """Serves one camera. ``token`` is what a client has to tell, as bearer or as the password of any user; empty for
-    none, and then only this computer is answered.
+    """Serves one camera. Clients authenticate with ``token``, as bearer or as any user's password; without a token,
+    only this computer is served.
     """
 
     def __init__(self, frames: NewestFrame, *, token: str = "", sound: ServedSound | None = None) -> None:
@@ -69,11 +69,11 @@ class CameraServer:
         self._token = token
         self._webrtc = WebRtcServer(frames, sound)
         self._clients: set[asyncio.Task[None]] = set()
-        # Who has told the token; strangers have places of their own, which are few and short.
+        # Authenticated clients; strangers have few, short-lived places of their own.
         self._known: set[asyncio.StreamWriter] = set()
 
     async def serve(self, host: str, port: int) -> asyncio.Server:
-        """Raises OSError where the address is not free."""
+        """Start listening. Raises OSError if the address is in use."""
         listener = listen_limited(host, port)
         return await asyncio.start_server(self._on_client, sock=listener, limit=_LONGEST_HEAD_BYTES)
 
@@ -90,7 +90,7 @@ class CameraServer:
             while await self._answer_one(reader, writer):
                 pass
         except (OSError, asyncio.IncompleteReadError, TimeoutError, asyncio.CancelledError):
-            pass  # it has gone, or the server goes: asyncio would print a trace for each who still looks
+            pass  # Client or server ended: asyncio would print a traceback for each client.
         except _BadRequestError as error:
             with contextlib.suppress(OSError, TimeoutError):
                 await _send(writer, _Answer(400, str(error).encode()))
@@ -100,8 +100,8 @@ class CameraServer:
             writer.close()
 
     async def _answer_one(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
-        """Whether the same connection may ask again."""
-        # Not wait_for, which in Python 3.11 forgets that it was cancelled.
+        """Answer one request; True if the connection stays open."""
+        # Not wait_for, which can lose a cancellation in Python 3.11.
         async with asyncio.timeout(_REQUEST_WITHIN_S):
             request = await _request(reader)
         refusal = self._refusal(request)
@@ -119,7 +119,7 @@ class CameraServer:
 
     def _refusal(self, request: _Request) -> _Answer | None:
         if not self._token:
-            # A page that a browser on this computer shows must not reach us under a name of its own.
+            # A web page in a local browser must not reach us under a name of its own (DNS rebinding).
             known = is_own_host([request.head.get("host", "")], only_loopback=True)
             return None if known else _Answer(403, b"Without a token only this computer is answered.")
         if hmac.compare_digest(_told_token(request.head.get("authorization", "")), self._token.encode()):
@@ -166,7 +166,7 @@ class CameraServer:
         return _Answer(201, answer.encode(), "application/sdp", head)
 
     async def _stream(self, writer: asyncio.StreamWriter) -> None:
-        """One picture after the other: while one is on its way, those that come meanwhile are passed over."""
+        """Stream images; those that arrive while one is being sent are skipped."""
         connection = writer.get_extra_info("socket")
         if connection is not None:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
@@ -188,8 +188,8 @@ class CameraServer:
 
 
 def _when(captured_ns: int) -> dict[str, str]:
-    """``X-Timestamp`` as other MJPEG servers have it, seconds of UTC; what is exact is the monotonic clock, for which
-    ``/clock`` can be asked.
+    """Time headers: ``X-Timestamp`` as in other MJPEG servers (UTC seconds), and the exact monotonic clock, which
+    ``/clock`` serves.
     """
     utc_ns = time.time_ns() - (clock.now_ns() - captured_ns)
     return {"X-Timestamp": f"{utc_ns / 1e9:.6f}", "X-Captured-Monotonic-Ns": str(captured_ns)}
@@ -208,7 +208,7 @@ def _told_token(authorization: str) -> bytes:
 
 
 async def _request(reader: asyncio.StreamReader) -> _Request:
-    """Raises _BadRequestError, and IncompleteReadError at the end."""
+    """Read a request. Raises _BadRequestError, and IncompleteReadError at the end."""
     try:
         lines = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
     except asyncio.LimitOverrunError as error:

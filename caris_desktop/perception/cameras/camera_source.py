@@ -1,4 +1,4 @@
-"""What every camera is: an open source that gives one picture after the other, or says in words why it cannot."""
+"""Camera interface: an open source of images, and errors as user texts."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
@@ -29,7 +29,7 @@ class CameraError(Exception):
 
 
 def cannot_be_reached(name: str) -> CameraError:
-    """Of a camera in the network."""
+    """Error for an unreachable network camera."""
     return CameraError(
         filled(QT_TR_NOOP("The camera at {name} cannot be reached."), name=name),
         QT_TR_NOOP("Check its address, its password and that it is on the same network."),
@@ -38,12 +38,11 @@ def cannot_be_reached(name: str) -> CameraError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One frame, as the camera has it: grey, BGR or BGRA, of 8 or 16 bits.
+    """One frame as the camera delivers it: grey, BGR or BGRA, of 8 or 16 bits.
 
-    ``due_s`` is its time since the start of a recorded video. ``taken_ns`` is when the camera took it, on the session
-    clock to within ``taken_uncertainty_ns``; None where the camera does not tell. ``depth_mm`` is uint16, shape (rows,
-    columns), how far away what is seen there is: the same view in a resolution of its own, 0 where it is not known;
-    None without a depth camera.
+    ``due_s`` is its time from the start of a recorded video. ``taken_ns`` is the capture in session time within
+    ``taken_uncertainty_ns``; None if unknown. ``depth_mm`` is uint16, shape (rows, columns): the same view in its own
+    resolution, 0 if unknown; None without a depth camera.
     """
 
     image: NDArray[Any]
@@ -54,7 +53,7 @@ class Picture:
 
 
 def picture_of(image: NDArray[Any], *, device_ns: int, depth_mm: NDArray[np.uint16] | None = None) -> Picture:
-    """With the time that the device's driver gives it, where that is of the session clock, as it is on Linux."""
+    """Picture with the driver's time, if that is in session time, as on Linux."""
     ago_ns = clock.now_ns() - device_ns
     if not 0 <= ago_ns <= _DRIVER_WITHIN_NS:
         return Picture(image, depth_mm=depth_mm)
@@ -62,28 +61,28 @@ def picture_of(image: NDArray[Any], *, device_ns: int, depth_mm: NDArray[np.uint
 
 
 class CameraSource(Protocol):
-    """An open camera. For one thread. Another kind of camera is one file with a class like this, a word in
-    ``chosen_camera.py`` and a line in ``open_camera.py``.
+    """Open camera. For one thread. Another kind of camera needs a class like this, a keyword in ``chosen_camera.py``
+    and a case in ``open_camera.py``.
     """
 
     width_px: int
     height_px: int
-    fps: float | None  # None where it does not tell
+    fps: float | None  # None if unknown
 
     def read(self) -> Picture | None:
-        """The newest picture, waiting for it; None at the end of a recorded video.
+        """Wait for the newest image; None at the end of a recorded video.
 
-        Raises CameraError when the camera is lost, and PictureError where only this picture is of no use.
+        Raises CameraError if the camera is lost, and PictureError if only this image is unusable.
         """
 
     def close(self) -> None:
-        """Once, whatever happened before."""
+        """Close the camera; called once in any state."""
 
 
 @runtime_checkable
 class CameraWithMicrophone(Protocol):
-    """A camera that can be listened to. ``on_sound`` gets the moment of the first sample on the session clock and the
-    samples, int16, shape (samples, 1), at ``SOUND_RATE_HZ``, while a picture is waited for and in the same thread.
+    """Camera with a microphone. ``on_sound`` gets the session time of the first sample and the samples, int16, shape
+    (samples, 1), at ``SOUND_RATE_HZ``, in the thread that waits for an image.
     """
 
     on_sound: Callable[[int, NDArray[np.int16]], None]

@@ -1,4 +1,4 @@
-"""What the string means that chooses a camera."""
+"""Parser of the string that selects a camera."""
 
 import os
 import re
@@ -18,7 +18,7 @@ _SCHEMES: dict[str, Kind] = {
     "whep+http": "whep", "whep+https": "whep", "webrtc+http": "webrtc", "webrtc+https": "webrtc",
 }  # fmt: skip
 _PLAY_WORDS = frozenset({"loop", "fast"})
-# A scenario comes from others, too: what else this computer keeps in its environment is none of their business.
+# Scenarios may come from others, who must not read other environment variables.
 _TOKEN_ENV = re.compile(r"[A-Za-z0-9_]*CAMERA[A-Za-z0-9_]*")
 FORMS = (
     "robot, robot:NAME, simulated, oak, oak:ID, a number, /dev/videoN, a video file, "
@@ -29,10 +29,10 @@ FORMS = (
 
 @dataclass(frozen=True, slots=True)
 class ChosenCamera:
-    """``target`` is what the kind needs to find it. ``name`` is fit for file names and never holds a password.
+    """``target`` locates the camera for its kind. ``name`` is safe for file names and never contains a password.
 
-    ``token_env`` names the environment variable that holds what the camera asks for, so that no file has to.
-    ``sound``: its microphone may be listened to, where it comes over WebRTC.
+    ``token_env`` names the environment variable with the camera's token, so that no file has to contain it. ``sound``:
+    use its microphone, over WebRTC.
     """
 
     kind: Kind
@@ -49,7 +49,7 @@ class ChosenCamera:
 
 
 def parse_camera(text: str, *, name: str = "") -> ChosenCamera:
-    """Understand one string; ``name`` replaces the name that follows from it.
+    """Parse one string; ``name`` replaces the derived name.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def parse_camera(text: str, *, name: str = "") -> ChosenCamera:
 
 
 def with_distinct_names(cameras: Iterable[ChosenCamera]) -> tuple[ChosenCamera, ...]:
-    """A second camera of the same name gets a number behind it: everything is kept by name."""
+    """Number cameras of the same name, since data is stored by name."""
     taken: set[str] = set()
     distinct = []
     for camera in cameras:
@@ -74,7 +74,7 @@ def with_distinct_names(cameras: Iterable[ChosenCamera]) -> tuple[ChosenCamera, 
 
 
 def camera_token(chosen: ChosenCamera) -> str:
-    """What the camera asks for, empty where nothing is to be told. Raises CameraError."""
+    """Token for the camera, empty if none is configured. Raises CameraError."""
     if not chosen.token_env:
         return ""
     token = os.environ.get(chosen.token_env, "").strip()
@@ -133,7 +133,7 @@ def _address(text: str) -> ChosenCamera:
                 schemes=", ".join(f"{scheme}://" for scheme in _SCHEMES),
             ),
         )
-    # What stands behind the # is for us and never sent.
+    # The fragment after # is for us and never sent.
     token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
     if token_env and not _TOKEN_ENV.fullmatch(token_env):
         raise CameraError(

@@ -1,18 +1,18 @@
-"""A camera of this computer."""
+"""Local camera device, through OpenCV."""
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture, picture_of
 
 
 class DeviceCamera:
-    """Through OpenCV. ``target`` is a number or a device path."""
+    """Camera through OpenCV. ``target`` is a number or a device path."""
 
     def __init__(self, target: str) -> None:
         import cv2
 
         self._target = target
         self._has_delivered = False
-        # A missing device is reported as a Problem; OpenCV would add lines of its own at every retry.
+        # A missing device is reported as a Problem; OpenCV would log each retry.
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
         if not self._capture.isOpened():
@@ -20,7 +20,7 @@ class DeviceCamera:
                 filled(QT_TR_NOOP("Camera {target} cannot be opened."), target=target),
                 QT_TR_NOOP("Check that it is plugged in, that no other program uses it, and that you may use cameras."),
             )
-        # Motion-JPEG, since uncompressed pictures of this size come slowly over USB 2.
+        # Motion-JPEG, since uncompressed images of this size are slow over USB 2.
         self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
         self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, DEVICE_SIZE_PX[0])
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, DEVICE_SIZE_PX[1])
@@ -34,7 +34,7 @@ class DeviceCamera:
     def read(self) -> Picture | None:
         delivered, image = self._capture.read()
         if not delivered and not self._has_delivered:
-            # Some drivers open a camera that another program has, and only give no picture of it.
+            # Some drivers open a camera in use by another program, but deliver no image.
             raise CameraError(
                 filled(QT_TR_NOOP("Camera {target} delivers no pictures."), target=self._target),
                 QT_TR_NOOP("Close other programs that may use it, as a browser or a video call, and check its cable."),
@@ -45,7 +45,7 @@ class DeviceCamera:
                 QT_TR_NOOP("Check its cable."),
             )
         self._has_delivered = True
-        # Of Video4Linux this is when the driver had the picture; of others, as of a file, another time altogether.
+        # With Video4Linux this is the driver's capture time; with others, a different clock.
         return picture_of(image, device_ns=round(self._capture.get(self._moment) * 1e6))
 
     def close(self) -> None:

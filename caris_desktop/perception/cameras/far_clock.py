@@ -1,4 +1,4 @@
-"""The clock of the computer that a camera is plugged into, seen from here by asking for its time."""
+"""Clock offset estimate of a remote camera's computer, from round trips."""
 
 import logging
 from collections import deque
@@ -14,12 +14,12 @@ _FIRST_ROUND_TRIPS = 8
 _ASK_EVERY_NS = 2_000_000_000
 
 _KEPT = 30
-# Two clocks of ordinary computers drift apart by no more than this, in ns per ns.
+# Maximum drift between ordinary computers' clocks, in ns per ns.
 _DRIFT = 50e-6
 
 
 class FarClock:
-    """``ask`` gives the far monotonic clock in nanoseconds, after one way there and back."""
+    """Remote clock estimate; ``ask`` returns the remote monotonic clock in ns, with one round trip."""
 
     def __init__(self, ask: Callable[[], int], *, now_ns: Callable[[], int] = clock.now_ns) -> None:
         self._ask = ask
@@ -27,14 +27,14 @@ class FarClock:
         self._measured: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
 
     def measure(self) -> None:
-        """One more round trip; the quickest tells most. Raises what ``ask`` raises."""
+        """Measure one round trip; the shortest ones are the most accurate. Raises what ``ask`` raises."""
         asked_ns = self._now_ns()
         far_ns = self._ask()
         heard_ns = self._now_ns()
         self._measured.append((heard_ns, far_ns - (asked_ns + heard_ns) // 2, (heard_ns - asked_ns) // 2))
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
-        """That moment on the session clock, and to within how much; None where it is not known well enough."""
+        """Remote time in session time, and its uncertainty; None if not known well enough."""
         if not self._measured:
             return None
         now_ns = self._now_ns()
@@ -46,7 +46,7 @@ class FarClock:
 
 
 class ServedClock:
-    """The clock of a camera server, asked for over HTTP: at first several times, then now and then."""
+    """Clock of a camera server, polled over HTTP: several times at first, then periodically."""
 
     def __init__(self, chosen: ChosenCamera, path: str) -> None:
         self._chosen = chosen
@@ -58,7 +58,7 @@ class ServedClock:
             self._ask()
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
-        """As :meth:`FarClock.here`; now and then takes one round trip."""
+        """As :meth:`FarClock.here`, with an occasional round trip."""
         if clock.now_ns() - self._asked_ns >= _ASK_EVERY_NS:
             self._ask()
         return self._clock.here(far_ns)

@@ -1,4 +1,4 @@
-"""Which cameras are plugged into this computer."""
+"""Discovery of cameras connected to this computer."""
 
 import re
 from pathlib import Path
@@ -9,12 +9,12 @@ _V4L = Path("/sys/class/video4linux")
 
 
 def found_cameras(v4l: Path = _V4L) -> list[str]:
-    """As they are chosen, each with its name where it has one: ``0 (HD Webcam)``, ``oak:14442C10D13EABCE00``."""
+    """Selection strings, with names where known: ``0 (HD Webcam)``, ``oak:14442C10D13EABCE00``."""
     return [*_devices(v4l), *(f"oak:{device}" for device in oak_devices())]
 
 
 def _devices(v4l: Path) -> list[str]:
-    """One camera has several nodes; its pictures are on the one of index 0."""
+    """Video4Linux devices. A camera has several nodes; the one with index 0 delivers images."""
     found = {}
     for folder in v4l.glob("video*"):
         number = re.fullmatch(r"video(\d+)", folder.name)

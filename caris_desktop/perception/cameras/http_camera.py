@@ -1,4 +1,4 @@
-"""A camera that sends one JPEG after the other over HTTP (multipart), as network cameras and our camera server do."""
+"""MJPEG camera: JPEG images over HTTP (multipart), from network cameras and our camera server."""
 
 import http.client
 import re
@@ -17,23 +17,23 @@ CAPTURED_HEADER = "x-captured-monotonic-ns"
 CLOCK_HEADER = "X-Clock"
 """In the answer of our camera server: where its monotonic clock can be asked for."""
 _LARGEST_BYTES = 64_000_000
-# Whatever else comes meanwhile
+# Whatever else arrives in between
 _PICTURE_WITHIN_S = 6.0
 _LONGEST_HEAD_BYTES = 16_384
 
 
 class NotMultipartError(Exception):
-    """Something else answers at this address: a video stream, or a camera that wants another kind of password."""
+    """The address serves something else: a video stream, or a camera with another authentication."""
 
 
 class HttpCamera:
-    """``width_px`` and ``height_px`` are those of the first picture."""
+    """MJPEG source; ``width_px`` and ``height_px`` are those of the first image."""
 
     fps: float | None = None
     read_at_most_bytes = 1 << 20
 
     def __init__(self, chosen: ChosenCamera) -> None:
-        """Raises CameraError, and NotMultipartError where other means may read it."""
+        """Connect. Raises CameraError, and NotMultipartError if another source type may work."""
         self._chosen = chosen
         self._clock: ServedClock | None = None
         self._connection = CameraConnection(chosen)
@@ -77,7 +77,7 @@ class HttpCamera:
             self._clock.close()
 
     def _newest(self) -> tuple[dict[str, str], bytes]:
-        """The last of the pictures that have come whole: what came before it would be shown late."""
+        """Newest of the complete images received; earlier ones would be shown late."""
         newest: tuple[dict[str, str], bytes] | None = None
         until_ns = clock.now_ns() + round(_PICTURE_WITHIN_S * 1e9)
         try:
@@ -111,14 +111,14 @@ class HttpCamera:
 
 
 class MultipartReader:
-    """Takes a multipart stream apart as it comes: parts with their length told, or ended by the next boundary."""
+    """Incremental parser of a multipart stream: parts with a content length, or delimited by boundaries."""
 
     def __init__(self, boundary: str) -> None:
         self._mark = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
         self._buffer = bytearray()
 
     def add(self, data: bytes) -> tuple[dict[str, str], bytes] | None:
-        """The newest part that is whole now, with its head by lower-case names. Raises OSError where it is no such
+        """Add data; return the newest complete part with its headers by lower-case name. Raises OSError for an invalid
         stream.
         """
         self._buffer += data

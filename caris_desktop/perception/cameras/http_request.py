@@ -1,4 +1,4 @@
-"""Requests to cameras in the network, with what they ask for to let us in."""
+"""HTTP requests to network cameras, with authentication."""
 
 import base64
 import http.client
@@ -12,10 +12,10 @@ _LONGEST_ANSWER_BYTES = 1_000_000
 
 
 class CameraConnection:
-    """To the computer of a camera; asks one thing after the other. Use as a context, or close it."""
+    """Connection to a camera's host for sequential requests. Use as a context, or close it."""
 
     def __init__(self, chosen: ChosenCamera) -> None:
-        """Raises CameraError where the token is missing."""
+        """Raises CameraError if the token is missing."""
         self._chosen = chosen
         self._parts = urllib.parse.urlsplit(chosen.target)
         self._head = _authorization(chosen, self._parts)
@@ -34,7 +34,9 @@ class CameraConnection:
     def request(
         self, method: str, path: str = "", body: bytes | None = None, head: Mapping[str, str] | None = None
     ) -> http.client.HTTPResponse:
-        """The head of the answer; ``path`` is that of the camera's address if not given. Raises CameraError."""
+        """Send a request; return the response after its headers. ``path`` defaults to the camera's.
+        Raises CameraError.
+        """
         own = (self._parts.path or "/") + (f"?{self._parts.query}" if self._parts.query else "")
         try:
             self._connection.request(method, path or own, body, {**self._head, **(head or {})})
@@ -47,7 +49,7 @@ class CameraConnection:
     def ask(
         self, method: str, path: str = "", body: bytes | None = None, head: Mapping[str, str] | None = None
     ) -> tuple[http.client.HTTPResponse, bytes]:
-        """The whole answer. Raises CameraError."""
+        """Send a request; return the response and its body. Raises CameraError."""
         response = self.request(method, path, body, head)
         try:
             return response, response.read(_LONGEST_ANSWER_BYTES)

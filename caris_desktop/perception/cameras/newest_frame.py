@@ -1,4 +1,4 @@
-"""The newest picture of one camera for many who look at it, each as fast as they can: none waits for another."""
+"""Newest frame of one camera for several clients, each at its own rate."""
 
 import asyncio
 import logging
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True, eq=False)
 class Frame:
-    """uint8 BGR. ``captured_ns`` is of this computer's monotonic clock."""
+    """Frame as uint8 BGR. ``captured_ns`` is this computer's monotonic clock."""
 
     image_bgr: NDArray[np.uint8]
     captured_ns: int
@@ -31,14 +31,14 @@ class Frame:
     _jpeg: "asyncio.Task[bytes] | None" = field(default=None, init=False)
 
     async def jpeg(self) -> bytes:
-        """Made once, whoever asks."""
+        """JPEG, encoded once for all clients."""
         if self._jpeg is None:
             self._jpeg = asyncio.create_task(asyncio.to_thread(jpeg_of, self.image_bgr, quality=_JPEG_QUALITY))
         return await asyncio.shield(self._jpeg)
 
 
 class NewestFrame:
-    """Reads a camera while ``run`` runs, again and again where it is lost."""
+    """Reads a camera while ``run`` runs, and reconnects."""
 
     def __init__(self, chosen: ChosenCamera, open_one: Callable[[ChosenCamera], CameraSource]) -> None:
         self._chosen = chosen
@@ -50,17 +50,17 @@ class NewestFrame:
 
     @property
     def sequence(self) -> int:
-        """How many pictures there have been."""
+        """Number of images so far."""
         return 0 if self._frame is None else self._frame.sequence
 
     async def after(self, sequence: int) -> Frame:
-        """The newest one, once it is newer than this."""
+        """Wait for a frame newer than ``sequence``."""
         while self._frame is None or self._frame.sequence <= sequence:
             await self._came.wait()
         return self._frame
 
     async def run(self) -> None:
-        """Until it is cancelled. A file is played again and again, at its own rate."""
+        """Read until cancelled. A file is looped at its own rate."""
         failures = 0
         while True:
             camera: CameraSource | None = None
@@ -79,7 +79,7 @@ class NewestFrame:
                     camera.close()
 
     async def _read(self, camera: CameraSource) -> None:
-        """Until a recorded video ends. Raises CameraError."""
+        """Read until a recorded video ends. Raises CameraError."""
         began_ns = clock.now_ns()
         while True:
             try:
@@ -104,7 +104,7 @@ class NewestFrame:
 
 
 async def _finished(work: Coroutine[Any, Any, T]) -> T:
-    """What it gives; also who is cancelled waits for it: a camera must not be closed while it is read."""
+    """Await a thread's result even when cancelled: a camera must not be closed while it is read."""
     task = asyncio.ensure_future(work)
     try:
         return await asyncio.shield(task)

@@ -1,4 +1,4 @@
-"""A Luxonis OAK camera."""
+"""Luxonis OAK camera, through depthai."""
 
 import datetime
 import logging
@@ -19,14 +19,14 @@ from caris_desktop.perception.cameras.camera_source import (
 )
 
 _log = logging.getLogger(__name__)
-_DEPTH_SIZE_PX = (320, 180)  # the shape of the pictures, and enough for people
+_DEPTH_SIZE_PX = (320, 180)  # aspect ratio of the images, and enough for people
 _DEPTH_FPS = 10
 _SAME_MOMENT = datetime.timedelta(milliseconds=200)
 
 
 def oak_devices() -> list[str]:
-    """The ids of those that are plugged in or in the network; empty also where depthai is not installed."""
-    # It would write to the terminal that there is no USB here.
+    """Ids of connected and network devices; empty if depthai is not installed."""
+    # It would print that there is no USB here.
     os.environ.setdefault("DEPTHAI_LEVEL", "error")
     try:
         import depthai
@@ -36,9 +36,9 @@ def oak_devices() -> list[str]:
 
 
 class OakCamera:
-    """Through depthai 3: colour pictures, and depth where the device has the two cameras for it.
+    """Colour images, and depth if the device has the stereo cameras, through depthai 3.
 
-    ``device_id`` is its id, name or address; empty: any that is there.
+    ``device_id`` is its id, name or address; empty: any device.
     """
 
     def __init__(self, device_id: str = "") -> None:
@@ -48,7 +48,7 @@ class OakCamera:
             raise CameraError(
                 QT_TR_NOOP("OAK cameras need the package depthai."), QT_TR_NOOP("Install it: pip install depthai")
             ) from error
-        # Looking costs nothing; connecting to a device that is not there waits for twelve seconds.
+        # Discovery is cheap; connecting to a missing device waits for twelve seconds.
         if not device_id and not depthai.Device.getAllAvailableDevices():
             raise CameraError(
                 QT_TR_NOOP("No OAK camera was found."), QT_TR_NOOP("Check its cable, and that USB devices may be used.")
@@ -60,7 +60,7 @@ class OakCamera:
             self._pipeline = depthai.Pipeline(device)
             camera = self._pipeline.create(depthai.node.Camera).build()
             output = camera.requestOutput(DEVICE_SIZE_PX, type=depthai.ImgFrame.Type.BGR888i, fps=DEVICE_FPS)
-            # One slot that the newest picture overwrites: what waits here would be shown late.
+            # One slot that the newest image overwrites: queued images would be shown late.
             self._pictures = output.createOutputQueue(maxSize=1, blocking=False)
             if _sees_depth(device):
                 self._depths = self._depth_output(depthai, output).createOutputQueue(maxSize=1, blocking=False)
@@ -76,7 +76,7 @@ class OakCamera:
         self.fps: float | None = float(DEVICE_FPS)
 
     def _depth_output(self, depthai: Any, colour: Any) -> Any:
-        """Depth as the colour camera would see it."""
+        """Depth aligned to the colour camera."""
         stereo = self._pipeline.create(depthai.node.StereoDepth)
         sockets = (depthai.CameraBoardSocket.CAM_B, depthai.CameraBoardSocket.CAM_C)
         for socket, eye in zip(sockets, (stereo.left, stereo.right), strict=True):
@@ -100,8 +100,8 @@ class OakCamera:
         depth_mm = None
         if self._depth is not None and abs(self._depth.getTimestamp() - frame.getTimestamp()) <= _SAME_MOMENT:
             depth_mm = np.asarray(self._depth.getFrame(), np.uint16)
-            self._depth = None  # each once
-        device_ns = round(frame.getTimestamp().total_seconds() * 1e9)  # depthai keeps its clock in step with ours
+            self._depth = None  # use each depth image once
+        device_ns = round(frame.getTimestamp().total_seconds() * 1e9)  # depthai synchronises its clock with ours
         return picture_of(fitted(frame.getCvFrame()), device_ns=device_ns, depth_mm=depth_mm)
 
     def close(self) -> None:

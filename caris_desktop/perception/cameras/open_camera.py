@@ -1,4 +1,4 @@
-"""Which class opens which kind of camera. Each is imported when it is wanted: most runs use one."""
+"""Factory of camera sources by kind, with late imports, as most runs use one kind."""
 
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
@@ -39,7 +39,7 @@ def _open_http(chosen: ChosenCamera) -> CameraSource:
     try:
         return HttpCamera(chosen)
     except NotMultipartError:
-        # A video over HTTP, or a password that is asked for in another way.
+        # A video over HTTP, or another authentication.
         from caris_desktop.perception.cameras.stream_camera import StreamCamera
 
         return StreamCamera(chosen)

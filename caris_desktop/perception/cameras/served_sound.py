@@ -1,4 +1,4 @@
-"""The microphone beside a served camera, over WebRTC: for whoever asks for sound with the picture."""
+"""Microphone of a served camera over WebRTC, for clients that request audio."""
 
 import asyncio
 import contextlib
@@ -18,16 +18,16 @@ Take = Callable[[NDArray[np.int16]], None]
 
 
 class SoundSource(Protocol):
-    """Gives pieces of ``PIECE`` samples of one channel, shape (PIECE,), at ``RATE_HZ``, in any thread."""
+    """Delivers chunks of ``PIECE`` samples of one channel, shape (PIECE,), at ``RATE_HZ``, in any thread."""
 
     def begin(self, take: Take) -> None:
-        """Raises OSError where there is no sound."""
+        """Start. Raises OSError without audio input."""
 
     def end(self) -> None: ...
 
 
 class LocalSound:
-    """An input of this computer, by a part of its name; the system's default for an empty one."""
+    """Audio input of this computer, by a part of its name; empty: the system default."""
 
     def __init__(self, name: str) -> None:
         self._name = name or None
@@ -43,7 +43,7 @@ class LocalSound:
             )  # fmt: skip
             self._stream.start()
         except Exception as error:
-            # PortAudio raises errors of its own kinds, and what is not there raises ValueError.
+            # PortAudio raises its own types, and ValueError for a missing device.
             raise OSError(" ".join(str(error).split()) or type(error).__name__) from error
 
     def end(self) -> None:
@@ -55,7 +55,7 @@ class LocalSound:
 
 
 class ServedSound:
-    """One source for every client; it is open only while there is one. In one event loop."""
+    """One source for all clients, open only while there is one. In one event loop."""
 
     def __init__(self, source: SoundSource) -> None:
         self._source = source
@@ -63,7 +63,7 @@ class ServedSound:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def track(self) -> Any:
-        """A track for one client. Raises OSError where there is no sound."""
+        """Audio track for one client. Raises OSError without audio input."""
         self._loop = asyncio.get_running_loop()
         if not self._listeners:
             self._source.begin(self._take)
@@ -79,7 +79,7 @@ class ServedSound:
 
     def _take(self, samples: NDArray[np.int16]) -> None:  # the source's thread
         if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
+            with contextlib.suppress(RuntimeError):  # the event loop has ended
                 self._loop.call_soon_threadsafe(self._give, samples)
 
     def _give(self, samples: NDArray[np.int16]) -> None:
@@ -88,7 +88,7 @@ class ServedSound:
 
 
 class _Listener:
-    """Pieces on their way to one client, each with its number; the oldest are left out where it is slow."""
+    """Numbered chunks for one client; the oldest are dropped if it is slow."""
 
     def __init__(self) -> None:
         self._number = 0
@@ -112,7 +112,7 @@ def _track(listener: _Listener, ended: Callable[[], None]) -> Any:
     import av
 
     class MicrophoneTrack(aiortc.MediaStreamTrack):  # type: ignore[misc]
-        """What was left out is missing in the time of the frames, too."""
+        """Audio track; dropped chunks leave gaps in the frame times."""
 
         kind = "audio"
 

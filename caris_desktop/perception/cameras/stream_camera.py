@@ -1,4 +1,4 @@
-"""Video files and what a network sends as one stream of pictures."""
+"""Camera from video files and network streams, through PyAV."""
 
 import itertools
 from collections.abc import Iterator
@@ -19,12 +19,12 @@ from caris_desktop.perception.cameras.camera_source import (
 )
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 
-# A few broken pictures are a bad moment of the network, and so many a file or a camera that is of no use.
+# A few broken frames are a network problem; this many mean an unusable file or camera.
 _BROKEN_AT_MOST = 50
 
 
 class StreamCamera:
-    """Video files and network streams, through PyAV. What has a duration is played at its own rate."""
+    """Video files and network streams. Sources with a duration play at their own rate."""
 
     def __init__(self, chosen: ChosenCamera) -> None:
         import av
@@ -45,7 +45,7 @@ class StreamCamera:
             raise self._cannot_open()
         self._stream = self._container.streams.video[0]
         self._recorded = chosen.recorded or self._container.duration is not None
-        # Decoding on several frames at once is faster, but holds back as many frames.
+        # Frame threading is faster, but delays as many frames as threads.
         self._stream.thread_type = "AUTO" if self._recorded else "SLICE"
         self.width_px, self.height_px = fitting_size(self._stream.width, self._stream.height)
         self.fps = float(self._stream.average_rate) if self._stream.average_rate else None
@@ -89,11 +89,11 @@ class StreamCamera:
         return Picture(image_bgr, self._due_s(frame) if self._recorded else None)
 
     def _turn_as_told(self) -> None:
-        """A phone held upright writes its pictures lying, and how to turn them: counterclockwise, in degrees."""
+        """Apply the rotation of the video's metadata, as of an upright phone: counterclockwise, in degrees."""
         try:
             first = next(self._frames, None)
         except self._errors:
-            self._frames = iter(self._container.decode(self._stream))  # told when it is read
+            self._frames = iter(self._container.decode(self._stream))  # reported when it is read
             return
         if first is None:
             return
@@ -137,7 +137,7 @@ class StreamCamera:
 
 
 def bgr_of(frame: Any) -> NDArray[np.uint8]:
-    """PyAV's frame in a size that fits. Raises PictureError."""
+    """BGR image of PyAV's frame, scaled to the size limit. Raises PictureError."""
     check_size(frame.width, frame.height)
     width_px, height_px = fitting_size(frame.width, frame.height)
     image_bgr = frame.reformat(width=width_px, height=height_px, format="bgr24").to_ndarray()

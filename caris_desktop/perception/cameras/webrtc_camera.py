@@ -1,4 +1,4 @@
-"""A camera over WebRTC: by WHEP, or by a plain HTTP offer (JSON with ``sdp`` and ``type``, answered alike)."""
+"""WebRTC camera, by WHEP or by a plain HTTP offer (JSON with ``sdp`` and ``type``, answered alike)."""
 
 import asyncio
 import bisect
@@ -26,14 +26,14 @@ from caris_desktop.perception.cameras.stream_camera import bgr_of
 
 _FIRST_PICTURE_S = 10.0
 _STAMPS_EVERY_NS = 500_000_000
-# aiortc keeps four packets of sound of 20 ms each before it gives the first, so that none is out of order.
+# aiortc buffers four audio packets of 20 ms to restore their order.
 _BUFFERED_NS = 80_000_000
-_ROUNDED_TICKS = 9  # a tenth of a millisecond
+_ROUNDED_TICKS = 9  # 0.1 ms
 _log = logging.getLogger(__name__)
 
 
 class WebRtcCamera:
-    """Reads through an event loop that runs while a picture is waited for."""
+    """WebRTC source; its event loop runs while an image is awaited."""
 
     fps: float | None = None
 
@@ -45,7 +45,7 @@ class WebRtcCamera:
             raise CameraError(
                 QT_TR_NOOP("Cameras over WebRTC need the package aiortc."), QT_TR_NOOP("pip install aiortc")
             ) from error
-        logging.getLogger("aioice").setLevel(logging.WARNING)  # it tells of each of its packets
+        logging.getLogger("aioice").setLevel(logging.WARNING)  # it logs every packet
         self._chosen = chosen
         self._parts = urllib.parse.urlsplit(chosen.target)
         self._resource = ""
@@ -58,7 +58,7 @@ class WebRtcCamera:
         self._reading: asyncio.Task[None] | None = None
         self._listening: asyncio.Task[None] | None = None
         self._loop = asyncio.new_event_loop()
-        # Without servers of others on the way: the camera is in the same network.
+        # Without external STUN or TURN servers: the camera is in the same network.
         self._connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         self._connection.on("track", self._on_track)
         try:
@@ -111,7 +111,7 @@ class WebRtcCamera:
             answer = parse_json(content)["sdp"] if plain else content.decode()
             await self._connection.setRemoteDescription(_description(str(answer)))
         except Exception as error:
-            # What aiortc raises for an answer that it cannot use is of many kinds.
+            # aiortc raises many kinds of errors for an unusable answer.
             raise CameraError(
                 filled(QT_TR_NOOP("The camera at {name} gives an answer that is not WebRTC."), name=self._chosen.name),
                 QT_TR_NOOP("Check the address: it has to be the one for WHEP, or for offers."),
@@ -166,7 +166,7 @@ class WebRtcCamera:
                     self.on_sound(stamp_ns, samples)
 
     async def _read_all(self, track: Any) -> None:
-        """All that has come, of which the newest stays."""
+        """Receive all frames, retaining the newest."""
         from aiortc.mediastreams import MediaStreamError
 
         with contextlib.suppress(MediaStreamError):
@@ -210,10 +210,10 @@ class WebRtcCamera:
 
 
 class CaptureMoments:
-    """Which moment of the far clock a frame's time is.
+    """Mapping of RTP times to capture times of the remote clock.
 
-    Frames count ticks from an unknown beginning. The far side tells when it took its last pictures; only one beginning
-    makes the distances between the frames that have come those between some of these.
+    Frame times count from an unknown origin. The server lists the capture times of recent frames; only one origin
+    matches the intervals between the received frames.
     """
 
     def __init__(self) -> None:
@@ -228,7 +228,7 @@ class CaptureMoments:
         self._seen.append(pts)
 
     def match(self, told_ticks: Sequence[int]) -> None:
-        """What the far side tells now."""
+        """Match the server's list of capture times."""
         if len(self._seen) < 4:
             return
         told = sorted(told_ticks)
@@ -242,7 +242,7 @@ class CaptureMoments:
 
 
 def _holds(ticks: Sequence[int], tick: int) -> bool:
-    """Whether one of these is the same moment, but for what rounding on the way makes of it."""
+    """True if one of the times equals ``tick`` within rounding."""
     at = bisect.bisect_left(ticks, tick - _ROUNDED_TICKS)
     return at < len(ticks) and ticks[at] <= tick + _ROUNDED_TICKS
 

@@ -1,4 +1,4 @@
-"""The newest picture of a camera over WebRTC, by aiortc, and the sound beside it for whoever asks for it."""
+"""WebRTC server of a camera's newest frame, and its audio on request, by aiortc."""
 
 import asyncio
 import fractions
@@ -19,7 +19,7 @@ _STAMPS_KEPT = 300
 
 
 class WebRtcError(Exception):
-    """No connection comes about; ``status`` is that of HTTP."""
+    """Failed connection; ``status`` is the HTTP status."""
 
     def __init__(self, status: int, what: str) -> None:
         super().__init__(what)
@@ -36,9 +36,9 @@ class WebRtcServer:
         self._stamps: dict[str, deque[int]] = {}
 
     async def connect(self, offer_sdp: str) -> tuple[str, str]:
-        """The key of a new connection, and the answer to this offer.
+        """Accept an offer; return the key of the connection and the answer.
 
-        Raises WebRtcError, and ValueError where the offer is none.
+        Raises WebRtcError, and ValueError for an invalid offer.
         """
         try:
             import aiortc
@@ -46,7 +46,7 @@ class WebRtcServer:
             raise WebRtcError(501, "WebRTC needs the package aiortc: pip install aiortc") from error
         if len(self._connections) >= MOST_CONNECTIONS:
             raise WebRtcError(503, "Too many clients.")
-        # Without servers of others on the way: whoever looks is in the same network.
+        # Without external STUN or TURN servers: clients are in the same network.
         connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         key = secrets.token_urlsafe(12)
         stamps: deque[int] = deque(maxlen=_STAMPS_KEPT)
@@ -68,17 +68,17 @@ class WebRtcServer:
             await connection.setLocalDescription(await connection.createAnswer())
         except Exception as error:
             await self.end(key)
-            # What aiortc raises for an offer that it cannot use is of many kinds.
+            # aiortc raises many kinds of errors for an unusable offer.
             raise ValueError("the offer cannot be used") from error
         return key, connection.localDescription.sdp
 
     def stamps(self, key: str) -> list[int] | None:
-        """When the last pictures of this connection were taken, in ticks of the clock that its frames carry."""
+        """Capture times of the connection's recent frames, in ticks of its frame clock."""
         stamps = self._stamps.get(key)
         return None if stamps is None else list(stamps)
 
     async def end(self, key: str) -> bool:
-        """Whether there was such a connection."""
+        """Close a connection; False if there was none."""
         connection = self._connections.pop(key, None)
         self._stamps.pop(key, None)
         if connection is not None:
@@ -101,7 +101,7 @@ def _track(frames: NewestFrame, stamps: deque[int]) -> Any:
     import av
 
     class CameraTrack(aiortc.MediaStreamTrack):  # type: ignore[misc]
-        """Each frame's time is when its picture was taken."""
+        """Video track whose frame times are capture times."""
 
         kind = "video"
 
