@@ -1,1 +1,1 @@
-"""Conversation Module: language models and speech."""
+"""Conversation: language models, speech recognition, speech synthesis."""

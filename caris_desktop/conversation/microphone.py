@@ -1,4 +1,4 @@
-"""A microphone: a process body, because sound libraries hang and crash."""
+"""Microphone process, as audio libraries may hang or crash."""
 
 import logging
 import queue
@@ -27,20 +27,20 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 _log = logging.getLogger(__name__)
 SAMPLE_RATE_HZ = 16_000
-# Whoever listens hears of it so much later at least.
+# Minimum delay for listeners.
 _BLOCK_S = 0.04
 _LEVEL_EVERY_S = 0.2
 _ALIVE_EVERY_S = 1.0
 _TRY_AGAIN_S = (2.0, 4.0, 8.0)
 _SILENT_S = 2.0
 _PLAUSIBLE_DELAY_S = 2.0
-# Sound systems change their buffers at the start, and with them when a sample was taken.
+# Sound systems change their buffers at the start, and with them the sample times.
 _SETTLING_S = 0.5
 
 
 def run_microphone(connection: Connection, source: str = MICROPHONE) -> None:
-    """Process body. Receives OpenMicrophone and CloseMicrophone; sends AudioChunk of ``source``, and the messages of
-    this room about microphones.
+    """Process entry point. Receives OpenMicrophone and CloseMicrophone; sends AudioChunk of ``source``, and the
+    messages of ``microphone_messages``.
     """
     _Microphone(connection, source).run()
 
@@ -73,7 +73,7 @@ class _Microphone:
             self._close()
 
     def _take_commands(self) -> bool:
-        """False when the console has ended the connection."""
+        """Handle pending commands; False when the connection is closed."""
         idle_s = 0.5 if self._stream is None else 0.0
         try:
             while self._connection.poll(idle_s):
@@ -141,12 +141,12 @@ class _Microphone:
             )
             stream.start()
         except Exception as error:
-            # PortAudio raises errors of its own kinds, and what is not there raises ValueError.
+            # PortAudio raises its own types, and ValueError for a missing device.
             _log.info("the microphone %r was not opened", name, exc_info=True)
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
         self._stream, self._heard_s, self._failures = stream, time.monotonic(), 0
-        # Of what somebody says who is holding a key nothing is to be lost.
+        # Push-to-talk speech must be complete.
         self._settling_until_s = 0.0 if self._source == WIZARD_MICROPHONE else self._heard_s + _SETTLING_S
         self._opened = MicrophoneOpened(str(info["name"]), self._rate_hz)
 
@@ -154,7 +154,7 @@ class _Microphone:
         blocks, rate_hz = self._blocks, self._rate_hz
 
         def on_block(samples: NDArray[np.int16], frames: int, times: Any, _status: Any) -> None:
-            # In PortAudio's thread: only copy, and note when the first sample was taken.
+            # In PortAudio's thread: only copy, and note the time of the first sample.
             ago_s = times.currentTime - times.inputBufferAdcTime
             if not 0.0 < ago_s < _PLAUSIBLE_DELAY_S:
                 ago_s = frames / rate_hz
@@ -163,11 +163,11 @@ class _Microphone:
         return on_block
 
     def _list(self) -> Any:
-        """Look for inputs anew, tell them, and give the sound library; None where there is none."""
+        """List the inputs and report them; return the audio library, None if unavailable."""
         try:
             import sounddevice
 
-            # PortAudio lists the devices only once, when it is initialised.
+            # PortAudio lists devices only at initialisation.
             sounddevice._terminate()
             sounddevice._initialize()
             names = tuple(
@@ -225,7 +225,7 @@ class _Microphone:
 
 
 def _usable_rate(sounddevice: Any, device: str | None, info: Any) -> int:
-    """16 kHz where the input takes it, as speech needs no more; its own rate otherwise."""
+    """16 kHz if the input supports it, which suffices for speech; else its default rate."""
     try:
         sounddevice.check_input_settings(device, channels=1, dtype="int16", samplerate=SAMPLE_RATE_HZ)
     except (ValueError, sounddevice.PortAudioError):

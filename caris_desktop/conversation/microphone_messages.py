@@ -1,4 +1,4 @@
-"""What the console and a microphone's process tell each other."""
+"""Messages between the console and a microphone process."""
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.value_class import dataclass
@@ -6,26 +6,26 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class OpenMicrophone:
-    """Listen to the input of this name, the system's default for an empty one; another one is closed."""
+    """Open the input of this name, empty: the system default; closes another one."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class CloseMicrophone:
-    """Listen no longer."""
+    """Close the input."""
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneList:
-    """The inputs that there are. Sent at the start and before each opening."""
+    """Available inputs. Sent at the start and before each opening."""
 
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneOpened:
-    """Sound comes from now on; sent with the first of it. ``name`` is the input that was really opened."""
+    """Sound follows; sent with the first chunk. ``name`` is the opened input."""
 
     name: str
     sample_rate_hz: int
@@ -33,20 +33,20 @@ class MicrophoneOpened:
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneLevel:
-    """How loud it was lately: the largest sample, 0 to 1."""
+    """Recent peak level, 0 to 1."""
 
     peak: float
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneAlive:
-    """The process has not got stuck in the sound library. Sent every second while it is to listen."""
+    """Heartbeat: the process is not stuck in the audio library. Sent every second while open."""
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneFailed:
-    """No sound comes; it is tried again by itself until it is closed. No ``problem``: there is no microphone at all,
-    and none was asked for by name.
+    """No sound; retried until it is closed. Without ``problem``: there is no microphone, and none was requested by
+    name.
     """
 
     problem: Problem | None

@@ -1,4 +1,4 @@
-"""Preflight: does a language model answer, can this computer speak?"""
+"""Pre-session checks of the language model and of speech output."""
 
 import asyncio
 import logging
@@ -34,7 +34,7 @@ SOUND_ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class ProbeResult:
-    """One line of a preflight; ``advice`` is empty when ``ok``."""
+    """One line of a check; ``advice`` is empty when ``ok``."""
 
     ok: bool
     text: str
@@ -42,9 +42,9 @@ class ProbeResult:
 
 
 def probe_language_model(model: str, *, local_only: bool, embedded_url: str | None = None) -> ProbeResult:
-    """Ask ``model`` a question and hear its answer to the end. Blocks, for a minute at the most.
+    """Ask ``model`` a question and read its complete answer. Blocks, for a minute at most.
 
-    ``embedded`` without an address is only looked for, since nothing serves it yet.
+    ``embedded`` without an address is only looked up, since nothing serves it yet.
     """
     if model.strip() == "embedded" and embedded_url is None:
         missing = missing_for_embedded()
@@ -65,7 +65,7 @@ async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool
     stream = stream_chat(
         endpoint, [ChatMessage("user", _QUESTION)],
         local_only=local_only, max_tokens=_ANSWER_TOKENS, temperature=0.0, timeouts=_PROBE_TIMEOUTS, retries=Retries(0),
-        slot=SLOTS - 1,  # what those are told who wait for an answer is not to be read anew because of this
+        slot=SLOTS - 1,  # a separate slot, which preserves the cached prompts of others
         notes=notes,
     )  # fmt: skip
     async with asyncio.timeout(_ANSWERS_WITHIN_S), aclosing(stream):
@@ -92,7 +92,7 @@ async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool
 
 
 def probe_sound() -> ProbeResult:
-    """Whether there is a voice and an output device. Plays nothing."""
+    """Check for a voice and an output device. Plays nothing."""
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     engine = VoiceEngine(SynthesisSettings(), inbox, number=1, look=True)
     deadline_s = time.monotonic() + _SOUND_WITHIN_S

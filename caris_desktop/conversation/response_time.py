@@ -1,4 +1,4 @@
-"""How long the participant waits for the robot, from what is said and heard."""
+"""Response time: how long the participant waits for the robot, from speech events."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import field
@@ -25,7 +25,7 @@ _FORGOTTEN_NS = 120_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """How the conversation stands: ``seconds`` since the participant stopped talking, or until the robot answered."""
+    """State of the conversation: ``seconds`` since the participant stopped, or until the robot answered."""
 
     state: Literal["talking", "waiting", "answered"]
     person_id: str
@@ -33,7 +33,7 @@ class Waiting:
 
 
 def waiting(turns: Sequence[Turn], heard: Iterable[Hearing], now_ns: int) -> Waiting | None:
-    """``turns`` in the order in which they began; None where the participant has said nothing of late."""
+    """State from ``turns`` in order of their start; None without recent participant speech."""
     by_id = {hearing.utterance_id: hearing for hearing in heard if hearing.utterance_id}
     answer: Turn | None = None
     for turn in reversed(turns):
@@ -66,7 +66,7 @@ _TURNS_KEPT = 8
 
 @dataclass(slots=True)
 class _Heard:
-    """A turn of the participant, and the replies that began while it went on."""
+    """Turn of the participant, with replies that began during it."""
 
     turn_id: str
     began_ns: int
@@ -79,11 +79,9 @@ class _Heard:
 
 
 class ResponseTimes:
-    """Tells of each turn of the participant how the robot came to answer it: by a filler at first, it may be, and then
-    by the first that is none.
+    """Reports the answer of each participant turn: possibly a filler first, then the first other reply.
 
-    A reply belongs to the newest turn that had begun when it was first heard. What the robot said before that is none,
-    also where somebody breaks in on it.
+    A reply belongs to the newest turn that began before it. Earlier robot speech is not an answer, even if interrupted.
     """
 
     def __init__(self) -> None:
@@ -93,7 +91,7 @@ class ResponseTimes:
         self._edited: set[str] = set()
 
     def take(self, event: UtteranceReport | SuggestionChanged, at_ns: int) -> list[ResponseTimed]:
-        """``at_ns`` is when it was heard of."""
+        """Process an event, heard of at ``at_ns``."""
         match event:
             case SuggestionChanged(state="displayed"):
                 self._suggested_ns.setdefault(event.turn_id, event.stamp_ns)
@@ -121,7 +119,7 @@ class ResponseTimes:
         return []
 
     def _take_back(self, turn: _Heard, at_ns: int) -> list[ResponseTimed]:
-        """It was no participant: what the robot said meanwhile answered the turn before."""
+        """Remove a turn that was not a participant's: its replies answered the turn before."""
         self._turns.remove(turn)
         return [timed for reply in turn.replies for timed in self._answer(reply, at_ns)]
 

@@ -1,4 +1,4 @@
-"""What a model writes as it is said: without Markdown, HTML, addresses and signs that a voice would read out."""
+"""Speakable form of model output: without Markdown, HTML, addresses and symbols."""
 
 import html
 import re
@@ -7,10 +7,10 @@ import unicodedata
 from caris_desktop.conversation.models.reasoning import SpokenPart
 
 _FENCE = re.compile(r"^\s*(?:```|~~~)\S*\s*$", re.MULTILINE)
-# Of a line: its quotation, heading, item or number, and whether something is done.
+# Line prefixes: quotation, heading, bullet or number, check box.
 _LEADS = re.compile(r"^\s*(?:>\s*)*(?:#{1,6}\s+|[-*+•–]\s+|\(?\d{1,2}[.):]\s+)?(?:\[[ xX]\]\s+)?")
 _LINK = re.compile(r"!?\[([^\[\]]*)\](?:\([^()\s]*(?:\s+\"[^\"]*\")?\)|\[[^\[\]]*\])|\[\^[^\[\]]*\]")
-# Bounded, here and below: what a server sends may be made to take for ever.
+# Bounded, here and below: a server could send text with pathological matching time.
 _TAG = re.compile(
     r"<!--.{0,500}?-->|<(?:script|style)\b.{0,2000}?</(?:script|style)>|</?[a-zA-Z][^<>]*>", re.DOTALL | re.IGNORECASE
 )
@@ -26,11 +26,11 @@ LONGEST_WRITTEN = 20_000
 
 
 def spoken(written: str) -> str:
-    """One line of it, a sentence for each line of a list; empty where nothing of it can be said."""
+    """One line of text, list items as sentences; empty if nothing is speakable."""
     part = SpokenPart()
     text = "".join((*part.take(written[:LONGEST_WRITTEN]), *part.end(whole=True)))
     lines = [said for line in _without_tags(_FENCE.sub("", text)).splitlines() if (said := _line(line))]
-    # A list is heard as one only where each of its items ends.
+    # List items need sentence ends to be audible as a list.
     ended = [line if line[-1] in _ENDS or line is lines[-1] else f"{line}." for line in lines]
     return " ".join(ended)
 
@@ -41,10 +41,10 @@ def _without_tags(text: str) -> str:
 
 def _line(line: str) -> str:
     line = _TIMES.sub(" × ", _LEADS.sub("", line))
-    for _ in range(3):  # bold within italics within a strike-through
+    for _ in range(3):  # nested bold, italics, strike-through
         line = _EMPHASIS.sub(r"\2", line)
     line = _PICTOGRAMS.sub(" ", _SIGNS.sub(" ", _ESCAPED.sub(r"\1", line)))
-    # Tags that were written as entities come out last, and are no more to be heard than others.
+    # Tags written as entities appear last, and are removed too.
     line = _TAG.sub(" ", line)
     readable = (character if unicodedata.category(character)[0] != "C" else "" for character in line)
     line = re.sub(r"\s+(?=[.,!?;:…](?:\s|$))", "", " ".join("".join(readable).split()))

@@ -1,4 +1,4 @@
-"""Speech on this computer: the process body that queues utterances, tells what became of them and paces the unheard."""
+"""Speech synthesis process: queues utterances, reports their progress, and paces them without sound output."""
 
 import logging
 import queue
@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 MAX_UTTERANCE_CHARACTERS = 1000
 UNHEARD = QT_TR_NOOP("not heard: this computer has no sound output")
 _RENDER_S_PER_CHARACTER = 0.02
-# What goes through a pipe at once, even to an engine that does not read.
+# Fits into a pipe at once, even if the engine does not read.
 _PREPARED_CHARACTERS = 15_000
 
 _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "playing", "silencing", "pacing"]
@@ -47,7 +47,7 @@ _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "
 
 @dataclass(frozen=True, slots=True)
 class SynthesisDeadlines:
-    """How long the voice may take for each step before it counts as hung. ``render_s`` grows with the text."""
+    """Deadlines per step, after which the voice engine counts as hung. ``render_s`` grows with the text."""
 
     start_s: float = 30.0
     look_s: float = 3.0
@@ -58,11 +58,11 @@ class SynthesisDeadlines:
 
 
 def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = SynthesisDeadlines()) -> None:
-    """Process body: speak what is asked until the connection ends.
+    """Process entry point: speak requests until the connection closes.
 
-    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSynthesis. Sends SynthesisReady (again whenever it
-    changes), SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and
-    failed, AudioChunk of what was heard, PlayedSound and PlayedSoundEnded.
+    Receives UseVoice, Prepare, Draft, Speak, SilenceSpeech and CloseSynthesis. Sends SynthesisReady (at each change),
+    SynthesisFailed, VoicesFound, Problem, UtteranceChanged with the states started, finished, interrupted and failed,
+    AudioChunk of played audio, PlayedSound and PlayedSoundEnded.
     """
     inbox: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_read_console, args=(connection, inbox), name="console", daemon=True).start()
@@ -76,7 +76,7 @@ def run_synthesis(connection: Connection, deadlines: SynthesisDeadlines = Synthe
 
 
 def speakable(text: str) -> str:
-    """One line without control characters; empty when nothing is left to say."""
+    """One line without control characters; empty if nothing speakable is left."""
     visible = "".join(
         character if unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Co", "Cn") else " "
         for character in text
@@ -98,7 +98,7 @@ def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, A
 
 
 class _HeardSound:
-    """The sound of one utterance, as far as it is made. ``started_ns`` is 0 until it is heard."""
+    """Synthesised audio of one utterance so far. ``started_ns`` is 0 until playback."""
 
     def __init__(self, utterance: Speak) -> None:
         self._utterance = utterance
@@ -112,12 +112,12 @@ class _HeardSound:
         return max((at + len(samples) for at, samples in self._parts), default=0) / self._rate_hz
 
     def add(self, at: int, pcm: bytes, rate_hz: int) -> None:
-        """What is played from the frame ``at`` on."""
+        """Add audio played from frame ``at`` on."""
         self._rate_hz = rate_hz
         self._parts.append((at, np.frombuffer(pcm, dtype="<i2").astype(np.int16, copy=False)))
 
     def played(self) -> Iterator[PlayedSound]:
-        """What it is known of by now that it is played, each part once."""
+        """Parts whose playback times are known by now, each once."""
         while self.started_ns and self._told < len(self._parts):
             at, samples = self._parts[self._told]
             self._told += 1
@@ -125,7 +125,7 @@ class _HeardSound:
             yield PlayedSound(self._stamp_ns(at), asked.utterance_id, asked.text, self._rate_hz, samples[:, None])
 
     def recorded(self, heard_s: float) -> Iterator[AudioChunk]:
-        """What was heard since the last time, in one piece where there was no silence in it."""
+        """Audio played since the last call, joined where there was no silence."""
         until = round(max(0.0, heard_s) * self._rate_hz) if self.started_ns else 0
         pieces: list[tuple[int, NDArray[np.int16]]] = []
         for at, samples in self._parts:
@@ -145,7 +145,7 @@ class _HeardSound:
 
 
 class _Synthesis:
-    """One utterance at a time through an engine that is never trusted to answer: every phase has a deadline."""
+    """One utterance at a time through an untrusted engine: every phase has a deadline."""
 
     def __init__(
         self,
@@ -280,13 +280,13 @@ class _Synthesis:
         self._enter("starting", self._deadlines.start_s)
 
     def _go_on(self) -> None:
-        """Nothing is being said: another voice is loaded, or the next utterance begins."""
+        """When idle: load another voice, or begin the next utterance."""
         if self._outdated:
             self._start_engine()
         elif self._waiting and self._engine is not None:
             self._begin(self._engine)
         elif self._waiting:
-            # The sound device is looked for with the utterance itself: it may be what hung the last engine.
+            # The output device is probed with the utterance: it may have hung the last engine.
             self._start_engine(look=False)
 
     def _begin(self, engine: VoiceEngine) -> None:
@@ -333,7 +333,7 @@ class _Synthesis:
                 self._heard.started_ns = at_ns
                 self._report_started(at_ns)
                 self._tell_played()
-                # Two threads of the engine tell of the first part and of the start, in either order.
+                # Two engine threads report the first part and the start, in either order.
                 if self._phase in ("rendering", "opening"):
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "playing", "played_s": float(played_s)}:
@@ -355,7 +355,7 @@ class _Synthesis:
                 _log.error("the voice engine sent %r", event)
 
     def _send_heard(self, until_s: float) -> None:
-        """What was heard since the last time, for the recording."""
+        """Send the audio played since the last call, for the recording."""
         for chunk in self._heard.recorded(until_s):
             self._send(chunk)
 
@@ -404,7 +404,7 @@ class _Synthesis:
         )
 
     def _pace(self) -> None:
-        """Nobody hears it, but the session goes on as if: the rest of the utterance takes its time."""
+        """Without sound output the session continues as if there were: wait for the utterance's duration."""
         if self._phase == "silencing":
             self._end("interrupted", clock.now_ns())
             return
@@ -433,7 +433,7 @@ class _Synthesis:
         )
 
     def _tell_instead(self, why_not: str) -> None:
-        """Another voice than the one that was asked for speaks."""
+        """Report that another voice than the requested one is used."""
         if why_not:
             self._send(
                 Problem(

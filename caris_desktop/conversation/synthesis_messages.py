@@ -1,4 +1,4 @@
-"""What the console and the process that makes speech say to one another."""
+"""Messages between the console and the speech synthesis process."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from caris_desktop.domain.value_class import dataclass
 class SynthesisSettings:
     """``voice``, ``language``, ``rate``, ``volume`` and ``device`` as in the scenario file, which is in ``folder``.
 
-    ``at_hand``: it will be spoken with it, so that everything is loaded and the loudspeaker is kept open.
+    ``at_hand``: it will be used, so everything is loaded and the output stays open.
     """
 
     voice: str = ""
@@ -23,13 +23,13 @@ class SynthesisSettings:
     at_hand: bool = False
 
     def tunes(self, before: "SynthesisSettings") -> bool:
-        """Whether it is the same voice, with another rate or volume at most: nothing is loaded for that."""
+        """True if only rate or volume differ, which needs no loading."""
         return replace(self, rate=before.rate, volume=before.volume) == before
 
 
 @dataclass(frozen=True, slots=True)
 class UseVoice:
-    """Speak like this from the next utterance on. The first message; the same settings change nothing."""
+    """Settings from the next utterance on. The first message; equal settings have no effect."""
 
     settings: SynthesisSettings
     actor: Actor = ""
@@ -37,10 +37,10 @@ class UseVoice:
 
 @dataclass(frozen=True, slots=True)
 class Speak:
-    """Say ``text`` after whatever is waiting.
+    """Say ``text`` after the queued utterances.
 
-    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` come back with what is told of it: names are
-    spoken, and never recorded.
+    ``recorded`` (empty: ``text``), ``origin`` and ``person_id`` are returned in reports: names are spoken, but never
+    recorded.
     """
 
     utterance_id: str
@@ -53,33 +53,33 @@ class Speak:
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """These may be said next, the likeliest first: their sound is made ahead of time. Those of an earlier one go."""
+    """Texts that may be said next, most likely first, to synthesise in advance. Replaces earlier ones."""
 
     texts: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """Somebody types this and may ask for it any moment: its sound is made before that of all prepared texts."""
+    """Text being typed, to synthesise before all prepared texts."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class SilenceSpeech:
-    """Interrupt what is being said at once and drop what is waiting."""
+    """Stop the present utterance at once and clear the queue."""
 
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
 class CloseSynthesis:
-    """Fall silent and end the process."""
+    """Stop speaking and end the process."""
 
 
 @dataclass(frozen=True, slots=True)
 class SynthesisReady:
-    """Speech can be asked for. Sent again whenever ``audible`` changes."""
+    """Ready for requests. Sent again whenever ``audible`` changes."""
 
     voice: str
     audible: bool
@@ -87,13 +87,13 @@ class SynthesisReady:
 
 @dataclass(frozen=True, slots=True)
 class VoicesFound:
-    """The voices of this computer, as in the scenario file, each with its language."""
+    """Voices of this computer, named as in the scenario file, each with its language."""
 
     voices: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class SynthesisFailed:
-    """No speech can be made; each further Speak tries again."""
+    """Speech synthesis failed; each further Speak tries again."""
 
     problem: Problem

@@ -1,4 +1,4 @@
-"""What was said, turn by turn, from the events that report on it and correct it."""
+"""Conversation transcript, turn by turn, from utterance events and corrections."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -14,10 +14,10 @@ UtteranceReport = UtteranceChanged | UtteranceCorrected
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One utterance with its latest state; times on the session clock, None while they are not known.
+    """One utterance in its latest state; session times, None if unknown.
 
-    ``speaker`` is empty where nobody is sure. ``person_id`` is who says it, or to whom the robot says it.
-    ``heard_text`` is what was made out before somebody corrected it, None where nobody did.
+    ``speaker`` is empty if uncertain. ``person_id`` is the speaker, or the person the robot addresses. ``heard_text``
+    is the transcript before a correction, None without one.
     """
 
     utterance_id: str
@@ -34,27 +34,27 @@ class Turn:
 
     @property
     def said(self) -> bool:
-        """Whether at least a part of it was said, as far as is known by now.
+        """True if at least a part of it was audible, as far as known.
 
-        What the robot began to say was heard, also where its end is not known (the link was lost meanwhile).
+        A robot utterance that started was audible, even if its end is unknown (link lost).
         """
         return self.started_ns is not None and (self.state != "failed" or not is_heard(self))
 
     @property
     def over(self) -> bool:
-        """Whether no more of it comes."""
+        """True if it is complete."""
         return self.state in _ENDED
 
     @property
     def begins_ns(self) -> int:
-        """Where it stands among the others."""
+        """Sort key: start, else request or end."""
         if self.started_ns is not None:
             return self.started_ns
         return self.asked_ns or self.ended_ns or 0
 
 
 class Transcript:
-    """Folds what is reported of utterances, as it comes: a correction may come before what it corrects."""
+    """Folds utterance events; a correction may come before its utterance."""
 
     def __init__(self) -> None:
         self._told: dict[str, Turn] = {}
@@ -72,7 +72,7 @@ class Transcript:
             self._turns[turn_id] = _corrected(self._told[turn_id], self._corrections.of(turn_id))
 
     def forget_before(self, at_ns: int) -> None:
-        """Another session begins: of what was over by then nothing is left."""
+        """Drop completed turns from before another session."""
         self._told = {turn_id: turn for turn_id, turn in self._told.items() if not turn.over or turn.begins_ns >= at_ns}
         self._turns = {turn_id: self._turns[turn_id] for turn_id in self._told}
 
@@ -81,12 +81,12 @@ class Transcript:
 
     @property
     def turns(self) -> tuple[Turn, ...]:
-        """In the order in which they were first heard of."""
+        """Turns in order of their first event."""
         return tuple(self._turns.values())
 
 
 def turns_of(events: Iterable[UtteranceReport]) -> tuple[Turn, ...]:
-    """The turns in the order in which they were first heard of."""
+    """Turns from events, in order of their first event."""
     transcript = Transcript()
     for event in events:
         transcript.take(event)
@@ -94,23 +94,23 @@ def turns_of(events: Iterable[UtteranceReport]) -> tuple[Turn, ...]:
 
 
 def in_order(turns: Iterable[Turn]) -> list[Turn]:
-    """What was said, in the order in which it began."""
+    """Audible turns in order of their start."""
     return sorted((turn for turn in turns if turn.said), key=lambda turn: turn.begins_ns)
 
 
 def is_heard(turn: Turn) -> bool:
-    """Whether a microphone told who said it and what, so that either may be wrong."""
+    """True for speech recognised by a microphone, whose speaker and text may be wrong."""
     return turn.origin in ("heard", "own_voice")
 
 
 def newest_heard(turns: Iterable[Turn]) -> Turn | None:
-    """The newest turn of which a microphone told."""
+    """Newest recognised turn."""
     return next((turn for turn in reversed(in_order(turns)) if is_heard(turn) and turn.text), None)
 
 
 def next_speaker(turn: Turn, here: Iterable[str]) -> tuple[WhoSpoke, str]:
-    """Who said it by one more press of the key: the participant, each person who is here, the robot, the wizard, not
-    sure, and the participant again.
+    """Next speaker in the correction cycle: participant, each person present, robot, wizard, uncertain, and participant
+    again.
     """
     possible: list[tuple[WhoSpoke, str]] = [("participant", "")]
     possible += [("participant", person_id) for person_id in here if person_id]
@@ -136,7 +136,7 @@ def _first(event: UtteranceChanged) -> Turn:
     turn = Turn(event.utterance_id, event.speaker, event.text, event.origin, "requested", person_id=event.person_id)
     if event.state == "requested":
         turn = replace(turn, asked_ns=event.stamp_ns)
-    # What a recogniser heard may come as one finished event.
+    # Recognised speech may come as a single finished event.
     if event.state == "finished":
         turn = replace(turn, started_ns=event.stamp_ns)
     return _next(turn, event)

@@ -1,8 +1,8 @@
-"""The part of speech that may hang or crash: makes sound of text, plays it, and can be killed any time.
+"""Voice engine: the killable part of speech synthesis that may hang or crash.
 
-Run as ``python -m caris_desktop.conversation.voice_engine``. Commands come as JSON lines on stdin, events leave as JSON
-lines on stdout, each followed by as many bytes of sound as its ``bytes`` say; the first line in is the settings. One
-utterance at a time. It ends with its stdin.
+Run as ``python -m caris_desktop.conversation.voice_engine``. Commands are JSON lines on stdin, events JSON lines on
+stdout, each followed by ``bytes`` bytes of audio; the first input line has the settings. One utterance at a time. It
+exits when stdin closes.
 """
 
 import contextlib
@@ -63,11 +63,11 @@ class _Engine:
         loudspeaker = Loudspeaker(settings["device"], awake=settings["at_hand"])
         if settings["look"]:
             trouble = loudspeaker.look()
-            # Before the console counts on it: a sound server that hangs holds this up, too.
+            # Before the console relies on it: a hanging sound server blocks this, too.
             loudspeaker.stay_awake()
             self._tell_device(trouble)
         if settings["at_hand"]:
-            # Beside the others: whatever the system's voices do, what is to be said does not wait for their list.
+            # In a thread: speech must not wait for the system's voice list.
             threading.Thread(target=self._tell_voices, args=(choice, voice), name="voices", daemon=True).start()
         while True:
             text, number = self._commands.get()
@@ -96,12 +96,12 @@ class _Engine:
                     if self._rendering is not None:
                         self._rendering.tune(*self._tuned)
                 case "say":
-                    # Cleared here, in the order of the commands, so that a silence after this one is never lost.
+                    # Cleared here, in command order, so that a later silence command is never lost.
                     self._silenced.clear()
                     self._commands.put((command["text"], command["number"]))
-        # Usually the parent removes it; when the parent was killed, nobody else would.
+        # Usually the parent removes it; if the parent was killed, nothing else would.
         shutil.rmtree(folder, ignore_errors=True)
-        # Whatever the main thread hangs in, nobody is left to hear it.
+        # The main thread may hang, and nobody is left to hear it.
         os._exit(0)
 
     def _say(self, sound: GrowingSound, rendering: Rendering, loudspeaker: Loudspeaker) -> None:
@@ -132,7 +132,7 @@ class _Engine:
                 if trouble.hung:
                     self._tell_device(str(trouble))
                     self._tell_inaudible(sound, played_s=trouble.played_s)
-                    # Closing the stream may hang as well; a new process is the only sure way on.
+                    # Closing the stream may hang as well; only a new process helps.
                     os._exit(3)
                 reason = loudspeaker.look()
                 if attempt == 1 and trouble.played_s == 0.0 and loudspeaker.audible:
@@ -157,7 +157,7 @@ class _Engine:
             traceback.print_exc()
 
     def _tell_inaudible(self, sound: GrowingSound, *, played_s: float) -> None:
-        """How long it would be is known when all of it is made."""
+        """Report the duration of an inaudible utterance once it is synthesised."""
         while not (sound.complete or self._silenced.is_set()):
             self._woken.wait()
             self._woken.clear()
@@ -177,14 +177,14 @@ class _Engine:
 
     def _tell(self, event: str, *, sound: bytes = b"", **values: Any) -> None:
         line = json.dumps({"event": event, "bytes": len(sound), **values}).encode() + b"\n"
-        # With the parent gone, the thread that reads commands tidies up and ends the process.
+        # If the parent is gone, the command thread cleans up and exits.
         with self._telling, contextlib.suppress(BrokenPipeError):
             self._events.write(line + sound)
             self._events.flush()
 
 
 def main() -> None:
-    # pyttsx3 prints to stdout, which is our wire.
+    # pyttsx3 prints to stdout, which carries our events.
     events = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     title_process("voice")

@@ -1,1 +1,1 @@
-"""The robot's face: what a face file says, how it moves, and what is drawn of it."""
+"""Robot face: face files, animation, and drawing."""

@@ -1,7 +1,7 @@
-"""What is drawn of a face: a few plain shapes that the window and the page on the robot draw alike.
+"""Face drawing: a few plain shapes that the window and the robot's web page render alike.
 
-Lengths are hundredths of the shorter side of the screen, from its middle, x to the right and y down. A shape that is
-drawn later lies on top.
+Lengths are hundredths of the shorter side of the screen, from its centre, x to the right and y down. Later shapes cover
+earlier ones.
 """
 
 import math
@@ -23,7 +23,7 @@ _RAISED = 7.0
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A filled rectangle around (x, y) with rounded corners, turned clockwise."""
+    """Filled rectangle around (x, y) with rounded corners, rotated clockwise."""
 
     x: float
     y: float
@@ -37,7 +37,9 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Lips:
-    """Filled between two curves from (left, y) to (right, y) whose middles are drawn to ``upper`` and ``lower``."""
+    """Filled area between two curves from (left, y) to (right, y), whose control points are at
+    ``upper`` and ``lower``.
+    """
 
     left: float
     right: float
@@ -51,7 +53,7 @@ class Lips:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Text in the middle, its first line at ``y``, at most ``width`` wide, on as many lines as it takes."""
+    """Centred text, first line at ``y``, wrapped at ``width``."""
 
     text: str
     y: float
@@ -66,13 +68,13 @@ Shape = Box | Lips | Words
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """Everything that is drawn at one moment."""
+    """Complete drawing of one frame."""
 
     background: str
     shapes: tuple[Shape, ...]
 
     def plain(self) -> dict[str, Any]:
-        """As JSON says it; three decimals are finer than any screen."""
+        """JSON form; three decimals are finer than any screen."""
         return {
             "background": self.background,
             "shapes": [
@@ -83,7 +85,7 @@ class Drawing:
 
 
 def drawing_of(face: Face, look: Look, *, caption: str = "") -> Drawing:
-    """The face with this look."""
+    """Drawing of the face in this state."""
     eyes, mouth = face.eyes, face.mouth
     raised = _RAISED if caption else 0.0
     shift_x = look.gaze_right * _GAZE_SHARE * eyes.width
@@ -95,7 +97,7 @@ def drawing_of(face: Face, look: Look, *, caption: str = "") -> Drawing:
         x, y = side * eyes.apart / 2 + shift_x, -eyes.above - raised + shift_y
         shapes.append(Box(x, y, eyes.width, height, radius, 0.0, face.ink))
         if look.lids_deg:
-            # A lid: as the background, so that it covers the upper end of the eye at a slant.
+            # Eyelid in the background colour, which covers the upper end of the eye at a slant.
             turn_deg = side * look.lids_deg
             drop = height * 0.30 * min(1.0, abs(look.lids_deg) / 18)
             lid_y = y - height / 2 - eyes.height / 2 + drop
@@ -115,7 +117,7 @@ def drawing_of(face: Face, look: Look, *, caption: str = "") -> Drawing:
 
 
 def words_alone(face: Face, text: str) -> Drawing:
-    """Only a text, as large as its length allows."""
+    """Text only, as large as its length allows."""
     size = max(4.0, min(14.0, 44.0 / math.sqrt(max(1, len(text)) / 4)))
     return Drawing(face.background, (Words(text, -size, size, 92.0, face.words),))
 

@@ -1,4 +1,4 @@
-"""Face files: eyes, a mouth and expressions, declared once. Plain data; nothing in one is ever evaluated."""
+"""Face files: schema of eyes, mouth and expressions. Plain data; nothing in a file is ever evaluated."""
 
 from collections.abc import Iterator
 from dataclasses import field, replace
@@ -91,31 +91,31 @@ class Face:
     version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = 1
 
     def expression(self, name: str) -> Expression:
-        """The one of this name, or the first."""
+        """Expression of this name, or the first one."""
         return next((one for one in self.expressions if one.name == name), self.expressions[0])
 
 
 class FaceError(ToldFailure):
-    """A face file that cannot be used."""
+    """Unusable face file."""
 
 
 def user_faces_dir() -> Path:
-    """Where the user's own faces lie; need not exist."""
+    """Folder of the user's own faces; may not exist."""
     return Path(platformdirs.user_config_dir("caris-desktop", appauthor=False)) / "faces"
 
 
 def face_names(user_dir: Path | None = None) -> tuple[str, ...]:
-    """The names of all faces, the user's own among them."""
+    """Names of all faces, including the user's own."""
     return tuple(
         sorted({path.stem for folder in _folders(user_dir) if folder.is_dir() for path in folder.glob("*.yaml")})
     )
 
 
 def load_face(name: str, user_dir: Path | None = None) -> Face:
-    """The face of this name; the user's own goes before a shipped one. Raises FaceError."""
+    """Face of this name; the user's own precedes a shipped one. Raises FaceError."""
     for folder in _folders(user_dir):
         path = folder / f"{name}.yaml"
-        # A name is a plain file name: it cannot leave the folder.
+        # A name is a plain file name, which cannot leave the folder.
         if path.parent == folder and path.is_file():
             return read_face(path)
     known = ", ".join(face_names(user_dir))
@@ -127,7 +127,7 @@ def load_face(name: str, user_dir: Path | None = None) -> Face:
 
 
 def read_face(path: Path) -> Face:
-    """Raises FaceError, which names file, line, what was found and what is allowed."""
+    """Read a face file. Raises FaceError with file, line, value and allowed values."""
     try:
         with path.open("rb") as file:
             raw = file.read(MAX_FILE_BYTES + 1)
@@ -145,7 +145,7 @@ def read_face(path: Path) -> Face:
 
 
 def parse_face(text: str, *, file_name: str, name: str) -> Face:
-    """The face that a text describes. Raises FaceError."""
+    """Parse a face. Raises FaceError."""
     try:
         source = parse_yaml(text)
     except YamlSourceError as error:
@@ -166,17 +166,17 @@ def parse_face(text: str, *, file_name: str, name: str) -> Face:
 
 
 def checked(face: Face) -> Face:
-    """The same face, where a file could say it. Raises FaceError."""
+    """Validate a face against the file schema. Raises FaceError."""
     return parse_face(face_text(face), file_name=tr("The face"), name=face.name)
 
 
 def face_text(face: Face) -> str:
-    """The text of its file."""
+    """Text of the face's file."""
     return yaml_text(data_of(Face, face))
 
 
 def save_face(face: Face, user_dir: Path | None = None) -> Path:
-    """Write it among the user's own, whole or not at all. Raises FaceError."""
+    """Save it to the user's faces, atomically. Raises FaceError."""
     if not face.name or not all(character.isalnum() or character in "-_" for character in face.name):
         raise FaceError(
             tr("“{name}” cannot be the name of a face.").format(name=face.name),

@@ -1,4 +1,4 @@
-"""How the face moves: expressions glide into one another, it blinks, eyes follow somebody, a mouth speaks."""
+"""Face animation: transitions between expressions, blinks, gaze and mouth movement."""
 
 import math
 import random
@@ -21,9 +21,9 @@ _SYLLABLES_PER_S = 4.2
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The face at one moment. ``gaze_*`` are -1 to 1 as seen on the screen, right and up positive.
+    """State of the face at a time. ``gaze_*`` are -1 to 1 as seen on the screen, right and up positive.
 
-    The rest is as in files; ``hearing`` is how far it shows that it listens, 0 to 1.
+    Other fields are as in files; ``hearing`` is the strength of the listening sign, 0 to 1.
     """
 
     eyes_open: float = 1.0
@@ -37,7 +37,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class SpokenLoudness:
-    """How loud what is said is over time: ``shares`` as ``loudness`` gives them, empty where nobody knows."""
+    """Loudness of an utterance over time: ``shares`` as from ``loudness``, empty if unknown."""
 
     started_ns: int
     ended_ns: int | None = None
@@ -45,7 +45,7 @@ class SpokenLoudness:
 
 
 def loudness(samples: NDArray[np.int16], rate_hz: int) -> tuple[float, ...]:
-    """How loud sound of one channel is, from 0 to 1 (its loudest), for each fiftieth of a second."""
+    """Loudness of single-channel sound, 0 to 1 (its maximum), per 20 ms."""
     block = max(1, round(rate_hz * _ENVELOPE_S))
     blocks = samples.reshape(-1)[: samples.size // block * block].reshape(-1, block).astype(np.float64)
     if not blocks.size:
@@ -56,7 +56,7 @@ def loudness(samples: NDArray[np.int16], rate_hz: int) -> tuple[float, ...]:
 
 
 class FaceMotion:
-    """Where everything is at a moment that is asked for; moments are asked for in their order. Plain arithmetic."""
+    """Computes the face's state at requested times, in order. Plain arithmetic."""
 
     def __init__(self, face: Face, *, seed: int | None = None) -> None:
         self._random = random.Random(seed)  # noqa: S311 - when to blink
@@ -74,7 +74,7 @@ class FaceMotion:
         return self._expression
 
     def use(self, face: Face) -> None:
-        """Another face goes on with the expression of the same name, where it has one."""
+        """Change the face, preserving the expression by name if it has one."""
         self._face = face
         self._expression = face.expression(self._expression.name)
 
@@ -82,18 +82,18 @@ class FaceMotion:
         self._expression = self._face.expression(name)
 
     def look_to(self, right: float, up: float) -> None:
-        """Where the eyes go, -1 to 1 as seen on the screen."""
+        """Set the gaze, -1 to 1 as seen on the screen."""
         self._gaze = (max(-1.0, min(1.0, right)), max(-1.0, min(1.0, up)))
 
     def speak(self, voice: SpokenLoudness | None) -> None:
-        """The mouth moves with this; None: it is closed."""
+        """Move the mouth with this speech; None: closed."""
         self._voice = voice
 
     def hear(self, hearing: bool) -> None:
         self._hearing = hearing
 
     def at(self, now_ns: int) -> Look:
-        """How it looks now."""
+        """State at this time."""
         passed_s = 0.0 if self._at_ns is None else max(0.0, (now_ns - self._at_ns) / 1e9)
         self._at_ns = now_ns
         target, now = self._at_rest(), self._look
@@ -112,7 +112,7 @@ class FaceMotion:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves until the next blink."""
+        """True if nothing moves until the next blink."""
         target, now = self._at_rest(), self._look
         moving = max(
             abs(target.eyes_open - now.eyes_open), abs(target.lids_deg - now.lids_deg) / 30,
@@ -123,7 +123,7 @@ class FaceMotion:
         return moving < _STILL and self._voice is None and not self._blinking
 
     def next_blink_ns(self) -> int | None:
-        """When it moves again by itself; None: never."""
+        """Time of the next blink; None: never."""
         return self._blink_ns
 
     @property
@@ -152,12 +152,12 @@ class FaceMotion:
         if voice.shares:
             number = int(said_s / _ENVELOPE_S)
             return voice.shares[number] if number < len(voice.shares) else 0.0
-        # Nobody tells how loud it is: syllables come about that often, and no two open the mouth alike.
+        # Unknown loudness: syllables at a typical rate, with varying mouth opening.
         beat = math.sin(math.pi * _SYLLABLES_PER_S * said_s)
         return abs(beat) * (0.55 + 0.35 * math.sin(2.3 * said_s))
 
     def _lids(self, now_ns: int) -> float:
-        """What a blink leaves of how far the eyes are open."""
+        """Eye opening factor during a blink."""
         if not self._face.blink_every_s:
             self._blink_ns = None
             return 1.0

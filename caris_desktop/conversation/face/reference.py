@@ -1,4 +1,4 @@
-"""What tells people about face files: their JSON Schema and the tables of the guide's page, from the declaration.
+"""Derived documentation of face files: JSON Schema and the tables of the guide page.
 
 ``python -m caris_desktop.app.reference`` writes them into ``resources/``.
 """
@@ -12,7 +12,7 @@ from caris_desktop.domain.shipped import resources_dir
 
 
 def reference_files() -> dict[Path, str]:
-    """What each of these files says; the words between the tables of the page stay as they are."""
+    """Content of each derived file; text between the page's tables is preserved."""
     page = resources_dir() / "guide" / "face.md"
     return {
         resources_dir() / "schemas" / "face.schema.json": schema_text(Face, title="CARIS Desktop face"),

@@ -1,1 +1,1 @@
-"""What is said is heard: whose voice it is, where a turn ends, and its words."""
+"""Speech recognition: echo cancellation, voice activity, endpointing, transcription and speaker assignment."""

@@ -1,4 +1,4 @@
-"""Which words of a turn stay: those on which two passes over the growing sound agree.
+"""Stable words of a growing transcript: those on which two successive recognition passes agree.
 
 After LocalAgreement-2 (Liu et al. 2020; Macháček et al. 2023, "Turning Whisper into Real-Time Transcription System").
 """
@@ -18,8 +18,8 @@ _NOT_SPOKEN = re.compile(r"[^\w']+")
 
 @dataclass(frozen=True, slots=True)
 class HeardWord:
-    """A word as it is written, without spaces around it; seconds from the beginning of the sound. ``probability`` is
-    None where the engine does not tell.
+    """Recognised word without surrounding spaces; seconds from the start of the sound. ``probability`` is None if the
+    engine does not provide it.
     """
 
     text: str
@@ -29,16 +29,16 @@ class HeardWord:
 
     @property
     def spoken(self) -> str:
-        """The same for what only looks different."""
+        """Normalised form, for comparison."""
         return _NOT_SPOKEN.sub("", self.text.casefold())
 
     def later_by(self, seconds: float) -> "HeardWord":
-        """The same in a longer stretch of sound, of which this is the part from there on."""
+        """Shift the times by ``seconds``."""
         return replace(self, start_s=self.start_s + seconds, end_s=self.end_s + seconds)
 
 
 class AgreedWords:
-    """The words of one turn. What is committed never changes."""
+    """Words of one turn. Committed words never change."""
 
     def __init__(self) -> None:
         self._committed: list[HeardWord] = []
@@ -53,14 +53,14 @@ class AgreedWords:
         return " ".join(word.text for word in self._tentative)
 
     def texts_from(self, first: int) -> tuple[str, str]:
-        """What is committed and what is tentative, without the words before ``first``."""
+        """Committed and tentative text, without the words before ``first``."""
         behind = max(0, first - len(self._committed))
         committed, tentative = self._committed[first:], self._tentative[behind:]
         return " ".join(word.text for word in committed), " ".join(word.text for word in tentative)
 
     @property
     def words(self) -> tuple[HeardWord, ...]:
-        """All of them as they stand."""
+        """All words, committed and tentative."""
         return (*self._committed, *self._tentative)
 
     @property
@@ -68,7 +68,7 @@ class AgreedWords:
         return self._committed[-1].end_s if self._committed else 0.0
 
     def take(self, heard: Sequence[HeardWord]) -> None:
-        """What another pass made out, from wherever it began to the end of the sound so far."""
+        """Add the result of another pass, from any start to the end of the sound so far."""
         new = list(heard[self._already(heard) :])
         agreed = 0
         for before, now in zip(self._tentative, new, strict=False):
@@ -79,20 +79,22 @@ class AgreedWords:
         self._tentative = new[agreed:]
 
     def commit_all(self) -> None:
-        """There is nothing more to come that could change them."""
+        """Commit all words: no further pass will change them."""
         self._committed += self._tentative
         self._tentative = []
 
     def cut_at_s(self, *, sentences: bool = True) -> float | None:
-        """Where the sound before is no longer needed: after the last committed sentence, or word; None for nowhere."""
+        """End of the last committed sentence, or word, before which sound is no longer needed; None
+        if there is none.
+        """
         ends = [word.end_s for word in self._committed if not sentences or word.text.endswith(_SENTENCE_END)]
         return ends[-1] if ends else None
 
     def _already(self, heard: Sequence[HeardWord]) -> int:
-        """How many of the words at the beginning are the committed ones once more."""
+        """Number of leading words that repeat committed ones."""
         if not self._committed:
             return 0
-        # A pass may begin in the middle of what is committed, and may have other words for some of it.
+        # A pass may begin within the committed words, and recognise some of them differently.
         overlapping = [word for word in self._committed if not heard or word.end_s > heard[0].start_s - 0.1]
         last = [word.spoken for word in overlapping[-_ALIGN_WORDS:]]
         if last:
@@ -106,7 +108,7 @@ class AgreedWords:
                 if not block.size or at + behind > len(heard):
                     continue
                 known = overlapping[-behind - 1]
-                # Times are rough, above all behind a pause; several words in a row are hardly there by chance.
+                # Times are inexact, above all after a pause; several words in a row rarely match by chance.
                 if abs(heard[at - 1].end_s - known.end_s) <= _SAME_TIME_S * block.size:
                     return at + behind
         until_s = self.committed_until_s

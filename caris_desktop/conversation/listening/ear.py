@@ -1,6 +1,6 @@
-"""One microphone: whose turn it is there, and its words, from the sound as it comes to what the console is told.
+"""Speech segmentation of one microphone: sound in; turns, transcripts and reports to the console out.
 
-No thread and no clock: whoever has them gives the sound, asks which stretch is to be transcribed, and brings the words.
+No thread and no clock: the caller passes in sound, requests the interval to transcribe, and returns its words.
 """
 
 import itertools
@@ -43,7 +43,7 @@ _ROBOTS_WORDS = 0.6
 
 @dataclass(frozen=True, slots=True)
 class _Finished:
-    """A turn that was told as the participant's."""
+    """Turn that was reported as the participant's."""
 
     turn_id: str
     text: str
@@ -51,14 +51,16 @@ class _Finished:
 
 
 class Voices(Protocol):
-    """What tells voices from other sound."""
+    """Voice activity detector."""
 
     def probability(self, window: NDArray[np.float32]) -> float:
-        """How likely the next window is somebody's voice."""
+        """Probability of voice in the next window."""
 
 
 class Ear:
-    """``tell`` gets what the console is told; ``turn_over`` says of a turn's sound how likely it is complete."""
+    """``tell`` receives reports to the console; ``turn_over`` estimates the probability that a turn's sound is
+    complete.
+    """
 
     def __init__(
         self,
@@ -92,16 +94,16 @@ class Ear:
 
     @property
     def heard_until_ns(self) -> int:
-        """The moment up to which sound has come; 0 before the first."""
+        """End of the sound received so far; 0 before the first."""
         return self._until_ns
 
     @property
     def busy(self) -> bool:
-        """Whether a turn is under way, or the words of one are being made out."""
+        """True while a turn is in progress or being transcribed."""
         return self._turn is not None or bool(self._ending)
 
     def hear(self, chunk: AudioChunk) -> None:
-        """The next sound of this microphone."""
+        """Process the next sound of this microphone."""
         clean: CleanSound = self.canceller.process(chunk)
         if len(clean.again):
             self._hear_again(clean.again)
@@ -120,7 +122,7 @@ class Ear:
         self._rest = sound[whole:]
 
     def _hear_again(self, sound: NDArray[np.float32]) -> None:
-        """The newest sound once more, with less of the robot in it: words that are not yet committed may be others."""
+        """Process the newest sound again after better echo cancellation: uncommitted words may change."""
         rest = len(self._rest)
         if rest:
             self._rest[-len(sound) :] = sound[-rest:]
@@ -134,29 +136,29 @@ class Ear:
                 turn.hear_again(windows, self._windows)
 
     def hear_nothing(self, until_ns: int) -> None:
-        """No sound of the time until then has come, and none will: it counts as silence."""
+        """Count missing sound until that time as silence."""
         self._rest = np.zeros(0, np.float32)
         for _ in range((until_ns - self._until_ns) // _WINDOW_NS):
             self._hear_window(np.zeros(WINDOW, np.float32), 0.0)
 
     def end_turn(self) -> None:
-        """A recording ends or pauses: its turn is over here, and what is said from now on is another one."""
+        """End the turn because a recording ends or pauses; later speech is another turn."""
         if self._turn is not None:
             turn = self._turn
             self._turns.end()
             self._end(turn)
 
     def another_spoke(self) -> None:
-        """The robot begins to say something."""
+        """The robot starts an utterance."""
         self._robot_speaks = True
         self._turns.another_spoke()
 
     def another_ended(self, stamp_ns: int) -> None:
-        """The robot has said it, or says it no more."""
+        """The robot's utterance ended."""
         self._robot_speaks, self._robot_until_ns = False, stamp_ns
 
     def look_back(self) -> None:
-        """More is known of what the robot says: turns that were its own are no longer taken for a participant's."""
+        """Reassign finished turns that were the robot's own speech, by later reports of its utterances."""
         finished = list(self._finished)
         runs = [finished[first:last] for first, last in itertools.combinations(range(len(finished) + 1), 2)]
         robots = max(runs, key=self._told_late, default=[])
@@ -173,8 +175,8 @@ class Ear:
         return self._own_words.told_late(text, turns[0].began_ns)
 
     def judge(self) -> None:
-        """Judge by its sound whether the turn is over, where there is a new pause. That takes a tenth of a second, in
-        which its words can be made out: call it after ``wanted``.
+        """Estimate the end of turn by sound at a new pause. It takes 0.1 s, during which its words can be recognised:
+        call it after ``wanted``.
         """
         turn, to_judge, self._to_judge = self._turn, self._to_judge, False
         if to_judge and turn is not None and self._turn_over is not None and not self._turns.speaking:
@@ -183,7 +185,7 @@ class Ear:
                 self._tell_hearing(turn)
 
     def wanted(self, every_s: float) -> Stretch | None:
-        """What is to be transcribed now; ``every_s``: how much new sound is worth it while somebody speaks on."""
+        """Interval to transcribe now; ``every_s``: minimum new sound during continuous speech."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.asked:
                 continue
@@ -191,12 +193,12 @@ class Ear:
                 if not turn.known_whole:
                     return turn.ask(at_pause=True)
             elif self._turns.voiced and turn.unheard_s(self._until_ns) >= every_s:
-                # Not in a silence that is about to be a pause: that would be kept waiting.
+                # Not during a silence that may become a pause: its transcription would be delayed.
                 return turn.ask(at_pause=False)
         return None
 
     def take(self, stretch: Stretch, heard: HeardText | None) -> None:
-        """What was made out of it; None where nothing could be."""
+        """Add the transcript of an interval; None if recognition failed."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:
                 continue
@@ -258,7 +260,7 @@ class Ear:
             self._tell_beginning(turn)
 
     def _judge_words(self, turn: HeardTurn) -> bool:
-        """Now that all words before the pause are known, they count too. Gives whether that changed anything."""
+        """Update the end-of-turn estimate by words once the transcript reaches the pause. True if it changed."""
         if self._turns.speaking or not turn.known_whole or turn.sounds_over is None:
             return False
         before, text = turn.turn_over, " ".join(word.text for word in turn.own_words)
@@ -267,7 +269,7 @@ class Ear:
         return turn.turn_over != before
 
     def _settle(self, turn: HeardTurn) -> bool:
-        """A silence behind words that were all listened to commits them. Gives whether it did."""
+        """Commit the words after silence, if all sound was transcribed. True if any were committed."""
         silent_ns = self._until_ns - turn.voice_ended_ns
         return bool(turn.known_whole and silent_ns >= _SETTLED_NS and turn.words.tentative and turn.commit_all())
 
@@ -292,12 +294,12 @@ class Ear:
             until_ns = turn.voice_ended_ns if robots else turn.voice_began_ns
             whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
             if self.canceller.share_between(began_ns, until_ns) is None:
-                # It speaks with a voice of its own: what it tells of its beginning and end is not from samples.
+                # The robot's own speech synthesis: its reported times are not from samples.
                 self._tell_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
         if not turn.told:
             return
         if self._of_wizard:
-            # Not another one behind it: the newest alone is kept, and this one has all the words.
+            # No further report after it: only the newest is retained, and this one has all words.
             turn.turn_over = 1.0
             self._tell_hearing(turn)
             return
@@ -315,8 +317,8 @@ class Ear:
             self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
 
     def _leave_out_the_robot(self, turn: HeardTurn) -> bool:
-        """Who answers at once, before the room is silent, begins in a turn that the robot's own voice has begun. Gives
-        whether other words of it are the robot's than were thought to be.
+        """Exclude the robot's own words at the start of a turn, as when a participant answers before its voice has
+        decayed. True if the number of its words changed.
         """
         if self._of_wizard:
             return False
@@ -325,11 +327,11 @@ class Ear:
         count = self._own_words.robots_beginning(words, turn.sound_began_ns, share)
         if count == turn.robots_words:
             return False
-        # Also fewer than before: with the rest of its sentence it may turn out to be all the robot's.
+        # Possibly fewer than before: the rest of the sentence may show that it is all the robot's.
         turn.robots_words = count
         turn.revision += 1
         if count:
-            # A recogniser tells a word's beginning by half a second too early or late.
+            # Recognisers' word starts are inexact by half a second.
             began_ns = turn.onset_ns(turn.moment_of(turn.own_words[0].start_s), nearest=True)
         else:
             began_ns = turn.onset_ns(turn.sound_began_ns)
@@ -357,7 +359,7 @@ class Ear:
         )  # fmt: skip
 
     def _tell_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
-        """When the robot's sentences were heard, of those whose beginning or end was."""
+        """Report measured start and end times of the robot's utterances."""
         for utterance_id, begins, ends in whole:
             start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
             if start_ns is not None or end_ns is not None:

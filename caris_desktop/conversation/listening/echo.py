@@ -1,8 +1,8 @@
-"""The robot's own voice is taken out of what a microphone hears: what was played is known, sample for sample.
+"""Echo cancellation: removes the robot's voice from a microphone, given the played samples.
 
-When it was played is told, but a busy machine or a robot's own buffers may put seconds between that and its sound, and
-a loudspeaker that is given nothing for a while falls behind in mid-sentence. So where the robot is heard is found in
-the sound itself, again and again as long as it is not found or no longer explains what is heard.
+Playback times are reported, but a busy machine or a robot's buffers may delay the sound by seconds, and starved
+loudspeakers fall behind within a sentence. So the delay is estimated from the sound itself, repeatedly while the robot
+is not found or no longer explains the sound.
 """
 
 from dataclasses import field
@@ -70,12 +70,12 @@ _NOTHING = np.zeros(0, np.float32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CleanSound:
-    """What is left of a microphone's sound, float32 from -1 to 1, mono, at 16 kHz; may be empty, or longer than what
-    went in: while the robot is heard it comes some 80 ms later.
+    """Microphone sound after cancellation, float32 from -1 to 1, mono, at 16 kHz; may be empty or longer than the
+    input: during robot speech it is delayed by some 80 ms.
 
-    ``stamp_ns`` is the moment of the first sample. ``echo_share`` says how much of the energy before was the robot:
-    1 is nothing but the robot, 0 is nothing of it. ``again`` are the samples right before, which were given already,
-    as they are known in hindsight: where the robot was found in them only afterwards. Empty as a rule.
+    ``stamp_ns`` is the time of the first sample. ``echo_share`` is the robot's share of the original energy: 1 is the
+    robot alone, 0 none of it. ``again`` replaces the samples right before, where the robot was found in them only
+    later; usually empty.
     """
 
     stamp_ns: int
@@ -85,7 +85,7 @@ class CleanSound:
 
 
 class EchoCanceller:
-    """For one microphone. ``play`` may be told late or ahead; ``process`` takes its chunks in their order."""
+    """Canceller for one microphone. ``play`` may come late or early; ``process`` takes chunks in order."""
 
     def __init__(self) -> None:
         self._played = Played()
@@ -97,7 +97,7 @@ class EchoCanceller:
         """How much later than told the robot is heard, but for what the room filter itself covers; samples."""
         self._resampler: Resampler | None = None
         self._rate_hz = 0
-        # Places of samples count from the moment ``_base_ns``.
+        # Sample positions count from ``_base_ns``.
         self._base_ns = 0
         self._heard = np.zeros(0, np.float32)
         self._robot = np.zeros(0, np.float32)
@@ -125,7 +125,7 @@ class EchoCanceller:
         self._energies: dict[int, _Energies] = {}
 
     def play(self, sound: PlayedSound) -> None:
-        """This is what a loudspeaker plays."""
+        """Add sound that a loudspeaker plays."""
         start_ns = self._played.add(sound)
         first = self._place_of(start_ns) + self._late - FRAME
         first = max(self._heard_from, self._next_frame - max(0, self._next_frame - first) // HOP * HOP)
@@ -133,12 +133,12 @@ class EchoCanceller:
             self._told_late_from = first if self._told_late_from is None else min(first, self._told_late_from)
 
     def play_ended(self, ended: PlayedSoundEnded) -> None:
-        """It was cut off."""
+        """Truncate sound that was cut off."""
         self._played.end(ended)
         self._look_back_from(self._next_frame - HOP)
 
     def process(self, chunk: AudioChunk) -> CleanSound:
-        """What is left of it without the robot."""
+        """Remove the robot from a chunk."""
         resampler, lost = self._placed(chunk)
         new = resampler.take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
         if lost:
@@ -158,8 +158,8 @@ class EchoCanceller:
         return self._give(self._next_frame if waits else heard_until)
 
     def share_between(self, started_ns: int, ended_ns: int) -> float | None:
-        """How much of what was heard in that time was the robot, in hindsight: better known than as it was heard, as
-        the room was not known yet. None where nothing was played then, so that nothing can be told; ask within 30 s.
+        """The robot's share of the energy in an interval, estimated with later knowledge of the room. None if nothing
+        was played then; call within 30 s.
         """
         self._catch_up()
         last = self._next_frame - HOP
@@ -168,7 +168,7 @@ class EchoCanceller:
         return self._share(self._place_of(started_ns), self._place_of(ended_ns))
 
     def _catch_up(self) -> None:
-        """Frames that were taken before it was told what was played are taken again."""
+        """Recompute frames processed before their playback was reported."""
         first, self._told_late_from = self._told_late_from, None
         if first is None:
             return
@@ -182,9 +182,8 @@ class EchoCanceller:
         return samples_in(moment_ns - self._base_ns)
 
     def _placed(self, chunk: AudioChunk) -> tuple[Resampler, int]:
-        """Finds the place of a chunk, and how many samples are lost before it that are to be taken for silence. Stamps
-        jitter, and samples follow upon one another: they count where there is a hole, and a little of them where
-        nothing is played.
+        """Position of a chunk, and the number of lost samples before it to replace by silence. Sample counts take
+        precedence over jittering stamps, except at gaps, and slightly where nothing is played.
         """
         off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
         if self._resampler is not None and chunk.sample_rate_hz == self._rate_hz and abs(off_ns) > _HOLE_NS:
@@ -208,7 +207,7 @@ class EchoCanceller:
         return self._resampler, 0
 
     def _go_on_at(self, stamp_ns: int) -> None:
-        """Sound is missing: places count from there on, and what is known of the time before stays known."""
+        """Continue after missing sound, retaining what is known of the time before."""
         later = -(-samples_in(stamp_ns - self._base_ns) // HOP) * HOP
         self._base_ns = stamp_ns
         self._heard = self._robot = np.zeros(0, np.float32)
@@ -225,12 +224,12 @@ class EchoCanceller:
         self._look_back_from(-HOP)
 
     def _reference(self, at: int, count: int) -> NDArray[np.float32]:
-        """What was played for what is heard from there on."""
+        """Played sound as heard from that position."""
         return self._played.sound(self._base_ns + ns_of(at - self._late), count)
 
     @property
     def _resounds(self) -> bool:
-        """Whether anything of what was played may still be heard."""
+        """True while played sound may still be audible."""
         return self._began is not None and self._silent_frames < _RESOUNDS_FRAMES
 
     def _heard_at(self, at: int, count: int) -> NDArray[np.float32]:
@@ -251,9 +250,7 @@ class EchoCanceller:
         self._learn(at, reference)
 
     def _look_out(self, at: int) -> None:
-        """Look for the robot where it is time to: soon after it begins, and as long as it does not explain what is
-        heard.
-        """
+        """Search for the robot when due: soon after it begins, and while it does not explain the sound."""
         start_ns = self._base_ns + ns_of(at)
         if not self._played.anything(start_ns - ns_of(_LATEST), start_ns + ns_of(FRAME + _AHEAD)):
             self._may_sound_from = self._found = None
@@ -267,7 +264,7 @@ class EchoCanceller:
             self._look_for_robot(at)
 
     def _begin(self, at: int) -> None:
-        """The robot begins to speak. It may stand in another room than when it was heard last."""
+        """Start of robot speech, possibly in another room than before."""
         self._began = self._last_played = at
         self._known_before = self._room.weights
         self._loudness = _MARGIN * (self._room.loudness or _USUAL_LOUDNESS)
@@ -278,7 +275,7 @@ class EchoCanceller:
         self._frames[:, 0] = spectrum(reference)
         self._silent_frames = 0 if self._frames.any() else self._silent_frames + 1
         if any(first < at + FRAME and at < end for first, end in self._lost):
-            # Of silence that there was not the room would be learnt wrongly.
+            # Inserted silence would distort the room estimate.
             return
         split = self._room.take(spectrum(self._heard_at(at, FRAME)), self._frames)
         self._robot[at - self._heard_from :][:FRAME] += part_of_sound(split.robot)
@@ -289,7 +286,7 @@ class EchoCanceller:
         self._energies.pop(at - _HINDSIGHT, None)
 
     def _measure(self, at: int) -> None:
-        """How late and how loud the robot is heard. Where that is not as supposed it is all learnt again."""
+        """Measure delay and loudness of the robot; on a deviation, relearn the room."""
         start = max(self._began or 0, self._heard_from, at + FRAME - _LOOKED_THROUGH)
         lag, peak, loudness = self._find(start, at)
         if peak < (_SURE_PEAK if lag <= _USUALLY_LATEST else _SURE_PEAK_ELSEWHERE):
@@ -305,7 +302,7 @@ class EchoCanceller:
         self._learn_again(start, at + HOP)
 
     def _look_for_robot(self, at: int) -> None:
-        """It is not heard where it was expected, or no longer: perhaps somewhere else."""
+        """Search for another delay, if the robot is not heard where expected."""
         self._looked_at = at
         bad_from = self._unexplained_from(at)
         if self._found is not None and bad_from is None:
@@ -331,13 +328,13 @@ class EchoCanceller:
         self._loudness = _MARGIN * loudness
         self._room.doubt(self._loudness, self._known_before)
         self._learn_again(start, at + HOP)
-        # And once more with what was learnt of the room by its end: better known in hindsight, also of where it was not
-        # learnt from, as the robot may have been silent there.
+        # And once more with the final room estimate, also for frames that were not learned from, as the robot may have
+        # been silent there.
         self._learn_again(first, at + HOP)
 
     def _find(self, start: int, at: int) -> tuple[int, float, float]:
-        """How late the robot is heard between ``start`` and the end of the frame ``at``, how clear that is, and how
-        loud, as energy over what was played.
+        """Delay of the robot between ``start`` and the end of frame ``at``, the clarity of the peak, and loudness as
+        energy ratio.
         """
         heard = self._heard_at(start, at + FRAME - start)
         played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(heard) + _LATEST + _AHEAD)
@@ -346,15 +343,13 @@ class EchoCanceller:
         return lag, peak, float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
 
     def _first_heard(self, at: int) -> int:
-        """The first frame of the utterance that is heard in the frame ``at``, or was before it."""
+        """First frame in which the utterance of frame ``at``, or the last before it, is heard."""
         began_ns = self._played.began_ns(self._base_ns + ns_of(at + FRAME - self._late))
         first = at if began_ns is None else self._place_of(began_ns) + self._late - FRAME + HOP
         return min(-(-max(first, self._heard_from) // HOP) * HOP, at)
 
     def _again_from(self, start: int, at: int, loudness: float) -> int:
-        """Where the robot is heard again that was given nothing to say for a while: of what was played nothing is heard
-        before.
-        """
+        """Frame at which the robot is heard again after a gap in its playback; before it nothing of it is heard."""
         for end in range(at + HOP, start, -_EXPLAINED_FRAMES * HOP):
             frames = range(max(start, end - _EXPLAINED_FRAMES * HOP), end, HOP)
             expected = loudness * sum(energy_of(self._reference(each, FRAME)) for each in frames)
@@ -363,7 +358,7 @@ class EchoCanceller:
         return start
 
     def _unexplained_from(self, at: int) -> int | None:
-        """Since when the robot does not explain what is heard although something is played; None where it does."""
+        """Start of the sound that the robot's playback does not explain; None if it does."""
         since = None
         for end in range(at + HOP, max(self._may_sound_from or 0, self._heard_from), -_EXPLAINED_FRAMES * HOP):
             first = end - _EXPLAINED_FRAMES * HOP
@@ -375,7 +370,7 @@ class EchoCanceller:
         return since
 
     def _learn_again(self, start: int, until: int) -> None:
-        """The frames from ``start`` on, up to before ``until``."""
+        """Relearn the frames from ``start`` up to ``until`` (exclusive)."""
         if start < self._given_until:
             self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
         self._robot[start - self._heard_from :] = 0
@@ -384,7 +379,7 @@ class EchoCanceller:
             self._learn(at, self._reference(at, FRAME))
 
     def _look_back_from(self, at: int) -> None:
-        """What was played is known otherwise than when those frames were taken."""
+        """Recompute the reference spectra after a change of the playback data."""
         for tap in range(TAPS):
             reference = self._reference(at - tap * HOP, FRAME)
             self._frames[:, tap] = spectrum(reference) if reference.any() else 0
@@ -416,7 +411,7 @@ class EchoCanceller:
 
 @dataclass(frozen=True, slots=True)
 class _Energies:
-    """Of one frame: all that was heard, and what of it is surely not the robot's."""
+    """Energy of one frame: total, and the part that is certainly not the robot."""
 
     heard: float
     others: float
@@ -424,15 +419,15 @@ class _Energies:
 
 
 def _lag(heard: NDArray[np.float32], played: NDArray[np.float32]) -> tuple[int, float]:
-    """By how many samples ``heard`` comes after ``played``, which begins ``_LATEST`` before it; and how clear that is:
-    the peak of the correlation of phases over its spread (Knapp and Carter 1976).
+    """Delay in samples of ``heard`` relative to ``played``, which begins ``_LATEST`` earlier, and the clarity of the
+    peak: phase correlation (GCC-PHAT, Knapp and Carter 1976).
     """
     size = 1 << (len(heard) + len(played) - 1).bit_length()
     cross = np.fft.rfft(heard, size) * np.conj(np.fft.rfft(played, size))
     strength = np.abs(cross)
     whitened = np.where(strength > 1e-4 * strength.max(), cross / np.maximum(strength, 1e-12), 0)
     correlation = np.fft.irfft(whitened, size)
-    # heard[n] is like played[n + _LATEST - lag]: the shift is lag - _LATEST.
+    # heard[n] corresponds to played[n + _LATEST - lag]: the shift is lag - _LATEST.
     shifts = np.arange(-_LATEST - _AHEAD, 1)
     around = np.abs(correlation[shifts])
     best = int(around.argmax())

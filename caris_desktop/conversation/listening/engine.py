@@ -1,4 +1,4 @@
-"""What turns sound into words: this computer, or a server."""
+"""Interface of speech recognition engines, local or on a server."""
 
 from typing import Protocol
 
@@ -11,32 +11,32 @@ from caris_desktop.domain.value_class import dataclass
 
 
 class NoEngine(ToldFailure):
-    """Nothing here turns sound into words, and trying again would not help."""
+    """No engine is available, and a retry would not help."""
 
 
 class EngineAway(ToldFailure):
-    """It did not answer this time; it may the next."""
+    """The engine did not answer; a retry may succeed."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeardText:
-    """What was made out in a stretch of sound."""
+    """Transcript of an interval."""
 
     words: tuple[HeardWord, ...]
     language: str
 
 
 class Engine(Protocol):
-    """``every_s`` is how often it is asked at most while somebody speaks."""
+    """``every_s`` is the minimum interval between requests during continuous speech."""
 
     model: str
     language: str
     every_s: float
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
-        """Of ``sound`` at 16 kHz, mono. ``before`` was said just before it. ``careful``: this may be the last time, so
-        take some more time for it. ``voice_s``: until then somebody is known to speak in it. Raises EngineAway.
+        """Transcribe ``sound``: 16 kHz, mono. ``before`` is the preceding text. ``careful``: possibly the final pass,
+        worth more time. ``voice_s``: end of known voice in the sound. Raises EngineAway.
         """
 
     def close(self) -> None:
-        """Nothing more is asked."""
+        """Release the engine."""

@@ -1,4 +1,4 @@
-"""One turn at a microphone: its sound, and what has been made out in it so far."""
+"""One turn at a microphone: its sound and its transcript so far."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -26,9 +26,9 @@ _WHOLE_NS = 100_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """Sound of a turn that is to be transcribed: from ``from_s`` of it on; ``before`` was said before that.
+    """Interval of a turn to transcribe, starting at ``from_s``; ``before`` is the text before it.
 
-    ``voice_ended_s`` is where the voice ended in it, in seconds of the turn too.
+    ``voice_ended_s`` is the end of the voice, in seconds of the turn.
     """
 
     turn_id: str
@@ -40,12 +40,12 @@ class Stretch:
 
     @property
     def voice_s(self) -> float:
-        """Where the voice ended in its sound."""
+        """End of the voice in the interval's sound."""
         return self.voice_ended_s - self.from_s
 
 
 class HeardTurn:
-    """Sound comes in windows. Costs stay bounded however long it goes on: what is committed is not looked at again."""
+    """Turn that grows by windows. Costs are bounded: committed sound is not processed again."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class HeardTurn:
         self._known_until_ns = 0
 
     def hear(self, window: NDArray[np.float32], number: int, *, voiced: bool) -> None:
-        """The next of its sound, which is the ``number``-th window of the microphone."""
+        """Add the microphone's window ``number``."""
         self._windows.append(window)
         self._last_window = number
         self._silent = 0 if voiced else self._silent + 1
@@ -92,8 +92,8 @@ class HeardTurn:
             self._to_judge.append(window)
 
     def hear_again(self, windows: Sequence[NDArray[np.float32]], last: int) -> None:
-        """The microphone's windows up to the ``last``-th as they are known by now. What was made out of its own in
-        another form counts no longer as listened to.
+        """Replace recent windows up to ``last`` after better echo cancellation; changed ones must
+        be transcribed again.
         """
         own = windows[: max(0, len(windows) - (last - self._last_window))]
         changed = 0
@@ -107,44 +107,44 @@ class HeardTurn:
 
     @property
     def known_whole(self) -> bool:
-        """Whether all that was said so far has been listened to, to its end."""
+        """True if everything up to the end of the voice has been transcribed."""
         wanted_ns = self.voice_ended_ns + _WHOLE_NS
-        if self.over:  # one that was ended in mid-voice has no silence behind it
+        if self.over:  # a turn that was ended within speech has no silence after it
             wanted_ns = min(wanted_ns, self._sound_from_ns + round(self._seconds * 1e9))
         return self._known_until_ns >= wanted_ns
 
     @property
     def texts(self) -> tuple[str, str]:
-        """What is committed and what is tentative of whoever's turn it is."""
+        """Committed and tentative text, without the robot's words."""
         return self.words.texts_from(self.robots_words)
 
     @property
     def own_words(self) -> tuple[HeardWord, ...]:
-        """All of them as they stand."""
+        """All words except the robot's."""
         return self.words.words[self.robots_words :]
 
     def moment_of(self, seconds: float) -> int:
-        """A moment of its sound on the session clock."""
+        """Session time of a position in its sound."""
         return self._sound_from_ns + round(seconds * 1e9)
 
     @property
     def confidence(self) -> float | None:
-        """How sure the recogniser is of its words, 0 to 1."""
+        """Mean word probability, 0 to 1."""
         known = [word.probability for word in self.own_words if word.probability is not None]
         return sum(known) / len(known) if known else None
 
     def unheard_s(self, until_ns: int) -> float:
-        """How much voice has come that was not yet listened to."""
+        """Seconds of voice not yet transcribed."""
         return (until_ns - max(self._asked_until_ns, self.voice_began_ns)) / 1e9
 
     def sound_to_judge(self) -> NDArray[np.float32]:
-        """As much of it as the judgement of its end wants. Of every silence in it there is a moment only: long ones
-        would be mistaken for its end, and would take the place of what was said.
+        """Sound for the end-of-turn model. Silences are shortened: long ones would be mistaken for the end, and
+        displace speech.
         """
         return np.concatenate(self._to_judge)
 
     def ask(self, *, at_pause: bool) -> Stretch:
-        """What is to be transcribed now. ``take`` is to follow."""
+        """Interval to transcribe now. ``take`` must follow."""
         self.asked = True
         self._asked_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
         self._cut()
@@ -153,7 +153,7 @@ class HeardTurn:
         return Stretch(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
     def take(self, stretch: Stretch, heard: HeardText | None) -> bool:
-        """What was made out of it; None where nothing could be. Gives whether its words changed."""
+        """Add a transcript; None if recognition failed. True if the words changed."""
         self.asked = False
         self._known_until_ns = self._asked_until_ns
         if heard is None:
@@ -165,7 +165,7 @@ class HeardTurn:
         return self._changed_since(told)
 
     def commit_all(self) -> bool:
-        """Nothing is to come that could change its words. Gives whether that changed anything."""
+        """Commit all words. True if this changed anything."""
         told = self.words.committed, self.words.tentative
         self.words.commit_all()
         return self._changed_since(told)
@@ -176,12 +176,12 @@ class HeardTurn:
         return changed
 
     def onset_ns(self, about_ns: int, *, nearest: bool = False) -> int:
-        """When a voice begins in its samples that was noticed about then."""
+        """Sample-accurate onset of a voice detected at about that time."""
         sound, from_ns = self._around(about_ns)
         return from_ns + round(onset_s(sound, (about_ns - from_ns) / 1e9, nearest=nearest) * 1e9)
 
     def end_ns(self, about_ns: int) -> int:
-        """When the voice ends in its samples that was supposed to end about then."""
+        """Sample-accurate end of a voice that ended at about that time."""
         sound, from_ns = self._around(about_ns)
         return from_ns + round(end_s(sound, (about_ns - from_ns) / 1e9) * 1e9)
 
@@ -207,7 +207,7 @@ class HeardTurn:
             return
         at_s = self.words.cut_at_s()
         if (at_s is None or at_s <= self._from_s) and long_s > _CUT_ANYWHERE_BEYOND_S:
-            # Nobody ends a sentence, or two passes never agree: what there is has to do.
+            # No sentence ends, or passes never agree: use what there is.
             self.words.commit_all()
             at_s = self.words.cut_at_s(sentences=False)
             if at_s is None or at_s <= self._from_s:

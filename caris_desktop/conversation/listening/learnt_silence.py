@@ -1,4 +1,4 @@
-"""How long somebody is silent within what they say: learnt from their own pauses, person by person."""
+"""Adaptive endpointing delay: pause lengths within turns, learned per person."""
 
 import math
 from collections import OrderedDict, deque
@@ -13,26 +13,26 @@ _PEOPLE_AT_MOST, _TURNS_AT_MOST = 50, 30
 
 
 class LearntSilence:
-    """Of one person. A single long pause moves little: it is the pause that nine of ten are shorter than that counts,
-    and until there are many, what people usually do counts too.
+    """Delay of one person: a high quantile of their pauses, robust against single long ones, with typical pauses as a
+    prior.
     """
 
     def __init__(self) -> None:
         self._pauses_s: deque[float] = deque(maxlen=_KEPT)
 
     def learn(self, pause_s: float) -> None:
-        """They were silent for this long and then spoke on."""
+        """Add a pause after which they continued."""
         if pause_s <= MOST_S:
             self._pauses_s.append(pause_s)
 
     def unlearn(self, pause_s: float) -> None:
-        """It was somebody else."""
+        """Remove a pause that belonged to another person."""
         if pause_s in self._pauses_s:
             self._pauses_s.remove(pause_s)
 
     @property
     def seconds(self) -> float:
-        """After so long a silence this person has finished, as a rule."""
+        """Silence after which this person has usually finished."""
         known = sorted((*_USUAL_S, *self._pauses_s))
         at = _SHARE * (len(known) - 1)
         low, rest = math.floor(at), at - math.floor(at)
@@ -41,7 +41,9 @@ class LearntSilence:
 
 
 class SilenceOfPeople:
-    """Who speaks at a microphone is told afterwards, turn by turn; until then it is taken for who spoke last."""
+    """Delays of all speakers at a microphone. The speaker of a turn is known only later; until then the last speaker is
+    assumed.
+    """
 
     def __init__(self) -> None:
         self._people: OrderedDict[str, LearntSilence] = OrderedDict()
@@ -51,14 +53,14 @@ class SilenceOfPeople:
         """Whose turn it is taken to be: a person's id, empty for somebody."""
 
     def learn(self, turn: str, pause_s: float) -> None:
-        """In that turn there was this pause."""
+        """Add a pause within that turn."""
         self._turns.setdefault(turn, []).append(pause_s)
         while len(self._turns) > _TURNS_AT_MOST:
             self._turns.popitem(last=False)
         self._of(self._speaker_of.get(turn, self.speaker)).learn(pause_s)
 
     def spoken_by(self, turn: str, person_id: str) -> None:
-        """It turned out who said that."""
+        """Assign the turn to its speaker."""
         taken_for = self._speaker_of.get(turn, self.speaker)
         self._speaker_of[turn] = self.speaker = person_id
         while len(self._speaker_of) > _TURNS_AT_MOST:
@@ -70,7 +72,7 @@ class SilenceOfPeople:
 
     @property
     def seconds(self) -> float:
-        """How long whoever speaks now is given."""
+        """Delay for the present speaker."""
         return self._of(self.speaker).seconds
 
     def _of(self, person_id: str) -> LearntSilence:

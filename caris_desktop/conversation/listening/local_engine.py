@@ -1,4 +1,4 @@
-"""Words by faster-whisper, on this computer."""
+"""Local speech recognition engine, by faster-whisper."""
 
 import itertools
 import math
@@ -18,10 +18,10 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 _RATE_HZ = 16_000
 _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 _FRAMES_PER_S = 100
-# Whisper always looks at 30 s. What it is told of silence costs four fifths of the time: this much is enough.
+# Whisper always processes 30 s. Padding with silence costs four fifths of the time: this much is enough.
 _BEAM_AT_PAUSE = 5
 _MORE_IS_SAID_S = 0.5
-_TOKENS_AT_LEAST, _TOKENS_A_SECOND = 16, 10  # it may be stuck on a phrase, and would write on for long
+_TOKENS_AT_LEAST, _TOKENS_A_SECOND = 16, 10  # limits the output if the model repeats a phrase endlessly
 _SILENCE_BEHIND_S, _SEEN_AT_LEAST_S, _SEEN_AT_MOST_S = 2, 5, 30
 
 
@@ -31,7 +31,7 @@ class LocalEngine:
     every_s = 0.5
 
     def __init__(self, settings: RecogniserSettings) -> None:
-        """Raises NoEngine."""
+        """Load the model. Raises NoEngine."""
         folder = find_recogniser(settings)
         try:
             for path in sorted(folder.iterdir()):
@@ -71,10 +71,10 @@ class LocalEngine:
                 _NO_TEXT,
                 QT_TR_NOOP("Set listening.model to a model that knows the language, or listening.language to en."),
             )
-        self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # the first time takes longer
+        self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # warm-up: the first run is slower
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
-        """As Engine says."""
+        """See Engine."""
         seconds = math.ceil(len(sound) / _RATE_HZ) + _SILENCE_BEHIND_S
         self._model.see_s = min(_SEEN_AT_MOST_S, max(_SEEN_AT_LEAST_S, seconds))
         segments, info = self._model.transcribe(
@@ -102,18 +102,18 @@ class LocalEngine:
         return HeardText(tuple(words), str(info.language))
 
     def close(self) -> None:
-        """As Engine says."""
+        """See Engine."""
 
 
 def _is_of_voice(segment: Any, voice_s: float) -> bool:
-    """Whether there is voice where the model looked for that. Now and then it ends after the first of two sentences,
-    and looks for the next from there on; what it makes of the silence behind the last word was not said.
+    """False for text from silence: after ending at the first of two sentences, the model may decode the rest, and
+    invents text for silence after the last word.
     """
     return bool(segment.seek == 0 or segment.seek / _FRAMES_PER_S <= voice_s - _MORE_IS_SAID_S)
 
 
 def _open(folder: str, threads: int) -> Any:
-    """A model that encodes no more than its ``see_s`` seconds of what it is given."""
+    """Model that encodes only ``see_s`` seconds instead of 30."""
     from faster_whisper import WhisperModel
 
     model: Any = WhisperModel(

@@ -1,4 +1,4 @@
-"""What the console and the recogniser's process tell each other, beside the values of the stream table.
+"""Messages between the console and the recogniser process, besides values of the stream table.
 
 The console sends AudioChunk, PlayedSound, PlayedSoundEnded and the robot's UtteranceChanged as they are; the process
 answers with Hearing, UtteranceChanged and Problem.
@@ -13,10 +13,10 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RecogniserSettings:
-    """What a run of the recogniser needs; picklable.
+    """Settings of the recogniser; picklable.
 
-    ``model`` is a folder, an address or, of a ``server``, a name; a relative path is one below ``folder`` or in a
-    models folder; empty for the usual one. ``cloud_models``: whether a server may be another computer.
+    ``model`` is a folder, an address or, for a ``server``, a name; a relative path is resolved in ``folder`` or a
+    models folder; empty: the default. ``cloud_models``: a server may be another computer.
     """
 
     engine: Literal["local", "server"] = "local"
@@ -33,7 +33,7 @@ class RecogniserSettings:
 
 @dataclass(frozen=True, slots=True)
 class UseSilence:
-    """To the process: the shortest and the longest silence that ends a turn, from now on."""
+    """To the process: shortest and longest silence that ends a turn."""
 
     at_least_s: float
     at_most_s: float
@@ -41,14 +41,14 @@ class UseSilence:
 
 @dataclass(frozen=True, slots=True)
 class EndTurns:
-    """To the process: a recording ends or pauses. Turns under way are over; what is said later is not part of them."""
+    """To the process: end all turns because a recording ends or pauses."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecogniserReady:
-    """It listens: sound that is sent from now on is turned into text.
+    """The recogniser is ready for sound.
 
-    ``detail`` says what is missing, in words, where something is.
+    ``detail`` is a user text on missing parts, if any.
     """
 
     model: str
@@ -59,14 +59,14 @@ class RecogniserReady:
 
 @dataclass(frozen=True, slots=True)
 class RecogniserFailed:
-    """There will be no text; the process sends nothing more. Starting it again would fail in the same way."""
+    """Recognition is impossible; no more messages follow. A restart would fail in the same way."""
 
     problem: Problem
 
 
 @dataclass(frozen=True, slots=True)
 class SpokenBy:
-    """To the process: who said that utterance. Whoever is known to have a slow way of speaking is given time."""
+    """To the process: speaker of an utterance, for their endpointing delay."""
 
     utterance_id: str
     person_id: str
@@ -74,6 +74,6 @@ class SpokenBy:
 
 @dataclass(frozen=True, slots=True)
 class RecogniserAway:
-    """The server does not answer: no text until RecogniserReady comes once more."""
+    """The server does not answer: no text until another RecogniserReady."""
 
     problem: Problem

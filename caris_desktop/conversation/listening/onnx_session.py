@@ -1,4 +1,4 @@
-"""Small networks in the recogniser's process, so that they take no more of the processor than they need."""
+"""ONNX sessions of the recogniser process, limited to minimal processor use."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def open_network(path: Path) -> "onnxruntime.InferenceSession":
-    """On one thread that does not spin: spinning threads delay others on a busy computer by milliseconds.
+    """Session on one thread without spinning, which delays other processes on a busy computer by milliseconds.
 
     Raises WrongChecksum.
     """

@@ -1,12 +1,10 @@
-"""Words that the robot says itself, or has just said, are not the participant's.
+"""Robot speech filter: recognises the robot's own words in a transcript.
 
-What was made out is laid along what the robot says, word for word and in order, by how the words sound; and it counts
-as the robot's where it also comes when the robot says it. Whoever answers "the kitchen" to "the kitchen or the lab?"
-says the same words, but later.
+The transcript is aligned with the robot's utterances, in order, by sound similarity; it counts as the robot's if the
+times match too. A participant who answers "the kitchen" to "the kitchen or the lab?" says the same words, but later.
 
-On a busy machine sound and what is told of it may be seconds apart. So moments alone decide only where they agree: what
-the robot says is heard once, and words of it that were not heard yet are its own though they come late. How late it is
-heard is learnt from whole sentences of it.
+On a busy machine reports and sound may be seconds apart. So times alone decide only where they agree: each utterance is
+heard once, and its words not heard yet are the robot's even if late. The delay is learned from whole sentences.
 """
 
 import re
@@ -90,7 +88,7 @@ class _Saying:
 
 
 class OwnWords:
-    """Knows what the robot says, from the events that tell of it, and what of that one microphone has heard."""
+    """The robot's utterances, from its events, and the words of them that one microphone heard."""
 
     def __init__(self) -> None:
         self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
@@ -100,7 +98,7 @@ class OwnWords:
         """When the robot was heard last; 0 where it never was."""
 
     def robot_says(self, utterance: UtteranceChanged) -> None:
-        """The robot is about to say this, says it, or has said it."""
+        """Add or update an utterance of the robot."""
         known = next((each for each in self._sayings if each.utterance_id == utterance.utterance_id), None)
         if utterance.state == "failed":
             if known is not None:
@@ -121,11 +119,11 @@ class OwnWords:
         self._sayings[self._sayings.index(known)] = now
 
     def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
-        """How much of a text that was made out in that time is the robot's: 0 nothing, 1 all of it.
+        """Fraction of a transcript that is the robot's: 0 nothing, 1 all of it.
 
-        ``echo_share`` is what the echo canceller says of that time, None where it cannot tell, as with a robot that has
-        a voice of its own. Where it is sure that the robot was not heard, the same words are the participant's, who may
-        well repeat them; where it is sure that nothing else was, no word is.
+        ``echo_share`` is the echo canceller's result for that time, None if unknown, as for a robot with its own voice.
+        If the robot was certainly not heard, the same words are the participant's, who may repeat them; if nothing else
+        was heard, all words are the robot's.
         """
         if echo_share is not None and echo_share >= _NOTHING_BUT_ROBOT:
             return 1.0
@@ -139,7 +137,7 @@ class OwnWords:
             return 1.0
         if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:
             return 1.0
-        # Where the canceller knows what was played, when it was heard is known, too.
+        # If the canceller knows what was played, its timing is known too.
         slack_s, slack_of_length = (0.7, 0.15) if echo_share is None else (0.4, 0.1)
         most = 0.0
         for sayings in self._around(started_ns, ended_ns):
@@ -157,7 +155,7 @@ class OwnWords:
             if not all(saying.exactly for saying in sayings):
                 allowed_s += 2.0
             share = aligned.letters / letters
-            # What is left of the robot is made out badly.
+            # Remains of the robot's voice are recognised badly.
             nothing_else = max(0.5, _NOTHING_ELSE - 0.6 * max(0.0, (echo_share or 0.0) - 0.5))
             if abs(late_s) <= allowed_s or (
                 share >= nothing_else and self._may_be_as_late(late_s, aligned, sayings, started_ns, echo_share)
@@ -168,7 +166,7 @@ class OwnWords:
         return most
 
     def _speaks_at(self, moment_ns: int) -> bool:
-        """Whether the robot speaks then, as far as is known, or was still heard just before."""
+        """True if the robot is known to speak then, or was heard just before."""
         if 0 <= moment_ns - self._heard_until_ns <= _BREATH_NS:
             return True
         late_ns = round(self._late_s * 1e9)
@@ -185,7 +183,7 @@ class OwnWords:
         started_ns: int,
         echo_share: float | None,
     ) -> bool:
-        """Whether what is hardly anything but the robot's words comes at a time at which it may still be heard."""
+        """True if the robot's words come at a time at which they may still be heard."""
         said = [word for saying in sayings for word in saying.words]
         heard_before = [
             place in saying.heard and started_ns >= saying.heard_ns
@@ -199,7 +197,7 @@ class OwnWords:
         whole = aligned.letters >= _WHOLE * left and (
             len(new) >= _WHOLE_WORDS or aligned.letters > _SHORT_ANSWER_LETTERS
         )
-        # Nobody else begins with what the robot has only begun to say.
+        # No other speaker begins with words that the robot has only begun to say.
         begins = heard_before[: new[0]].count(False) <= 1 and started_ns <= sayings[-1].end_ns
         if whole or begins:
             return late_s <= _WHOLE_LATE_S + self._late_s
@@ -210,8 +208,8 @@ class OwnWords:
         return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
 
     def told_late(self, text: str, started_ns: int) -> float:
-        """How much a text that was made out from then on is a whole sentence of a robot that speaks unasked, and tells
-        of it only while or after it says it: 1 all of either, 0 where it is surely not.
+        """Similarity of a transcript to a whole sentence of a robot that speaks unprompted and reports it during or
+        after speaking: 1 identical, 0 certainly not.
         """
         heard = _without_loops(_words(text))
         most = 0.0
@@ -220,14 +218,14 @@ class OwnWords:
             at_most_s = sum(len(word) + 1 for word in saying.words) * _SECONDS_A_LETTER + _TOLD_LATE_S
             if saying.exactly or len(heard) < _WHOLE_WORDS or not -_RINGS_ABOUT_NS / 1e9 <= since_s <= at_most_s:
                 continue
-            # All of either: who only says some of the words asked for what the robot answers.
+            # All of both: a person who says only some of the words may have asked for the robot's answer.
             alike = _aligned(heard, saying.words).letters / max(sum(map(len, heard)), sum(map(len, saying.words)))
             most = max(most, alike if alike >= _TOLD_LATE_ALIKE else 0.0)
         return most
 
     def was_heard(self, text: str, started_ns: int, ended_ns: int) -> list[tuple[str, bool, bool]]:
-        """These words, made out in that time, were the robot's: whoever says them once more is somebody else. Gives the
-        utterances that they are of, and of which of them the time begins and ends with their first and last word.
+        """Note words as heard from the robot: repetitions are another speaker's. Returns the utterances, and whether
+        the interval begins and ends with their first and last word.
         """
         heard = _without_loops(_words(text))
         whole = sum(map(len, heard))
@@ -246,14 +244,14 @@ class OwnWords:
             ends = len(heard) - last[0] <= 2 and len(saying.words) - last[1] <= 2
             found.append((saying.utterance_id, begins, ends))
             places = frozenset(place for _at, place in aligned.pairs)
-            # What lies between words that were heard was heard, too; and so was what came before them.
+            # Words between and before heard ones were heard, too.
             self._note_heard(saying, frozenset(range(max(places) + 1)), ended_ns)
         return found
 
     def was_heard_on_time(self, share_between: Callable[[int, int], float | None]) -> None:
-        """Whatever the echo canceller has found when it was told to be there is heard no second time.
+        """Mark utterances as heard that the echo canceller found at their reported time.
 
-        ``share_between``: how much of what was heard in some time was the robot, None where that is not known.
+        ``share_between``: the robot's share of the energy in an interval, None if unknown.
         """
         for saying in tuple(self._sayings):
             if saying.ended_ns is None or not saying.exactly or len(saying.heard) == len(saying.words):
@@ -263,7 +261,7 @@ class OwnWords:
                 self._note_heard(saying, frozenset(range(len(saying.words))), saying.ended_ns)
 
     def may_be_heard(self, moment_ns: int, rings_ns: int) -> bool:
-        """Whether a voice that begins then may be the robot's, by when it says something and how late it is heard."""
+        """True if a voice that begins then may be the robot's, by its utterances and delay."""
         until_ns = rings_ns + round(self._late_s * 1e9)
         return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
 
@@ -275,16 +273,16 @@ class OwnWords:
     def robots_beginning(
         self, words: Sequence[tuple[str, int]], started_ns: int, echo_share: float | None = None
     ) -> int:
-        """How many of the first words are the robot's where somebody else goes on behind them; 0 where that is not so.
+        """Number of leading words that are the robot's, if another speaker continues; else 0.
 
-        ``words`` are texts with the moments at which they end; the first begins at ``started_ns``.
+        ``words`` are texts with their end times; the first begins at ``started_ns``.
         """
         most = 0
         for sayings in self._around(started_ns, words[-1][1]) if words else ():
             said = [word for saying in sayings for word in saying.words]
             ends_ns = sayings[-1].end_ns + (_RINGS_NS if sayings[-1].exactly else _RINGS_ABOUT_NS)
             ends_ns += round((_WHOLE_LATE_S + self._late_s) * 1e9)
-            # By where a word begins: before a silence recognisers tell a word's end by seconds too late.
+            # By the start of a word: before silence, recognisers report word ends seconds too late.
             begin_ns = [started_ns, *(end_ns for _text, end_ns in words)]
             beginnings = [
                 (count, _aligned(_words(" ".join(text for text, _end_ns in words[:count])), said))
@@ -293,13 +291,13 @@ class OwnWords:
             ]
             whole = max((aligned.letters for _count, aligned in beginnings), default=0.0)
             for count, aligned in beginnings:
-                # The shortest that is all of it: whoever answers with the robot's last words says them once more.
+                # The shortest complete match: a person who answers with the robot's last words repeats them.
                 if aligned.letters < _ALL_OF_IT * whole or not aligned.pairs:
                     continue
                 text, rest = (" ".join(each for each, _end_ns in part) for part in (words[:count], words[count:]))
                 to_its_end = aligned.pairs[-1][1] >= _NEAR_ITS_END * (len(said) - 1)
                 letters = sum(map(len, _words(text)))
-                # The words themselves have to be its own: short ones beside a loud robot are somebody's who goes on.
+                # The words themselves must match: short ones during loud robot speech belong to a person who continues.
                 alike = aligned.letters >= _BEGINNING_IS_ROBOTS * letters
                 robots = self.is_robots(text, started_ns, words[count - 1][1], echo_share)
                 if to_its_end and alike and robots >= _BEGINNING_IS_ROBOTS and not _ends(said, rest):
@@ -308,7 +306,7 @@ class OwnWords:
         return most
 
     def _near(self, started_ns: int, ended_ns: int) -> list[_Saying]:
-        """What the robot said about then, in that order."""
+        """Robot utterances around that interval, in order."""
         late_ns = (_WHOLE_LATE_S + self._late_s) * 1e9
         near = [
             saying
@@ -318,13 +316,13 @@ class OwnWords:
         return sorted(near, key=lambda saying: saying.started_ns)
 
     def _around(self, started_ns: int, ended_ns: int) -> list[list[_Saying]]:
-        """The same: each by itself, and all of it together."""
+        """The same: each alone, and all combined."""
         near = self._near(started_ns, ended_ns)
         return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
 
 
 def _letters_of_what_is_left(echo_share: float) -> float:
-    """How many may be made out where nobody but the robot speaks."""
+    """Number of letters that may be recognised while only the robot speaks."""
     beyond = max(0.0, echo_share - _HARDLY_ANYTHING_LEFT)
     return _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5) + _MORE_LETTERS * beyond
 
@@ -336,13 +334,13 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def _ends(said: Sequence[str], text: str) -> bool:
-    """Whether a text is only how the robot's sentence ends."""
+    """True if a text is just the end of the robot's sentence."""
     heard = _words(text)
     return not heard or list(heard) == list(said[-len(heard) :])
 
 
 def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
-    """What is said again and again is there once: recognisers fall into that over sound that they cannot make out."""
+    """Words without immediate repetitions, which recognisers produce on unintelligible sound."""
     kept: list[str] = []
     for word in words:
         kept.append(word)
@@ -356,9 +354,8 @@ def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
 def _sounds_like(
     heard: Sequence[str], said: Sequence[str], heard_ns: tuple[int, int], sayings: Sequence[_Saying]
 ) -> float:
-    """How much a text that was made out while the robot spoke sounds like what it said just then, 0 where that is not
-    enough. Recognisers that hear a robot badly make other words of the same sounds: "That's him, I've got the quest"
-    of "That is a good question".
+    """Phonetic similarity of a transcript to the robot's simultaneous words, 0 if too low. Recognisers that hear a
+    robot badly produce similar-sounding words: "That's him, I've got the quest" for "That is a good question".
     """
     one, other = ("".join(_sound_of(word).replace("a", "") for word in words) for words in (heard, said))
     if len(one) < _LEAST_SOUNDS or not other:
@@ -372,7 +369,7 @@ def _sounds_like(
 
 
 def _local_alignment(one: str, other: str) -> tuple[float, int, int]:
-    """How much of ``one`` lies along a part of ``other``, and from where to where (Smith and Waterman 1981)."""
+    """Best local alignment of ``one`` with a part of ``other``: score and position (Smith and Waterman 1981)."""
     row: list[tuple[float, int]] = [(0.0, at) for at in range(len(other) + 1)]
     best, first, end = 0.0, 0, 0
     for letter in one:
@@ -390,21 +387,21 @@ def _local_alignment(one: str, other: str) -> tuple[float, int, int]:
 
 
 def likeness(text: str, of: str) -> float:
-    """How much of a text is another one, in order and by how it sounds, 0 to 1."""
+    """Fraction of a text that matches another one, in order and phonetically, 0 to 1."""
     words = _words(text)
     return _aligned(words, _words(of)).letters / max(1, sum(map(len, words)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Aligned:
-    """``letters`` of what was heard are the robot's; ``pairs`` are the places of words that belong together."""
+    """``letters`` of the transcript are the robot's; ``pairs`` are the indices of matching words."""
 
     letters: float
     pairs: tuple[tuple[int, int], ...]
 
 
 def _aligned(heard: Sequence[str], said: Sequence[str]) -> _Aligned:
-    """The longest sequence in common (Needleman and Wunsch 1970). Alike is enough, and two words may sound as one."""
+    """Global alignment (Needleman and Wunsch 1970). Similar words match, and two words may match one."""
     best: list[list[tuple[float, tuple[int, int, float] | None]]] = [
         [(0.0, None)] * (len(said) + 1) for _ in range(len(heard) + 1)
     ]
@@ -434,7 +431,7 @@ def _aligned(heard: Sequence[str], said: Sequence[str]) -> _Aligned:
 
 @lru_cache(maxsize=4096)
 def _alike(heard: str, said: str) -> float:
-    """How much two words sound alike, 0 where they do not."""
+    """Phonetic similarity of two words, 0 below a threshold."""
     if heard == said or _NAME in (heard, said):
         return 1.0
     one, other = _sound_of(heard), _sound_of(said)
@@ -446,14 +443,14 @@ def _alike(heard: str, said: str) -> float:
 
 
 def _sound_of(word: str) -> str:
-    """Roughly how it sounds: consonants that are mistaken for one another are one, vowels are all alike."""
+    """Phonetic code: confusable consonants are merged, all vowels are equal."""
     for letters, sound in _SOUNDS:
         word = word.replace(letters, sound)
     return re.sub(r"(.)\1+", r"\1", re.sub(r"[aeiouäöü]+", "a", word))
 
 
 def _distance(one: str, other: str) -> int:
-    """Of Levenshtein."""
+    """Levenshtein distance."""
     row = list(range(len(other) + 1))
     for i, letter in enumerate(one, 1):
         before, row[0] = row[0], i
@@ -463,14 +460,14 @@ def _distance(one: str, other: str) -> int:
 
 
 def _late_s(aligned: _Aligned, heard: Sequence[str], heard_ns: tuple[int, int], sayings: Sequence[_Saying]) -> float:
-    """How much later than the robot says them the words were heard."""
+    """Median delay of heard words relative to the robot's."""
     when_heard = _moments(heard, *heard_ns)
     when_said = [moment for saying in sayings for moment in _moments(saying.words, saying.started_ns, saying.end_ns)]
     return median([when_heard[i] - when_said[j] for i, j in aligned.pairs] or [0.0])
 
 
 def _moments(words: Sequence[str], start_ns: int, end_ns: int) -> list[float]:
-    """In seconds, when each is said, as if all letters took the same time."""
+    """Time of each word in seconds, assuming a constant time per letter."""
     whole = sum(len(word) + 1 for word in words)
     moments, before = [], 0.0
     for word in words:

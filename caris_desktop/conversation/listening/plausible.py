@@ -1,4 +1,4 @@
-"""What a recogniser says of sound without words: it is trained on subtitles, and writes what stands in those."""
+"""Hallucination filter: text that recognisers, trained on subtitles, produce for sound without speech."""
 
 import re
 import unicodedata
@@ -15,7 +15,7 @@ _REPEATED_AT_MOST = 3
 _LONG_PHRASE = 4
 _WORDS_A_SECOND = 5.0
 """Nobody says the same phrase twice as fast as this."""
-# What is written of music and silence in the subtitles that it was trained on, by language. People say some of it too.
+# Subtitle texts for music and silence in the training data, by language. People say some of them too.
 _SUBTITLES: Mapping[str, tuple[str, ...]] = {
     "en": (
         "thank you", "thanks", "thank you very much", "thanks for watching", "thank you for watching", "bye",
@@ -117,7 +117,7 @@ _SUBTITLES: Mapping[str, tuple[str, ...]] = {
         "다음 영상에서 만나요", "음악",
     ),
 }  # fmt: skip
-# Whose subtitles they are: nobody says that of themselves, whatever the recogniser is sure of.
+# Subtitle credits: nobody says these, whatever the recogniser's confidence.
 _CREDITS = re.compile(
     "|".join(
         (
@@ -141,8 +141,8 @@ _BRACKETED = re.compile(r"^[\[(♪*].*[\])♪*]$")
 
 
 def is_nothing(text: str, *, no_speech: float, log_probability: float, language: str = "") -> bool:
-    """Whether a stretch of text is what a recogniser writes where nobody speaks. ``language`` is that of the text, as
-    in ``de`` or ``pt-BR``; with none, or one that has no list, all lists count.
+    """True for text that a recogniser produces without speech. ``language`` is that of the text, as in ``de`` or
+    ``pt-BR``; without one, or for an unlisted one, all lists apply.
     """
     said = _plain(text)
     if not said or _BRACKETED.match(text.strip()) or _CREDITS.search(said):
@@ -153,29 +153,29 @@ def is_nothing(text: str, *, no_speech: float, log_probability: float, language:
 
 
 def _plain(text: str) -> str:
-    # The one capital that becomes two letters, and the apostrophe of books.
+    # The one capital that becomes two letters, and the typographic apostrophe.
     text = unicodedata.normalize("NFC", text).replace("İ", "i").replace("’", "'")
     return " ".join(_SIGNS.sub(" ", text.casefold()).split())
 
 
 @cache
 def _subtitles(language: str) -> frozenset[str]:
-    """Of a language, and those of English, which comes out in silence of any."""
+    """Phrases of a language and of English, which occurs in silence of any."""
     code = language.replace("_", "-").partition("-")[0].lower()
     wanted = ("en", code) if code in _SUBTITLES else tuple(_SUBTITLES)
     return frozenset(_plain(phrase) for each in wanted for phrase in _SUBTITLES[each])
 
 
 def within_voice(words: Sequence[HeardWord], voice_ended_s: float) -> list[HeardWord]:
-    """Those that begin while there is voice: what is written after it was not said."""
+    """Words that begin while there is voice: later ones were not said."""
     return [word for word in words if word.start_s < voice_ended_s + _AFTER_VOICE_S]
 
 
 def without_repetition(words: Sequence[HeardWord]) -> list[HeardWord]:
-    """A phrase of one to six words that comes over and over is a recogniser that is stuck, and so is one that comes
-    twice in the time that it takes once: it is kept once.
+    """Reduce repetitions of a stuck recogniser: a phrase of one to six words over and over, or twice in the time of
+    one.
 
-    People do say a word three times, and a question twice.
+    People do repeat a word three times, and a question twice.
     """
     kept = _said_once(list(words))
     for length in range(1, 7):
@@ -202,7 +202,7 @@ def _said_once(words: list[HeardWord]) -> list[HeardWord]:
 
 
 def _without_half_again(words: list[HeardWord]) -> list[HeardWord]:
-    """The same where the second time breaks off, as the sound does."""
+    """The same for a second repetition that breaks off with the sound."""
     for length in range(len(words) // 2, _LONG_PHRASE - 1, -1):
         tail = [word.spoken for word in words[-length:]]
         for at in range(len(words) - 2 * length + 1):

@@ -1,4 +1,4 @@
-"""What loudspeakers have played and are going to play, as one sound at 16 kHz on the session clock."""
+"""Playback reference: past and scheduled loudspeaker sound at 16 kHz in session time."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +31,13 @@ class _Piece:
 
 
 class Played:
-    """Grows with what is told; several sounds at a time are heard together."""
+    """Accumulates reported sounds; simultaneous ones are mixed."""
 
     def __init__(self) -> None:
         self._pieces: list[_Piece] = []
 
     def add(self, sound: PlayedSound) -> int:
-        """Returns when it begins: a piece of an utterance follows upon the one before without a gap."""
+        """Add a sound; return its start: chunks of one utterance are joined without gaps."""
         mono = sound.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0)
         start_ns = sound.stamp_ns
         for piece in self._pieces:
@@ -47,13 +47,13 @@ class Played:
         return start_ns
 
     def end(self, ended: PlayedSoundEnded) -> None:
-        """The rest of it is not heard."""
+        """Truncate an utterance."""
         for piece in self._pieces:
             if piece.utterance_id == ended.utterance_id:
                 piece.samples = piece.samples[: max(0, samples_in(ended.stamp_ns - piece.start_ns))]
 
     def sound(self, start_ns: int, count: int) -> NDArray[np.float32]:
-        """From that moment on, shape (count,); zeros where nothing was played."""
+        """Sound from that time on, shape (count,); zeros where nothing was played."""
         sound = np.zeros(count, np.float32)
         for piece in self._pieces:
             first = samples_in(start_ns - piece.start_ns)
@@ -63,11 +63,11 @@ class Played:
         return sound
 
     def anything(self, start_ns: int, end_ns: int) -> bool:
-        """Whether any sound was played between those moments."""
+        """True if any sound was played in that interval."""
         return any(piece.start_ns < end_ns and piece.end_ns > start_ns for piece in self._pieces)
 
     def began_ns(self, moment_ns: int) -> int | None:
-        """When the utterance began that is played then, or was played last before; None where none was."""
+        """Start of the utterance played at that time, or last before it; None if there was none."""
         before = [piece for piece in self._pieces if piece.start_ns <= moment_ns]
         if not before:
             return None

@@ -1,4 +1,4 @@
-"""The process body of listening: sound in, whose turn it is and what was said out."""
+"""Recogniser process: sound in, turns and transcripts out."""
 
 import contextlib
 import logging
@@ -49,7 +49,7 @@ _PLAYED_AT_MOST = 8
 
 
 def run_recogniser(connection: Connection, settings: RecogniserSettings) -> None:
-    """Process body. Sends RecogniserReady or RecogniserFailed first; returns when the connection ends."""
+    """Process entry point. Sends RecogniserReady or RecogniserFailed first; returns when the connection closes."""
     step_back(settings.niceness)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         _Recogniser(connection, settings).run()
@@ -74,7 +74,7 @@ class _Recogniser:
         self._away = ""
 
     def run(self) -> None:
-        """Until the console is gone."""
+        """Run until the console is gone."""
         self._words.start()
         no_text = QT_TR_NOOP("What is said is not turned into text.")
         try:
@@ -147,7 +147,7 @@ class _Recogniser:
         canceller = EchoCanceller()
         for sound in self._played:
             canceller.play(sound)
-        # How the wizard pauses says nothing of the participants.
+        # The wizard's pauses must not affect the participants' delay.
         turns = TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds)
         self._turns.append(turns)
         return Ear(
@@ -161,7 +161,7 @@ class _Recogniser:
         )
 
     def _close_ears(self) -> None:
-        """What comes no more is silence, so that nobody's last words wait for a microphone that was closed."""
+        """Treat missing sound as silence, so that the last words before a microphone was closed are reported."""
         now_ns = clock.now_ns()
         for ear in self._ears.values():
             if ear.busy and now_ns - ear.heard_until_ns > _NO_SOUND_NS:
@@ -211,7 +211,7 @@ class _Recogniser:
 
     def _fail(self, failure: ToldFailure) -> None:
         self._connection.send(RecogniserFailed(_problem(failure)))
-        # It would only fail again; the console closes the connection when it likes.
+        # A restart would fail again; the console closes the connection.
         while True:
             self._connection.recv()
 

@@ -1,4 +1,4 @@
-"""Finds the weights of a recogniser: configured, in a models folder, from the offline package, or downloaded."""
+"""Search for recogniser weights: configured, in a models folder, in the offline package, or downloaded."""
 
 import re
 import shutil
@@ -29,9 +29,9 @@ _ADVICE = filled(
 
 
 def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] | None = None) -> Path:
-    """The folder of a faster-whisper model. May download, where the scenario says so and nothing else is there.
+    """Folder of a faster-whisper model. Downloads it only if the scenario names an address.
 
-    Raises NoEngine. What somebody configured is never replaced by something else.
+    Raises NoEngine. A configured model is never replaced by another one.
     """
     folders = models_dirs() if folders is None else folders
     if not settings.model:
@@ -135,7 +135,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
 
 
 def _unpack(packed: Path, target: Path) -> None:
-    """Only the files of a model, whatever folder of the archive they are in: no name in it leads anywhere else."""
+    """Extract only the files of a model, from any folder of the archive; other paths are ignored."""
     folder = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         with zipfile.ZipFile(packed) as archive:
@@ -146,7 +146,7 @@ def _unpack(packed: Path, target: Path) -> None:
                 if name in _FILES:
                     with archive.open(entry) as inside, (folder / name).open("wb") as file:
                         shutil.copyfileobj(inside, file)
-                    # Each load compares it: what a disk loses later is not taken for a model.
+                    # Verified at each load, which detects later corruption.
                     (folder / f"{name}.sha256").write_text(f"{sha256_of(folder / name)}  {name}\n", encoding="ascii")
         if not (folder / _WEIGHTS).is_file():
             raise zipfile.BadZipFile(filled(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))

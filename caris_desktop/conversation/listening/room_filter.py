@@ -1,9 +1,9 @@
-"""How a room turns what a loudspeaker plays into what a microphone hears of it, learnt while somebody may speak.
+"""Room filter: transfer function from loudspeaker to microphone, learned during possible double talk.
 
-For each frequency the sound at the microphone is a weighted sum of the last frames that were played (a convolutive
-transfer function). The weights are the state of a Kalman filter with its whole covariance over the frames, whose
-observation noise is whatever is not explained: in bins where somebody else speaks it learns nothing. It knows a room
-within a few frames, where an adaptive filter with a step for each bin needs seconds, and it knows how well it knows it.
+For each frequency the microphone's sound is a weighted sum of the last played frames (convolutive transfer function).
+The weights are the state of a Kalman filter with full covariance over the frames, whose observation noise is the
+unexplained sound: bins with another speaker are not learned from. It converges within a few frames, where an adaptive
+filter with a step size per bin needs seconds, and estimates its own uncertainty.
 """
 
 import numpy as np
@@ -41,25 +41,25 @@ _TAIL_LASTS = 0.85
 
 
 def spectrum(samples: NDArray[np.float32]) -> NDArray[np.complex64]:
-    """Of one frame, shape (BINS,)."""
+    """Spectrum of one frame, shape (BINS,)."""
     return np.fft.rfft(samples * _WINDOW).astype(np.complex64)
 
 
 def energy_of(samples: NDArray[np.float32]) -> float:
-    """Of one frame, as in its spectrum."""
+    """Energy of one frame, scaled as in its spectrum."""
     return float(((samples * _WINDOW) ** 2).sum()) * FRAME / 2
 
 
 def part_of_sound(frame: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """What a frame adds to the sound, shape (FRAME,)."""
+    """Contribution of a frame to the sound, shape (FRAME,)."""
     sound: NDArray[np.float32] = np.fft.irfft(frame).astype(np.float32) * _SYNTHESIS
     return sound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """One frame, taken apart. ``robot`` is to be taken away from it; ``heard_energy`` was there before, of which
-    ``others_energy`` is surely not the robot's.
+    """Separated frame. ``robot`` is to be subtracted; ``others_energy`` of ``heard_energy`` is certainly not the
+    robot's.
     """
 
     robot: NDArray[np.complex64]
@@ -68,7 +68,7 @@ class Split:
 
 
 class RoomFilter:
-    """Give it each frame once, in order."""
+    """Filter of one room. Process each frame once, in order."""
 
     def __init__(self) -> None:
         self._weights = np.zeros((BINS, TAPS), np.complex64)
@@ -78,23 +78,23 @@ class RoomFilter:
 
     @property
     def weights(self) -> NDArray[np.complex64]:
-        """What was learnt so far, for ``doubt``."""
+        """Present weights, for ``doubt``."""
         return self._weights.copy()
 
     @property
     def loudness(self) -> float:
-        """How much louder the robot is at the microphone than what is played, as energy; 0 where that is not known."""
+        """Energy of the robot at the microphone relative to the playback; 0 if unknown."""
         return float((np.abs(self._weights) ** 2).sum(axis=1).mean())
 
     def doubt(self, loudness: float, known: NDArray[np.complex64]) -> None:
-        """The room may be another than the one that is ``known``; how loud the robot is expected to be, as energy."""
+        """Restart from the ``known`` room with large uncertainty; ``loudness`` is the expected relative energy."""
         self._weights = known * np.complex64(_KEPT)
         self._covariance[:] = 0
         self._covariance[:, _DIAGONAL, _DIAGONAL] = loudness * _EXPECTED
         self._noise[:] = _LEAST_NOISE
 
     def take(self, heard: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
-        """``played``: the frames that were played, newest first, shape (BINS, TAPS)."""
+        """Process a frame; ``played`` has the last played frames, newest first, shape (BINS, TAPS)."""
         seen = np.matmul(self._covariance, np.conj(played)[:, :, np.newaxis])[:, :, 0]
         unsure = np.maximum(np.real((played * seen).sum(axis=1)), 0.0)
         error = heard - (played * self._weights).sum(axis=1)
@@ -111,12 +111,12 @@ class RoomFilter:
         left = unsure * noise / (unsure + noise) + _LEFT_OF_ROBOT * np.abs(echo) ** 2 + self._beyond(played)
         mine = np.maximum(rest2 - left, 0.0)
         heard_energy = float((np.abs(heard) ** 2).sum())
-        # What is left of the robot is taken away by its loudness alone: spectral subtraction (Boll 1979).
+        # The residual echo is removed by magnitude: spectral subtraction (Boll 1979).
         share = np.convolve(mine, _SPREAD, "same") / np.maximum(np.convolve(rest2, _SPREAD, "same"), 1e-12)
         return Split(heard - np.sqrt(share) * rest, heard_energy, float(mine.sum()))
 
     def _beyond(self, played: NDArray[np.complex64]) -> NDArray[np.float32]:
-        """What a room holds of the robot for longer than the filter does."""
+        """Energy of reverberation beyond the filter's length."""
         last = np.abs(self._weights[:, -_LAST:] * played[:, -_LAST:]) ** 2
         self._tail = _TAIL_LASTS * (self._tail + last.mean(axis=1, dtype=np.float32))
         return _TAIL_MARGIN * self._tail

@@ -1,4 +1,4 @@
-"""Words by a server that takes OpenAI's requests for transcriptions (POST /v1/audio/transcriptions)."""
+"""Speech recognition by a server with OpenAI's transcription API (POST /v1/audio/transcriptions)."""
 
 import asyncio
 import io
@@ -41,9 +41,9 @@ _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
 
 
 class ServerEngine:
-    """Every stretch is a request of its own: a server that was away is asked again with the next."""
+    """Each interval is a separate request, so that an unavailable server is retried with the next."""
 
-    every_s = 2.0  # what grows is sent again and again, and some servers are paid by the minute
+    every_s = 2.0  # a growing turn is sent repeatedly, and some servers charge by the minute
 
     def __init__(self, settings: RecogniserSettings) -> None:
         """Sends nothing. Raises NoEngine."""
@@ -66,7 +66,7 @@ class ServerEngine:
             "openai", settings.server.rstrip("/"), settings.model or _USUAL_MODEL, _key_names(settings.server)
         )
         self._local_only = not settings.cloud_models
-        self._runner = asyncio.Runner()  # with its connection from one stretch to the next
+        self._runner = asyncio.Runner()  # reuses its connection
         self._refused: dict[str, str] = {}
         self.language = settings.language
         self.model = f"{self._endpoint.model} at {self._endpoint.server}"
@@ -77,7 +77,7 @@ class ServerEngine:
             raise NoEngine(error.what, _NO_TEXT, error.advice) from error
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
-        """As Engine says."""
+        """See Engine."""
         fields = {"model": self._endpoint.model, "response_format": "verbose_json", "temperature": "0"}
         if self.language:
             fields["language"] = self.language
@@ -107,24 +107,24 @@ class ServerEngine:
             raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error
 
     def close(self) -> None:
-        """Ask nothing more."""
+        """Close the connection."""
         self._runner.close()
 
     @property
     def asked_with(self) -> str:
-        """What the server was found not to take, in words; empty for nothing."""
+        """Fields that the server refuses, as text; empty for none."""
         instead = {"json": "asked for json, as it takes no verbose_json", "": "asked without {name}, which it refuses"}
         return "; ".join(instead[value].format(name=name) for name, value in self._refused.items())
 
     def _ask(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
-        """Without the fields that it refuses; gpt-4o-transcribe and others know no ``verbose_json``."""
+        """Send a request without refused fields; gpt-4o-transcribe and others do not know ``verbose_json``."""
         guessed = False
         while True:
             sent = {name: value for name, value in (fields | self._refused).items() if name in fields and value}
             status, body = self._runner.run(self._post(sent, wav))
             refused = _refused_field(sent, body) if status in _REFUSED else ""
             if status in _REFUSED and not refused and sent.get("response_format") == "verbose_json":
-                # What servers know least, where they do not say.
+                # The least supported field, if the server names none.
                 refused, guessed = "response_format", True
             elif guessed and status != 200:
                 del self._refused["response_format"]
@@ -162,7 +162,7 @@ class ServerEngine:
 
 
 def _key_names(server: str) -> tuple[str, ...]:
-    """Which keys may go to this server, which a scenario names: those that the user gave for just this one."""
+    """Names of keys that may be sent to this server, which a scenario names: those that the user gave for it."""
     own = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
     return (KEY_NAME, *own) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else own
 
@@ -178,7 +178,7 @@ def _wav(sound: NDArray[np.float32]) -> bytes:
 
 
 def _refused_field(fields: dict[str, str], body: bytes) -> str:
-    """Which of the fields a refusal names; the server can do without each but the model."""
+    """Optional field that a refusal names; the server can do without each of them."""
     said = body.decode("utf-8", "replace")
     words = {"response_format": "response_format|verbose_json"}
     return next(
@@ -191,7 +191,7 @@ def _refused_field(fields: dict[str, str], body: bytes) -> str:
 
 
 def _words(answer: Any, seconds: float, language: str) -> Iterator[HeardWord]:
-    """Of its segments, or of the whole where there are none."""
+    """Words of the segments, or of the whole text without segments."""
     for segment in answer.get("segments") or [{"text": answer["text"], "start": 0.0, "end": seconds}]:
         text = str(segment["text"])
         no_speech, likely = float(segment.get("no_speech_prob") or 0.0), float(segment.get("avg_logprob") or 0.0)
@@ -200,7 +200,7 @@ def _words(answer: Any, seconds: float, language: str) -> Iterator[HeardWord]:
 
 
 def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWord]:
-    """Nobody told when each was said: as long as it is written."""
+    """Words with estimated times, proportional to their length."""
     ends = list(itertools.accumulate(len(word) + 1 for word in words))
     for word, end in zip(words, ends, strict=True):
         per_s = (end_s - start_s) / ends[-1]

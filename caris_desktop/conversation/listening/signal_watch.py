@@ -1,4 +1,4 @@
-"""Tells a microphone from which nothing comes: muted, unplugged at the other end, or the wrong one."""
+"""Detector for microphones without signal: muted, unplugged at the other end, or the wrong one."""
 
 _NOTHING = 0.0008
 """A peak, of 1: the noise of a microphone that is on is louder even in a quiet room."""
@@ -6,14 +6,14 @@ _TOLD_AFTER_NS = 45_000_000_000
 
 
 class SignalWatch:
-    """Each microphone is told once; again only after something was heard there."""
+    """Reports each microphone once, and again only after a signal."""
 
     def __init__(self) -> None:
         self._heard_ns: dict[str, int] = {}
         self._told: set[str] = set()
 
     def hear(self, source: str, stamp_ns: int, peak: float) -> bool:
-        """How loud it was there. True where it is time to tell that there is nothing."""
+        """Add the peak level. True when a missing signal is to be reported."""
         if peak > _NOTHING:
             self._heard_ns[source] = stamp_ns
             self._told.discard(source)
@@ -25,5 +25,5 @@ class SignalWatch:
         return True
 
     def closed(self, source: str) -> None:
-        """No sound is expected from there for now."""
+        """Expect no sound from this microphone for now."""
         self._heard_ns.pop(source, None)

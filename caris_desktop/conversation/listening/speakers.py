@@ -1,8 +1,8 @@
-"""Who said what was heard: the participant or the wizard, and which of the people here. "Not sure" is an answer.
+"""Speaker assignment of heard speech: participant or wizard, and which person present; may be undecided.
 
-A person speaks for as long as they were here while the voice was heard, more likely facing the robot than not, near
-than far, and whom the wizard deals with than another. Somebody whom no camera sees may have spoken, too. What mouths do
-is not looked at: pictures of the robot's camera are too few and faces in them too small for that to tell anything.
+A person's probability depends on their presence during the speech, and is higher facing the robot, near it, and while
+the wizard attends to them. An unseen person may have spoken, too. Mouth movement is not used: frame rate and face size
+of the robot's camera are too low.
 """
 
 import math
@@ -14,7 +14,7 @@ from caris_desktop.domain.value_class import dataclass
 
 _KEPT_NS = 120_000_000_000
 _SURE = 0.7
-# Who is alone here for so much of an utterance said it, but for somebody whom no camera sees.
+# A person alone for this fraction of an utterance is its speaker, unless an unseen person spoke.
 _ALL_ALONG, _ALONE_AT_LEAST = 0.8, 0.5
 _UNSEEN = 0.12
 _FACING = {True: 1.0, None: 0.7, False: 0.15}
@@ -26,7 +26,7 @@ _SAME_TIME, _SAME_WORDS = 0.6, 0.6
 
 @dataclass(frozen=True, slots=True)
 class Here:
-    """One person who is here. ``facing`` the robot and the distance to it are None where that is not known."""
+    """Person present. ``facing`` the robot and the distance are None if unknown."""
 
     person_id: str
     facing: bool | None = None
@@ -36,7 +36,7 @@ class Here:
 
 @dataclass(frozen=True, slots=True)
 class WizardsVoice:
-    """What the wizard's own microphone heard, and when; ``ended_ns`` is None while they speak on."""
+    """Speech of the wizard's own microphone; ``ended_ns`` is None while it lasts."""
 
     started_ns: int
     ended_ns: int | None
@@ -44,20 +44,20 @@ class WizardsVoice:
 
 
 class PeopleHere:
-    """Who was here at each moment of the last two minutes."""
+    """People present over the last two minutes."""
 
     def __init__(self) -> None:
         self._since: deque[tuple[int, tuple[Here, ...]]] = deque()
 
     def note(self, stamp_ns: int, here: Iterable[Here]) -> None:
-        """From that moment on these are here."""
+        """Set the people present from that time on."""
         self._since.append((stamp_ns, tuple(here)))
         while len(self._since) > 1 and self._since[1][0] < stamp_ns - _KEPT_NS:
             self._since.popleft()
 
     def who_spoke(self, started_ns: int, ended_ns: int) -> tuple[str, float]:
-        """The id of who spoke then, and how likely that is; empty where nobody can be sure. Of somebody who was alone
-        here it is always told, however unlikely they look.
+        """Id of the speaker and the probability; empty if undecided. A person who was alone is always returned, however
+        unlikely.
         """
         chances: dict[str, float] = {}
         shares: dict[str, float] = {}
@@ -87,8 +87,8 @@ def _chance(person: Here) -> float:
 
 
 def is_wizards(text: str, started_ns: int, ended_ns: int, voices: Sequence[WizardsVoice]) -> bool:
-    """Whether what a participant's microphone heard is the wizard's voice: their own microphone heard the same words at
-    the same time.
+    """True if a participant's microphone heard the wizard: the wizard's own microphone heard the same words at the same
+    time.
     """
     for voice in voices:
         together_ns = min(ended_ns, voice.ended_ns or ended_ns) - max(started_ns, voice.started_ns)

@@ -1,7 +1,7 @@
-"""Whether somebody has finished, by how it sounds: the SmartTurn network (Daily, BSD-2; version 3.2).
+"""End-of-turn detection by sound: the SmartTurn network (Daily, BSD-2; version 3.2).
 
-It was trained on the log-mel spectrogram of Whisper (Radford et al. 2022) over the last 8 s of a turn, with zeros in
-front of a shorter one, and gives the probability that the turn is complete.
+It was trained on Whisper's log-mel spectrogram (Radford et al. 2022) over the last 8 s of a turn, zero-padded in front,
+and returns the probability that the turn is complete.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ _VARIANCE_FLOOR, _POWER_FLOOR, _RANGE = 1e-7, 1e-10, 8.0
 
 
 class TurnModel:
-    """``TurnModel.find()`` gives None where the network is not installed, and raises WrongChecksum."""
+    """``TurnModel.find()`` returns None if the network is not installed, and raises WrongChecksum."""
 
     @classmethod
     def find(cls) -> "TurnModel | None":
@@ -31,7 +31,7 @@ class TurnModel:
         self._window = np.hanning(_WINDOW + 1)[:-1]
 
     def turn_over(self, turn: NDArray[np.float32]) -> float:
-        """How likely a turn is complete, 0 to 1. ``turn`` is all of it at 16 kHz, with the silence that followed."""
+        """Probability that a turn is complete. ``turn`` is its sound at 16 kHz, including the following silence."""
         features = self.features(turn)[np.newaxis]
         (output,) = self._session.run(None, {"input_features": features})  # type: ignore[attr-defined]
         return float(np.asarray(output).reshape(-1)[0])
@@ -51,7 +51,7 @@ class TurnModel:
 
 
 def _mel_bands() -> NDArray[np.float64]:
-    """Triangles on Slaney's mel scale, each of the same area; shape (bands, frequencies of the spectrum)."""
+    """Mel filter bank, Slaney's scale with equal areas; shape (bands, frequencies of the spectrum)."""
     edges = _hz(np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2))
     frequencies = np.linspace(0, RATE_HZ / 2, _WINDOW // 2 + 1)
     widths = np.diff(edges)
@@ -60,7 +60,7 @@ def _mel_bands() -> NDArray[np.float64]:
     return np.asarray(bands * (2.0 / (edges[2:] - edges[:-2]))[:, np.newaxis])
 
 
-# Slaney's scale: even steps up to 1 kHz, even ratios above.
+# Slaney's scale: linear up to 1 kHz, logarithmic above.
 _LINEAR_HZ, _KNEE_MEL, _PER_MEL = 1000.0, 15.0, np.log(6.4) / 27.0
 
 

@@ -1,7 +1,7 @@
-"""Whether somebody has finished, by their words, beside how they sound.
+"""End-of-turn detection by words, combined with the sound.
 
-Neither is enough: the network judges by melody and silence, and a sentence that ends in "with the" goes on however
-final it sounds. A recogniser that writes a full stop has heard both how it sounds and what it says.
+Neither suffices: the network judges melody and silence, while a sentence that ends in "with the" continues however
+final it sounds. A full stop by the recogniser reflects both.
 """
 
 import math
@@ -48,19 +48,18 @@ _QUESTION = ("?", "？")
 _OPEN = ("...", "…", ",", "，", "-", "–", ":")
 _SENTENCE = re.compile(r"[.?!]\s+")
 _EDGES = ".,!?…-–:;\"'"
-# Of the odds that a turn is over at a pause, as logarithms: a logistic regression on made turns of four voices with
-# sentences that are not among the held-out ones. The sound counts for more than those voices, which have little melody,
-# would give it.
+# Log odds that a turn is over at a pause: logistic regression on synthetic turns of four voices, with sentences outside
+# of the test set. The sound has a higher weight than those voices, with little melody, would give.
 _AT_ANY_PAUSE, _GOING_ON, _FULL_STOP, _QUESTION_MARK, _SOUND = -1.45, -1.45, 1.7, 1.05, 0.15
 _LEAST_SURE = 0.005
 
 
 def with_words(turn_over: float, text: str, language: str) -> float:
-    """How likely a turn is over, 0 to 1: by its sound, and by what was made out in it so far."""
+    """Probability that a turn is over, from its sound and its transcript so far."""
     sound = min(1.0 - _LEAST_SURE, max(_LEAST_SURE, turn_over))
     odds = _AT_ANY_PAUSE + _SOUND * math.log(sound / (1.0 - sound))
     written = text.rstrip()
-    # Whoever writes it down hears the melody too, with other ears.
+    # Recognisers hear the melody, too.
     if goes_on(written, language):
         odds += _GOING_ON
     elif written.endswith(_QUESTION):
@@ -71,7 +70,7 @@ def with_words(turn_over: float, text: str, language: str) -> float:
 
 
 def goes_on(text: str, language: str) -> bool:
-    """Whether a text breaks off where sentences hardly end."""
+    """True if a text ends where sentences rarely end."""
     written = text.rstrip()
     if written.endswith(_OPEN):
         return True

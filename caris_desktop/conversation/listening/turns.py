@@ -1,6 +1,6 @@
-"""When somebody begins to speak, pauses, speaks on and has finished: from how much each 32 ms are like a voice.
+"""Turn-taking: start, pauses and end of turns, from voice probabilities per 32 ms.
 
-No clock: every moment is that of the sound.
+No clock: all times are those of the sound.
 """
 
 from typing import Literal
@@ -25,16 +25,16 @@ Change = Literal["began", "paused", "spoke on", "over"]
 
 @dataclass(frozen=True, slots=True)
 class SilenceBounds:
-    """However sure one is, a turn is over not before and not after so long a silence."""
+    """Minimum and maximum silence that ends a turn, whatever the probability."""
 
     at_least_s: float = 0.3
     at_most_s: float = 3.0
 
 
 def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceBounds) -> float:
-    """How long a silence ends the turn, for how likely it is over (None: nobody can tell).
+    """Silence that ends the turn, by the probability that it is over (None: unknown).
 
-    Where it is likelier than at most pauses, nobody waits; where it is not, as long as the pauses of this person take.
+    If it is likely over, the minimum; if not, as long as this person's pauses take.
     """
     unsure = 1.0 if turn_over is None else min(1.0, max(0.0, (_SURE - turn_over) / (_SURE - _UNSURE)))
     wait_s = bounds.at_least_s + unsure * (learnt_s - bounds.at_least_s)
@@ -42,7 +42,7 @@ def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceB
 
 
 class TurnTaking:
-    """The turns at one microphone. ``turn`` names the one under way in what is learnt of its pauses."""
+    """Turns at one microphone. ``turn`` names the present one for the learned pauses."""
 
     def __init__(self, silence: SilenceOfPeople, bounds: SilenceBounds) -> None:
         self._silence = silence
@@ -62,11 +62,11 @@ class TurnTaking:
 
     @property
     def beginning_ns(self) -> int:
-        """How long there has been voice that is no turn yet, with the silence within."""
+        """Duration of voice that is not a turn yet, including short silences."""
         return self._heard_ns - self.started_ns if self._voiced_ns and not self.under_way else 0
 
     def hear(self, stamp_ns: int, length_ns: int, voice: float) -> Change | None:
-        """The next stretch of sound, and how much it is like a voice."""
+        """Process the next window with its voice probability."""
         end_ns = self._heard_ns = stamp_ns + length_ns
         self.voiced = voice >= (VOICE_UNTIL if self.voiced else VOICE_FROM)
         if self.voiced:
@@ -74,17 +74,17 @@ class TurnTaking:
         return self._hear_silence(end_ns)
 
     def judge(self, turn_over: float) -> None:
-        """How likely the turn is over at this pause. Until then it lasts as long as a pause of this person may."""
+        """Set the probability that the turn is over at this pause. Before, the person's learned delay applies."""
         self._turn_over = turn_over
 
     def end(self) -> None:
-        """The turn under way is over here, however it would go on: nothing of its length is learnt."""
+        """End the present turn, without learning from its pauses."""
         self.under_way = self.speaking = self.voiced = False
         self._voiced_ns = 0
         self._last_turn = ""
 
     def another_spoke(self) -> None:
-        """The robot has answered: a silence after the last turn was no pause in it."""
+        """The robot answered: silence after the last turn was not a pause in it."""
         self._last_turn = ""
 
     def _hear_voice(self, stamp_ns: int, end_ns: int) -> Change | None:
@@ -124,7 +124,7 @@ class TurnTaking:
         return "over"
 
     def _learn_from_cut(self) -> None:
-        """Whoever speaks on soon, with nobody in between, had not finished: the silence was too short for them."""
+        """Learn from a turn that was cut: a speaker who continues soon, with nobody in between, had not finished."""
         pause_ns = self.started_ns - self._last_ended_ns
         if self._last_turn and pause_ns <= _SPOKE_ON_WITHIN_NS:
             self._silence.learn(self._last_turn, pause_ns / 1e9)

@@ -1,4 +1,4 @@
-"""How likely a stretch of sound is somebody's voice: the Silero network, window by window."""
+"""Voice activity detection by the Silero network, window by window."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,7 @@ WINDOW = 512
 """Samples of one window: 32 ms."""
 _CONTEXT = 64
 _STATE = 128
-# Sound without voice in it, such as music or long silence, moves the network's memory so that it hears worse; clearing
-# it in clear silence brings it back.
+# Non-voice sound such as music or long silence degrades the network's state; resetting it in clear silence restores it.
 _CLEAR_BELOW, _CLEAR_AFTER, _CLEAR_EVERY = 0.1, 5, 62
 
 
@@ -21,7 +20,7 @@ class NoVoiceActivity(Exception):  # noqa: N818 - says what is missing
 
 
 class VoiceActivity:
-    """Of one microphone; it remembers what came before."""
+    """Detector of one microphone, with state."""
 
     def __init__(self) -> None:
         """Raises NoVoiceActivity, and WrongChecksum."""
@@ -41,7 +40,7 @@ class VoiceActivity:
         self._since_clear = 0
 
     def probability(self, window: NDArray[np.float32]) -> float:
-        """Of the next ``WINDOW`` samples at 16 kHz, 0 to 1."""
+        """Voice probability of the next ``WINDOW`` samples at 16 kHz."""
         sound = np.concatenate((self._context, window))[np.newaxis]
         output, self._h, self._c = self._session.run(None, {"input": sound, "h": self._h, "c": self._c})
         self._context = window[-_CONTEXT:]

@@ -1,4 +1,4 @@
-"""Onset and end of a voice in its samples: a network for voice activity is a few tenths of a second early or late."""
+"""Onset and end of a voice by sample levels: voice activity networks are some tenths of a second early or late."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ _CLICK_FRAMES = 3
 
 
 def voiced_spans(sound: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """From when to when there is voice, in seconds, clicks left out; empty where noise cannot be told from it."""
+    """Voice intervals in seconds, without clicks; empty if noise cannot be distinguished."""
     frames = sound[: len(sound) // _FRAME * _FRAME].reshape(-1, _FRAME)
     if not len(frames):
         return []
@@ -37,7 +37,7 @@ def voiced_spans(sound: NDArray[np.float32]) -> list[tuple[float, float]]:
 
 
 def onset_s(sound: NDArray[np.float32], about_s: float, *, nearest: bool = False) -> float:
-    """When the voice begins that was noticed about then, or the ``nearest`` one does; ``about_s`` where none is found.
+    """Start of the voice that was detected at about that time, or of the ``nearest`` one; ``about_s`` if none is found.
     In seconds of ``sound``.
     """
     spans = voiced_spans(sound)
@@ -47,5 +47,5 @@ def onset_s(sound: NDArray[np.float32], about_s: float, *, nearest: bool = False
 
 
 def end_s(sound: NDArray[np.float32], about_s: float) -> float:
-    """When the voice ends of which that was supposed; ``about_s`` where none is found. In seconds of ``sound``."""
+    """End of the voice that was expected at about that time; ``about_s`` if none is found. In seconds of ``sound``."""
     return next((end for first, end in reversed(voiced_spans(sound)) if first < about_s), about_s)

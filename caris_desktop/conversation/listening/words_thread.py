@@ -1,4 +1,4 @@
-"""The thread in which words are made out, so that whoever listens for voices meanwhile misses nothing."""
+"""Recognition thread, so that voice activity detection continues during transcription."""
 
 import contextlib
 import logging
@@ -18,7 +18,7 @@ WORDS_THREAD = "words"
 
 @dataclass(frozen=True, slots=True)
 class WordsReady:
-    """The engine is loaded. ``every_s`` is how often it is asked at most while somebody speaks."""
+    """The engine is loaded. ``every_s`` is the minimum interval between requests during continuous speech."""
 
     model: str
     language: str
@@ -28,7 +28,7 @@ class WordsReady:
 
 @dataclass(frozen=True, slots=True)
 class WordsHeard:
-    """``text`` is None where nothing could be made out; then ``away`` says why, if the engine is what is missing."""
+    """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
 
     stretch: Stretch
     text: HeardText | None
@@ -37,7 +37,7 @@ class WordsHeard:
 
 
 class WordsThread:
-    """One stretch at a time. ``news`` has WordsReady, or a NoEngine and nothing more, and a WordsHeard for each."""
+    """One interval at a time. ``news`` has WordsReady, or a final NoEngine, and a WordsHeard per request."""
 
     def __init__(self, settings: RecogniserSettings) -> None:
         self.news: queue.SimpleQueue[WordsReady | NoEngine | WordsHeard] = queue.SimpleQueue()
@@ -50,11 +50,11 @@ class WordsThread:
         self._thread.start()
 
     def ask(self, stretch: Stretch) -> None:
-        """Make out its words."""
+        """Transcribe an interval."""
         self._asked.put(stretch)
 
     def end(self) -> None:
-        """What is being loaded or made out is hardly waited for: nobody wants it any more."""
+        """End the thread, without waiting long for a running load or transcription."""
         self._asked.put(None)
         self._thread.join(_END_WITHIN_S)
 
@@ -82,7 +82,7 @@ class WordsThread:
 
 
 def open_engine(settings: RecogniserSettings) -> Engine:
-    """Takes seconds, with a download minutes. Raises NoEngine."""
+    """Open the engine; takes seconds, with a download minutes. Raises NoEngine."""
     if settings.engine == "server":
         from caris_desktop.conversation.listening.server_engine import ServerEngine
 

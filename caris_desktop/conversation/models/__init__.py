@@ -1,1 +1,1 @@
-"""Language models over HTTP: where they are, how each dialect asks and answers, and the one place that connects."""
+"""Language models over HTTP: endpoints, dialects of requests and answers, and connections."""

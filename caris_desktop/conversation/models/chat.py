@@ -1,4 +1,4 @@
-"""Asking a language model and hearing its answer piece by piece, with time-outs and another try before it begins."""
+"""Streaming requests to language models, with timeouts, and retries before the answer begins."""
 
 import asyncio
 import contextlib
@@ -41,9 +41,7 @@ _DRAINED_WITHIN_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class ChatTimeouts:
-    """How long each step may take before the exchange counts as failed. A model that reasons first may do so, once it
-    has begun, for as long as another may take to begin its answer.
-    """
+    """Timeouts of each step. Once a model has begun to reason, it may do so for another ``first_token_s``."""
 
     connect_s: float = 5.0
     first_token_s: float = 60.0
@@ -52,10 +50,10 @@ class ChatTimeouts:
 
 @dataclass(frozen=True, slots=True)
 class Retries:
-    """How often a server that is busy or out of reach is asked again before it has begun to answer.
+    """Retry policy for a busy or unreachable server, before it begins to answer.
 
-    The waits begin at ``first_s`` and double; one that names a time itself (Retry-After) is waited for up to
-    ``most_s``, and given up at once where it wants longer.
+    Waits begin at ``first_s`` and double; a server's own wait (Retry-After) is respected up to ``most_s``, beyond which
+    the request fails at once.
     """
 
     at_most: int = 2
@@ -63,17 +61,17 @@ class Retries:
     most_s: float = 10.0
 
     def wait_s(self, tried: int, told_s: float | None) -> float | None:
-        """How long to wait after the ``tried``-th try, None to give up."""
+        """Wait after the ``tried``-th attempt, None to give up."""
         if tried > self.at_most or (told_s is not None and told_s > self.most_s):
             return None
-        # Not all consoles of a lab at the same moment.
+        # Jitter, so that a lab's consoles do not retry simultaneously.
         backed_off_s: float = min(self.first_s * 2.0 ** (tried - 1), self.most_s) * random.uniform(0.8, 1.2)  # noqa: S311
         return max(told_s or 0.0, backed_off_s)
 
 
 @dataclass(slots=True)
 class AnswerNotes:
-    """What is found out about an answer while it comes. ``left_out`` are parameters that the server refused."""
+    """Findings about an answer in progress. ``left_out`` are parameters that the server refused."""
 
     cut: Cut = ""
     reasoned: bool = False
@@ -82,7 +80,7 @@ class AnswerNotes:
 
 @dataclass(slots=True)
 class _Habits:
-    """How a server was found to take questions and to answer them, for as long as the program runs."""
+    """Observed behaviour of a server, valid while the program runs."""
 
     left_out: tuple[str, ...] = ()
     begins_within: bool = False
@@ -92,11 +90,11 @@ _HABITS: dict[ModelEndpoint, _Habits] = {}
 
 
 class _OtherSchemaError(Exception):
-    """The server wants to be told of the schema in the other way."""
+    """The server expects the schema in its other format."""
 
 
 class _LeaveOutError(Exception):
-    """The server refuses this parameter, or never comes to its answer because of it."""
+    """The server refuses this parameter, or does not answer because of it."""
 
     def __init__(self, parameter: str) -> None:
         super().__init__(parameter)
@@ -104,7 +102,7 @@ class _LeaveOutError(Exception):
 
 
 class _TryAgainError(Exception):
-    """The server may answer when asked again, after ``told_s`` where it says so. ``failure``: what is wrong now."""
+    """A retry may succeed, after ``told_s`` if given. ``failure`` is the present error."""
 
     def __init__(self, failure: LanguageModelError, told_s: float | None = None) -> None:
         super().__init__(failure.what)
@@ -129,19 +127,18 @@ async def stream_chat(
     timeouts: ChatTimeouts = ChatTimeouts(),
     retries: Retries = Retries(),
 ) -> AsyncGenerator[str]:
-    """Yield the answer piece by piece as the model writes it, without what it thinks. A piece that is ``Withdrawn``
-    says that those before it were reasoning.
+    """Yield the answer piece by piece without reasoning. A piece that is ``Withdrawn`` marks the pieces before it as
+    reasoning.
 
-    With ``local_only`` nothing leaves this computer. ``seed`` makes the same model answer the same question alike; it
-    is sent only to servers of which `ModelEndpoint.takes_seed` knows that they take it. ``told_version`` is called with
-    what the server tells of the model in the stream, when it does and differently from before; Ollama tells nothing
-    there, see `model_version`. ``told_wait`` is called with why it is waited before another try, in words. ``jpegs``
-    are pictures that go with the last message; the embedded model takes none. ``schema`` is a JSON schema that the
-    answer has to follow. ``slot`` is which memory of the embedded server answers. ``notes`` are filled in on the way. A
-    parameter that the server refuses by its name is left out, then and for as long as the program runs.
+    With ``local_only`` nothing leaves this computer. ``seed`` makes answers reproducible; it is sent only if
+    `ModelEndpoint.takes_seed`. ``told_version`` is called with the model version in the stream at each change; Ollama
+    sends none, see `model_version`. ``told_wait`` is called with the reason for a wait before a retry, as text.
+    ``jpegs`` are images for the last message; the embedded model accepts none. ``schema`` is a JSON schema for the
+    answer. ``slot`` selects a cache of the embedded server. ``notes`` are filled in progressively. A parameter that the
+    server refuses by name is omitted from then on, while the program runs.
 
-    Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the servers
-    stop generating; before the first piece it also ends the waiting.
+    Closing the generator, or cancelling the task that iterates it, closes the HTTP stream, which makes the server stop
+    generating; before the first piece it also ends the waiting.
 
     Raises
     ------
@@ -215,8 +212,8 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     notes: AnswerNotes,
     habits: _Habits,
 ) -> AsyncGenerator[str]:
-    """Raises LanguageModelError; before the first piece _TryAgainError where another try may help, _OtherSchemaError
-    and _LeaveOutError.
+    """One attempt. Raises LanguageModelError; before the first piece _TryAgainError if a retry may help,
+    _OtherSchemaError and _LeaveOutError.
     """
     import httpx
 
@@ -256,7 +253,8 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             continue
                         closed = chunk.closed
                         unfinished = unfinished or chunk.unfinished
-                        # A server that tells when an answer is finished did not finish one that it only closes.
+                        # If the server marks finished answers, closing the stream without a mark means an unfinished
+                        # one.
                         ended = chunk.ended or (closed and not unfinished)
                         notes.cut, why = chunk.cut or notes.cut, chunk.why or why
                         if chunk.version and chunk.version != version:
@@ -294,7 +292,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                 await response.aclose()
     except httpx.HTTPError as error:
         failure = failures.of_httpx(endpoint, error, answer_started=began)
-        # A program that does not run here is not there in a second either; a server elsewhere may be.
+        # A local program that is not running will not be in a second either; a remote server may be.
         refused_here = isinstance(error, httpx.ConnectError) and is_loopback(endpoint.base_url)
         hopeless = failures.tls_error(error) is not None or not isinstance(error, httpx.TransportError)
         if began or refused_here or hopeless:
@@ -316,7 +314,7 @@ def _raise_nothing_said(
 ) -> NoReturn:
     limit = next((name for name in LIMITS if name in parameters_sent(request)), "")
     if notes.cut == "length" and limit and endpoint.provider != "embedded":
-        # It was used up by what the model thinks, told or not.
+        # Reasoning used up the limit, reported or not.
         raise _LeaveOutError(limit)
     if notes.cut == "filter":
         raise failures.blocked(endpoint, why)
@@ -326,7 +324,7 @@ def _raise_nothing_said(
 
 
 async def _drain(messages: AsyncGenerator[str]) -> None:
-    """Read the little that follows an answer, so that the connection serves the next question too."""
+    """Read the rest after an answer, so that the connection can be reused."""
     with contextlib.suppress(TimeoutError, LanguageModelError):
         async with asyncio.timeout(_DRAINED_WITHIN_S):
             async for _ in messages:
@@ -357,7 +355,7 @@ async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "ht
 
 
 def _told_wait_s(header: str, body: dict[str, Any]) -> float | None:
-    """When to come back, by a header in seconds or as a date, or by the details of Gemini's error."""
+    """Server's wait in seconds: from a header in seconds or as a date, or from Gemini's error details."""
     if header.strip().isdecimal():
         return float(header)
     if header:

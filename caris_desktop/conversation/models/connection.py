@@ -1,4 +1,4 @@
-"""The one place that opens a connection to a language model, and the keys that go over it."""
+"""Connections to language models, all opened here, and their API keys."""
 
 import asyncio
 import importlib
@@ -27,12 +27,12 @@ _log = logging.getLogger(__name__)
 KEYRING_SERVICE = "caris-desktop"
 _KEYRING_TIMEOUT_S = 5.0
 _SHOWS_WITHIN_S = 5.0
-# With its licence, its template and all of its tensors.
+# Includes licence, template and all tensors.
 _MAX_SHOWN_BYTES = 20_000_000
 
 
 def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
-    """Raises LanguageModelError, with ``local_only``, for a model that says itself that it is not on this computer."""
+    """Raises LanguageModelError, with ``local_only``, for a model that is known to be on another computer."""
     if local_only and endpoint.leaves_computer:
         raise _elsewhere(endpoint)
 
@@ -49,7 +49,7 @@ def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
 
 
 async def check_model_is_here(client: "httpx.AsyncClient", endpoint: ModelEndpoint) -> None:
-    """Raises LanguageModelError for a model of Ollama that is only another name for one of its cloud.
+    """Raises LanguageModelError for an Ollama model that is an alias of a cloud model.
 
     https://docs.ollama.com/api: ``show`` names where such a model is; an Ollama that does not know it has no cloud.
     """
@@ -67,10 +67,9 @@ async def check_model_is_here(client: "httpx.AsyncClient", endpoint: ModelEndpoi
 
 @asynccontextmanager
 async def connected(endpoint: ModelEndpoint, *, local_only: bool) -> "AsyncIterator[httpx.AsyncClient]":
-    """The client for this server. It follows no redirect, so nobody can send it on to another one.
+    """Client for this server. It follows no redirects, so that a server cannot forward it to another one.
 
-    Raises LanguageModelError, with ``local_only`` also for whatever is not this computer, before anything is sent or
-    looked up.
+    Raises LanguageModelError, with ``local_only`` also for other computers, before anything is sent or resolved.
     """
     check_place(endpoint, local_only=local_only)
     if local_only and not await _is_here(endpoint):
@@ -85,7 +84,7 @@ _IDLE_S = 90.0
 
 
 async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
-    """One for each server, with its connections, until the loop ends. Raises LanguageModelError."""
+    """One client per server, with its connections, until the event loop ends. Raises LanguageModelError."""
     import httpx
 
     clients = _CLIENTS.setdefault(asyncio.get_running_loop(), {})
@@ -95,7 +94,7 @@ async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
         client = httpx.AsyncClient(
             base_url=endpoint.base_url.rstrip("/") + "/",
             headers={"Accept-Encoding": "identity"},
-            # A proxy from the environment must not see what is meant for this machine.
+            # A proxy from the environment must not receive requests to this computer.
             trust_env=not is_loopback(endpoint.base_url),
             follow_redirects=False,
             verify=_certificates() if urlsplit(endpoint.base_url).scheme == "https" else _no_certificates(),
@@ -118,7 +117,7 @@ async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
 
 
 async def _until_the_loop_ends(client: "httpx.AsyncClient") -> AsyncGenerator[None]:
-    """A loop closes what was begun as a generator in it and is still under way, before it ends itself."""
+    """Close the client when the event loop shuts down its unfinished generators."""
     try:
         yield
     finally:
@@ -126,7 +125,7 @@ async def _until_the_loop_ends(client: "httpx.AsyncClient") -> AsyncGenerator[No
 
 
 async def send(client: "httpx.AsyncClient", request: "httpx.Request") -> "httpx.Response":
-    """The answer, as it begins. Where the server has closed the connection meanwhile, it is asked on a new one."""
+    """Send a request and return the response after its headers; reconnects if the server closed the connection."""
     import httpx
 
     opened: list[str] = []
@@ -146,7 +145,7 @@ async def send(client: "httpx.AsyncClient", request: "httpx.Request") -> "httpx.
 
 @cache
 def _certificates() -> ssl.SSLContext:
-    """Who may vouch for a server. To read them takes longer than to open a connection, so they are read once."""
+    """Trusted certificate authorities, cached, since reading them takes longer than connecting."""
     import httpx
 
     return as_on_every_python(httpx.create_ssl_context())
@@ -154,12 +153,12 @@ def _certificates() -> ssl.SSLContext:
 
 @cache
 def _no_certificates() -> ssl.SSLContext:
-    """For addresses that are not encrypted: nobody is trusted, should one turn out to be so after all."""
+    """Context without trusted authorities, for unencrypted addresses."""
     return ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 
 
 async def _is_here(endpoint: ModelEndpoint) -> bool:
-    """Whether every address of its host is this computer's; "localhost" is only a name."""
+    """True if every address of the host is on this computer; "localhost" is only a name."""
     host = urlsplit(endpoint.base_url).hostname or ""
     try:
         found = await asyncio.get_running_loop().getaddrinfo(host, None, type=socket.SOCK_STREAM)
@@ -169,7 +168,7 @@ async def _is_here(endpoint: ModelEndpoint) -> bool:
 
 
 async def api_key(endpoint: ModelEndpoint) -> str | None:
-    """The key to send along, None where there is none. Raises LanguageModelError where it is needed or unusable."""
+    """API key, None if there is none. Raises LanguageModelError if it is required or unusable."""
     if not endpoint.key_names:
         return None
     name, key = "", ""
@@ -214,7 +213,7 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
 
 
 def _key_from_keyring(names: tuple[str, ...]) -> tuple[str, str]:
-    """The name of the first entry that is there, and what it holds."""
+    """Name and content of the first existing entry."""
     try:
         keyring = importlib.import_module("keyring")
     except ImportError:

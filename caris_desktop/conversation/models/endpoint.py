@@ -1,4 +1,4 @@
-"""Where a language model is asked."""
+"""Endpoints of language models: provider, address, model and key names."""
 
 import os
 import unicodedata
@@ -24,11 +24,11 @@ KEYED_BY = {"openai": ("OPENAI_API_KEY",), "gemini": ("GEMINI_API_KEY", "GOOGLE_
 
 @dataclass(frozen=True, slots=True)
 class ModelEndpoint:
-    """Where a model is asked.
+    """Endpoint of a model.
 
-    ``base_url`` is the server; for OpenAI-compatible servers it may end with a path such as ``/v1``, which is added
-    where there is none. ``key_names`` are the environment variables (and keyring entries) of which the first that is
-    there holds the key, so that the key itself is never part of a value that could be logged or recorded.
+    ``base_url`` is the server; for OpenAI-compatible servers with a path such as ``/v1``, which is added if missing.
+    ``key_names`` are environment variables (and keyring entries), of which the first existing one holds the key, so
+    that the key is never in a value that could be logged or recorded.
     """
 
     provider: Provider
@@ -38,12 +38,12 @@ class ModelEndpoint:
 
     @property
     def server(self) -> str:
-        """The host that is asked, with its port; nothing that gives access to it."""
+        """Host with port, without credentials."""
         return urlsplit(self.base_url).netloc.rpartition("@")[2]
 
     @property
     def place(self) -> str:
-        """As the subject of a sentence."""
+        """Name as the subject of a sentence."""
         match self.provider:
             case "embedded":
                 return QT_TR_NOOP("The embedded language model")
@@ -55,17 +55,17 @@ class ModelEndpoint:
 
     @property
     def is_openai(self) -> bool:
-        """Whether it is OpenAI's own server rather than one that copies its API."""
+        """True for OpenAI's own server."""
         return urlsplit(self.base_url).hostname == urlsplit(OPENAI_URL).hostname
 
     @property
     def takes_seed(self) -> bool:
-        """Whether the server takes a seed. Some that only copy OpenAI's API refuse a question with a field too many."""
+        """True if the server accepts a seed. Some OpenAI-compatible servers refuse unknown fields."""
         return self.provider != "openai" or is_loopback(self.base_url) or self.is_openai
 
     @property
     def leaves_computer(self) -> bool:
-        """Whether what is asked goes to another computer: by its address, or as Ollama passes it on to its cloud."""
+        """True if requests leave this computer: by the address, or through Ollama's cloud."""
         named_cloud = any(part.endswith("cloud") for part in self.model.lower().split(":"))
         return not is_loopback(self.base_url) or (self.provider == "ollama" and named_cloud)
 
@@ -73,11 +73,10 @@ class ModelEndpoint:
 def resolve_endpoint(
     model: str, *, embedded_url: str | None, environment: Mapping[str, str] | None = None
 ) -> ModelEndpoint:
-    """Turn a scenario's ``embedded``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME`` into an endpoint.
+    """Resolve a scenario's ``embedded``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME``.
 
-    ``embedded_url`` is the address of the embedded server, None while there is none. ``OLLAMA_HOST``,
-    ``OPENAI_BASE_URL`` and ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) move the
-    others.
+    ``embedded_url`` is the address of the embedded server, None without one. ``OLLAMA_HOST``, ``OPENAI_BASE_URL`` and
+    ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) override addresses.
 
     Raises
     ------
@@ -112,12 +111,12 @@ def resolve_endpoint(
 
 
 def openai_url(environment: Mapping[str, str]) -> str:
-    """Where OpenAI-compatible models are. Raises LanguageModelError."""
+    """Address of OpenAI-compatible models. Raises LanguageModelError."""
     return _checked_url(environment.get("OPENAI_BASE_URL", "").strip() or OPENAI_URL, "OPENAI_BASE_URL")
 
 
 def ollama_url(environment: Mapping[str, str]) -> str:
-    """``OLLAMA_HOST`` as Ollama itself reads it: scheme and port may be missing, 0.0.0.0 means this machine.
+    """``OLLAMA_HOST``, parsed as by Ollama: scheme and port are optional, 0.0.0.0 means this computer.
 
     Raises LanguageModelError.
     """
@@ -134,7 +133,7 @@ def ollama_url(environment: Mapping[str, str]) -> str:
 
 
 def bad_address(url: str, source: str) -> LanguageModelError:
-    """That ``url``, which ``source`` gave, is none."""
+    """Error for an invalid ``url`` from ``source``."""
     shown = "it" if "@" in url else f"“{shortened(url)}”"
     return LanguageModelError(
         f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",

@@ -1,4 +1,4 @@
-"""Every way in which a language model fails, as the wizard reads it."""
+"""Errors of language models as user texts."""
 
 import logging
 import re
@@ -19,11 +19,11 @@ _HALF = QT_TR_NOOP("The answer is missing or incomplete.")
 
 
 class UnusableError(LanguageModelError):
-    """One message of a stream is of no use; the others may be."""
+    """One message of a stream is unusable; others may be usable."""
 
 
 def unusable(endpoint: ModelEndpoint, why: str) -> UnusableError:
-    """What is told where nothing better comes."""
+    """Error if no better message follows."""
     failure = nonsense(endpoint, why)
     return UnusableError(failure.what, failure.meaning, failure.advice)
 
@@ -57,7 +57,9 @@ def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
 
 
 def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
-    """Servers end the stream like this for a question beyond the model's context, and for one dropped for the next."""
+    """Error for an empty answer: servers end the stream like this if the question exceeds the context, or was dropped
+    for the next one.
+    """
     return LanguageModelError(
         filled(QT_TR_NOOP("{place} ended its answer before the first word."), place=endpoint.place),
         _NO_ANSWER,
@@ -69,7 +71,7 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
 
 
 def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float | None = None) -> LanguageModelError:
-    """What it thinks is for nobody's eyes. ``cut`` at the limit of its answer, or after so many ``seconds``."""
+    """Error for an answer with reasoning only: ``cut`` at the limit, or after ``seconds``."""
     if seconds is not None:
         what = QT_TR_NOOP("{place} reasoned for {seconds} s and had not begun to answer.")
     elif cut:
@@ -106,7 +108,7 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
 
 
 def error_in(message: dict[str, Any]) -> str:
-    """The reason that a server gives, in any of the ways in which they do."""
+    """Error reason in a server's message, in any of the common formats."""
     error = message.get("error") or message.get("message") or message.get("detail") or ""
     if isinstance(error, dict):
         error = error.get("message", "")
@@ -124,7 +126,7 @@ def _as_fastapi_says(error: object) -> str:
 
 
 def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> None:
-    """Some servers answer with an error in a stream that began well."""
+    """Raise an error object, which some servers send within a stream."""
     if message.get("error"):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
@@ -139,7 +141,7 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
 
 
 def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
-    """``detail`` is what the server said, without the key."""
+    """Error of an HTTP status. ``detail`` is the server's text without the key."""
     said = f" ({detail})" if detail else ""
     place = endpoint.place
     _log.warning("%s answered with HTTP status %d", place, status)
@@ -203,7 +205,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
 
 
 def _advice_for(reason: str) -> str:
-    """What to do, by the reason that the server gave."""
+    """Advice by the server's reason."""
     reason = reason.lower()
     if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
         return QT_TR_NOOP("Shorten the system prompt, the question or what goes along, or choose a larger model.")
@@ -220,7 +222,7 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     import httpx
 
     place = endpoint.place
-    # Whoever asked is told; where nobody did, as at the end of the program, nobody needs to be warned.
+    # The caller reports it; without one, as at exit, no warning is needed.
     _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
     if (refused := tls_error(error)) is not None:
         why, _ = why_refused(refused, place, None)
@@ -250,7 +252,7 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
 
 
 def tls_error(error: BaseException | None) -> ssl.SSLError | None:
-    """What failed of the server's certificate or the handshake, if that is the reason."""
+    """Certificate or handshake error, if that is the cause."""
     while error is not None and not isinstance(error, ssl.SSLError):
         error = error.__cause__ or error.__context__
     return error

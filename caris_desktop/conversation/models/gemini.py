@@ -1,4 +1,4 @@
-"""The dialect of Gemini's v1beta. https://ai.google.dev/api/generate-content"""
+"""Dialect of Gemini's v1beta API. https://ai.google.dev/api/generate-content"""
 
 import base64
 import re
@@ -21,7 +21,7 @@ from caris_desktop.conversation.models.words import shortened, without
 _ROLES = {"user": "user", "assistant": "model"}
 _CUTS: dict[str, Cut] = {"STOP": "", "MAX_TOKENS": "length"}
 _VERSION = re.compile(r"gemini-(\d+)(?:\.(\d+))?")
-# What https://ai.google.dev/api/caching#Schema knows; any other key makes it refuse the whole question.
+# Keys of https://ai.google.dev/api/caching#Schema; any other makes it refuse the request.
 _SCHEMA_KEYS = (
     "format", "title", "description", "nullable", "enum", "maxItems", "minItems", "required", "minProperties",
     "maxProperties", "minLength", "maxLength", "pattern", "minimum", "maximum", "propertyOrdering",
@@ -56,7 +56,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 
 
 def _thinking(model: str) -> tuple[bool, dict[str, Any]]:
-    """Whether the model may think, which counts against its limit, and how it is told to think as little as it can.
+    """Whether the model may reason, which counts against its limit, and the setting that minimises it.
 
     https://ai.google.dev/gemini-api/docs/thinking
     """
@@ -72,7 +72,7 @@ def _thinking(model: str) -> tuple[bool, dict[str, Any]]:
 
 
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
-    """One message of the stream. Raises LanguageModelError."""
+    """Parse a message of the stream. Raises LanguageModelError."""
     message = json_object(endpoint, document)
     raise_error_object(endpoint, message, key)
     feedback = message.get("promptFeedback")
@@ -95,7 +95,7 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
 
 
 def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
-    """What it says, and whether it thinks, which nobody reads."""
+    """Text of a message, and whether it is reasoning."""
     parts = (content.get("parts") or []) if isinstance(content, dict) else None
     if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
         raise unusable(endpoint, "a candidate has no parts")
@@ -106,7 +106,7 @@ def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
 
 
 def schema_of(schema: Schema) -> Schema:
-    """A JSON schema in the few words that Gemini's own has."""
+    """JSON schema reduced to Gemini's subset."""
     written: Schema = {key: schema[key] for key in _SCHEMA_KEYS if key in schema}
     kinds = schema.get("type", ())
     kinds = [kinds] if isinstance(kinds, str) else list(kinds)

@@ -1,4 +1,4 @@
-"""What a server tells of its models outside of a question."""
+"""Model lists and versions from servers."""
 
 import asyncio
 import logging
@@ -18,10 +18,9 @@ _DIGEST_DIGITS = 12
 
 
 async def model_version(endpoint: ModelEndpoint, *, local_only: bool) -> str:
-    """What the server tells of its model; empty where it tells nothing or does not answer.
+    """Model version from the server; empty if unknown or without an answer.
 
-    Ollama lists the digest of each model, the embedded server the weights it has loaded. Other servers tell it with
-    every answer.
+    Ollama lists a digest per model, the embedded server its loaded weights. Other servers send it with every answer.
     """
     if endpoint.provider not in ("ollama", "embedded"):
         return ""
@@ -34,9 +33,9 @@ async def model_version(endpoint: ModelEndpoint, *, local_only: bool) -> str:
 
 
 async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
-    """The names of the models that a server on this computer offers; none where it is not here or does not answer.
+    """Names of the models on a local server; empty if it is remote or does not answer.
 
-    Nobody elsewhere is asked: a list is not worth a call that leaves this computer.
+    Remote servers are not asked: a list does not justify a request that leaves this computer.
     """
     if endpoint.leaves_computer:
         return ()
@@ -46,7 +45,7 @@ async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
     names = [
         told_name(endpoint, model.get(key))
         for model in (models if isinstance(models, list) else ())
-        # Another name for a model of Ollama's cloud is none that is here.
+        # Aliases of Ollama's cloud models are not local.
         if isinstance(model, dict) and not (model.get("remote_host") or model.get("remote_model"))
     ]
     return tuple(sorted({name for name in names if name}))[:_MOST_LISTED]
@@ -73,7 +72,7 @@ async def _listed(endpoint: ModelEndpoint, *, local_only: bool) -> dict[str, Any
 
 
 def _listed_digest(endpoint: ModelEndpoint, listed: dict[str, Any]) -> str:
-    # Ollama takes a name without a tag for the latest.
+    # Ollama resolves a name without a tag to latest.
     names = {endpoint.model, f"{endpoint.model}:latest"}
     models = listed.get("models")
     for model in models if isinstance(models, list) else ():

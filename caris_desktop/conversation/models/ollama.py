@@ -1,4 +1,4 @@
-"""The dialect of Ollama. https://github.com/ollama/ollama/blob/main/docs/api.md"""
+"""Dialect of Ollama. https://github.com/ollama/ollama/blob/main/docs/api.md"""
 
 import base64
 from typing import Any
@@ -18,7 +18,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     if question.seed is not None:
         options["seed"] = question.seed
     body: dict[str, Any] = {"model": endpoint.model, "messages": written, "stream": True, "options": options}
-    # A conversation does not wait for what a model thinks. Models that cannot think take it as well.
+    # A conversation cannot wait for reasoning. Models without it accept the field, too.
     body["think"] = False
     if question.schema is not None:
         body["format"] = question.schema
@@ -26,7 +26,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 
 
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
-    """One line of the stream. Raises LanguageModelError."""
+    """Parse a line of the stream. Raises LanguageModelError."""
     message = json_object(endpoint, document)
     raise_error_object(endpoint, message, key)
     ended = message.get("done") is True

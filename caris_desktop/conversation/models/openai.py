@@ -1,4 +1,4 @@
-"""The dialect of OpenAI's chat completions, which many servers copy, that of this program among them.
+"""Dialect of OpenAI's chat completions, used by many servers including the embedded one.
 
 https://platform.openai.com/docs/api-reference/chat
 """
@@ -28,7 +28,7 @@ _PARTS = ("text", "output_text")
 
 
 def request(endpoint: ModelEndpoint, question: Question) -> Request:
-    """Raises LanguageModelError where the model cannot take all of it."""
+    """Build the request. Raises LanguageModelError if the model does not support all of it."""
     written: list[dict[str, Any]] = [
         {"role": message.role, "content": message.content} for message in question.messages
     ]
@@ -44,14 +44,14 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
             for jpeg in question.jpegs
         ]
         written[-1]["content"] = [{"type": "text", "text": written[-1]["content"]}, *pictures]
-    # OpenAI's newer models refuse the old name, the servers that copy its API often know no other.
+    # OpenAI's newer models refuse the old name; compatible servers often know only that one.
     limit_name = "max_completion_tokens" if endpoint.is_openai else "max_tokens"
     reasons = endpoint.is_openai and bool(_REASONS.match(endpoint.model))
     body: dict[str, Any] = {
         "model": endpoint.model,
         "messages": written,
         "stream": True,
-        # What a model of theirs thinks counts too.
+        # Reasoning counts towards the limit.
         limit_name: question.max_tokens + (REASONING_TOKENS if reasons else 0),
         "temperature": question.temperature,
     }
@@ -68,7 +68,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
             "json_schema": {"name": "answer", "strict": _is_closed(question.schema), "schema": question.schema},
         }
     if endpoint.provider == "embedded":
-        # What the question before had in common with this one need not be read again.
+        # Reuse the common prefix with the previous question.
         body["cache_prompt"] = True
         if question.slot is not None:
             body["id_slot"] = question.slot
@@ -77,7 +77,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 
 
 def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
-    """One message of the stream, or all of the answer of a server that does not stream. Raises LanguageModelError."""
+    """Parse a message of the stream, or a complete answer without streaming. Raises LanguageModelError."""
     if document.strip() == "[DONE]":
         return Chunk(closed=True)
     message = json_object(endpoint, document)
@@ -85,7 +85,7 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     version = _told_version(endpoint, message, key)
     choices = message.get("choices")
     if not choices:
-        return Chunk(version=version)  # of use, or of filters
+        return Chunk(version=version)  # usage or filter results
     choice = choices[0] if isinstance(choices, list) else None
     said = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
     if not isinstance(choice, dict) or not isinstance(said, dict):
@@ -103,7 +103,7 @@ def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
 
 
 def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
-    """The text of a content that may be in parts, and whether any part is reasoning."""
+    """Text of a content, possibly in parts, and whether any part is reasoning."""
     if isinstance(content, str):
         return content, False
     parts = [part for part in content if isinstance(part, dict)] if isinstance(content, list) else []
@@ -114,7 +114,7 @@ def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
 
 
 def refuses_schema(request: Request, status: int, said: str) -> bool:
-    """Whether the server did not answer because it does not know the usual way to ask it to follow a schema."""
+    """True if the server refused because it does not know this schema format."""
     return (
         "json_schema" in request.body.get("response_format", ())
         and status in (400, 422, 500, 501)
@@ -123,7 +123,7 @@ def refuses_schema(request: Request, status: int, said: str) -> bool:
 
 
 def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
-    """A name that a server told, fit for the record: no key, no address, of a path of its computer the last part."""
+    """Model name from a server, sanitised for the record: no key, no address, only the last part of a path."""
     if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
         return ""
     if told.startswith(("/", "~", ".")) or "\\" in told:
@@ -132,15 +132,15 @@ def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> 
 
 
 def _told_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
-    """The model and its fingerprint as a message of the stream tells them."""
+    """Model and fingerprint from a message of the stream."""
     told = [told_name(endpoint, message.get("model"), key)]
-    if endpoint.provider != "embedded":  # the fingerprint of this program's own build says nothing
+    if endpoint.provider != "embedded":  # the fingerprint of the embedded build has no information
         told.append(told_name(endpoint, message.get("system_fingerprint"), key))
     return " ".join(part for part in told if part)
 
 
 def _is_closed(schema: Schema) -> bool:
-    """Whether it leaves nothing open, which is what the server takes as strict: every key named, and none other."""
+    """True if the schema is closed, as strict mode requires: all keys required, no others."""
     if schema.get("type") == "object":
         named = schema.get("properties", {})
         if schema.get("additionalProperties") is not False or set(schema.get("required", ())) != set(named):

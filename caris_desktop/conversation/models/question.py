@@ -1,4 +1,4 @@
-"""What is asked of a model in any dialect, and what a message of its answer says."""
+"""Requests and answer chunks, independent of the dialect."""
 
 import json
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ REASONING_TOKENS = 8192
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question. ``seed`` makes the same model answer alike. ``jpegs`` are pictures that go with the last message.
-    ``schema`` is the JSON schema that the answer has to follow; with ``schema_in_object`` it is asked for as servers do
-    that know a JSON object only. ``slot`` is which memory of the embedded server answers, None for whichever is free.
+    """One question. ``seed`` makes answers reproducible. ``jpegs`` are images for the last message. ``schema`` is a
+    JSON schema for the answer; with ``schema_in_object`` it is requested in the format of servers that only support
+    JSON objects. ``slot`` selects a cache of the embedded server, None for any free one.
     """
 
     messages: Sequence[ChatMessage]
@@ -36,8 +36,8 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """As it is posted: ``path`` below the address of the server. ``bounded``: the server ends the answer itself at the
-    limit of the question; else the limit has room for reasoning, or there is none.
+    """HTTP request: ``path`` is relative to the server's address. ``bounded``: the server enforces the question's
+    limit; else the limit includes reasoning, or there is none.
     """
 
     path: str
@@ -47,9 +47,8 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """What one message of the stream said. ``alive`` is True for text the wizard does not see (a model's reasoning),
-    ``unfinished`` where it says itself that more follows, ``closed`` where the stream is over, whether or not the
-    answer is. ``why`` is the server's word for a cut.
+    """Content of one message of the stream. ``alive``: hidden text such as reasoning; ``unfinished``: it announces
+    more; ``closed``: the stream is over, with or without a complete answer. ``why`` is the server's reason for a cut.
     """
 
     text: str = ""
@@ -63,7 +62,7 @@ class Chunk:
 
 
 def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
-    """Raises UnusableError where it is none."""
+    """Parse a JSON object. Raises UnusableError."""
     try:
         message = json.loads(document)
     except (ValueError, RecursionError):

@@ -1,8 +1,7 @@
-"""What a model thinks aloud and the tokens of its template, taken out of what it says.
+"""Removal of reasoning and template tokens from an answer.
 
-Servers hand on reasoning in the text where nobody told them how the model marks it: between tags, as DeepSeek, Qwen,
-Magistral, Kimi and Command do, or in channels, as gpt-oss does
-(https://cookbook.openai.com/articles/openai-harmony).
+Servers pass reasoning on as text if they do not know the model's markers: tags, as of DeepSeek, Qwen, Magistral, Kimi
+and Command, or channels, as of gpt-oss (https://cookbook.openai.com/articles/openai-harmony).
 """
 
 import re
@@ -13,7 +12,7 @@ _MARK = re.compile(
     r"|<[|｜](?P<name>[^|｜<>\s]{1,40})[|｜]>|(?P<over></s>|<end_of_turn>)|(?P<line><start_of_turn>)|<s>",
     re.IGNORECASE,
 )
-# What may become a mark with the next piece.
+# Possible beginning of a marker that continues in the next piece.
 _BEGUN = re.compile(
     rf"(?:<(?:[|｜/]?[^|｜<>\s]{{0,40}}[|｜]?|/?(?:{_TAGS})\s[^<>]{{0,80}})|\[/?T?H?I?N?K?|◁/?t?h?i?n?k?)$",
     re.IGNORECASE,
@@ -24,30 +23,30 @@ _ENDS_TURN = re.compile(
 
 
 class Withdrawn(str):
-    """In a stream of pieces: all before it was reasoning, whose beginning was not marked."""
+    """Marks all previous pieces as reasoning, whose beginning was not marked."""
 
     __slots__ = ()
 
 
 class SpokenPart:
-    """Takes the pieces of one answer and gives what of them is said.
+    """Incremental filter that returns the visible part of one answer.
 
-    ``within``: the answer begins within the reasoning, as where the template of the model opens it.
+    ``within``: the answer begins within reasoning, as with templates that open it.
     """
 
     def __init__(self, *, within: bool = False) -> None:
         self.reasoned = False
         self.begins_within = within
         self._pending = ""
-        self._hides = within  # the channel or tag that is open is not for others
-        self._header: list[str] | None = None  # of a channel or turn, as far as it has come
+        self._hides = within  # the open channel or tag is hidden
+        self._header: list[str] | None = None  # header of a channel or turn, as far as received
         self._header_is_line = False
-        self._assumed: list[str] = []  # hidden only because answers before began within
+        self._assumed: list[str] = []  # hidden only because earlier answers began within reasoning
         self._over = False
         self._said = False
 
     def take(self, piece: str) -> list[str]:
-        """What is said of it; a Withdrawn among it voids what was given before."""
+        """Visible text of a piece; a Withdrawn in it voids earlier text."""
         self._pending += piece
         given: list[str] = []
         at = 0
@@ -63,7 +62,7 @@ class SpokenPart:
         return given
 
     def end(self, *, whole: bool) -> list[str]:
-        """The rest of it. ``whole``: the model ended by itself, so what it was not seen to think it has said."""
+        """Visible rest. ``whole``: the model ended normally, so that text not marked as reasoning is visible."""
         given: list[str] = []
         self._give(self._pending, given)
         self._pending = ""
@@ -84,7 +83,7 @@ class SpokenPart:
             if self.begins_within:
                 self._assumed.append(text)
         else:
-            # What stands before the first word is what followed the reasoning.
+            # Text before the first word followed the reasoning.
             text = text if self._said else text.lstrip()
             if text:
                 self._said = True

@@ -1,7 +1,7 @@
-"""Parameters of a question that a server does not take: which one it names, and the question without it.
+"""Request parameters that a server refuses: detection by its error, and the request without them.
 
-Servers that copy an API know some of its parameters, and models of one server differ: OpenAI's newer ones take no
-``temperature`` and no ``max_tokens``, Gemini's older ones no ``thinkingConfig``.
+API-compatible servers support subsets, and models differ: OpenAI's newer ones refuse ``temperature`` and
+``max_tokens``, Gemini's older ones ``thinkingConfig``.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import Any
 from caris_desktop.conversation.models.question import Request
 
 LIMITS = ("max_tokens", "max_completion_tokens", "maxOutputTokens", "num_predict")
-# How a server may write each; a question is whole without any of them.
+# Spellings in servers' errors; a question is complete without any of these.
 _NAMED_AS = {
     "temperature": r"temperature",
     "max_tokens": r"max_tokens",
@@ -33,13 +33,13 @@ _WITHIN = ("options", "generationConfig")
 
 
 def parameters_sent(request: Request) -> tuple[str, ...]:
-    """Those in the request that it can do without."""
+    """Optional parameters in the request."""
     places = (request.body, *(request.body[key] for key in _WITHIN if key in request.body))
     return tuple(name for name in _NAMED_AS if any(name in place for place in places))
 
 
 def named_parameter(request: Request, answer: dict[str, Any], reason: str) -> str:
-    """Which of them a refusal names, in its ``param``, its ``loc`` or its words; empty for none."""
+    """Parameter that a refusal names in ``param``, ``loc`` or its text; empty for none."""
     sent = parameters_sent(request)
     for told in (*_named_apart(answer), reason):
         found = [(match.start(), name) for name in sent if (match := _pattern(name).search(told))]
@@ -64,7 +64,7 @@ def _named_apart(answer: dict[str, Any]) -> Iterable[str]:
 
 
 def leave_out(request: Request, names: Iterable[str]) -> Request:
-    """The request without these; without its limit nobody but the reader of the answer keeps to it."""
+    """Request without these parameters; without the limit, only the reader enforces it."""
     names = frozenset(names)
     body = {key: value for key, value in request.body.items() if key not in names}
     for key in _WITHIN:

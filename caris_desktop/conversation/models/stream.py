@@ -1,4 +1,4 @@
-"""The messages of a streamed reply, bounded in length."""
+"""Messages of a streamed response, with a length limit."""
 
 import json
 from collections.abc import AsyncGenerator
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     import httpx
 
 MAX_LINE_BYTES = 1_000_000
-# Servers that say nothing, or nothing true, of what they send are many; what is surely something else is told as such.
+# Many servers omit or misstate the content type; only certain mismatches are errors.
 _OTHER_TYPES = ("text/html", "image/", "audio/", "video/", "application/pdf", "application/xml", "text/xml")
 
 
 def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
-    """Raises LanguageModelError where the reply says itself that it is no answer."""
+    """Raises LanguageModelError if the content type excludes an answer."""
     told = response.headers.get("content-type", "").lower()
     if told.startswith(_OTHER_TYPES):
         what = "a web page" if told.startswith("text/html") else told
@@ -25,7 +25,7 @@ def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
 
 
 async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
-    """The JSON texts of the stream: lines for Ollama, the data of server-sent events otherwise."""
+    """JSON texts of the stream: lines for Ollama, data of server-sent events otherwise."""
     data: list[str] = []
     size = 0
     streams = endpoint.provider == "ollama"
@@ -45,7 +45,7 @@ async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asyn
                 if size > MAX_LINE_BYTES:
                     raise nonsense(endpoint, "one message is over a megabyte")
             elif line.lstrip().startswith("{"):
-                # Some servers answer with a bare JSON error in a stream that began well.
+                # Some servers send a bare JSON error within a stream.
                 yield line
             elif not line and data:
                 for document in _messages(data):
@@ -56,7 +56,7 @@ async def documents(endpoint: ModelEndpoint, response: "httpx.Response") -> Asyn
 
 
 async def _rest(endpoint: ModelEndpoint, first: str, lines: AsyncGenerator[str]) -> list[str]:
-    """All lines of an answer that is no stream."""
+    """All lines of a response without streaming."""
     found, size = [first], len(first)
     async for line in lines:
         found.append(line)
@@ -67,7 +67,7 @@ async def _rest(endpoint: ModelEndpoint, first: str, lines: AsyncGenerator[str])
 
 
 def _whole(lines: list[str]) -> list[str]:
-    """The messages of an answer that came at once: one object, a list of them, or one on each line."""
+    """Messages of a complete response: one object, a list of them, or one per line."""
     try:
         message = json.loads("\n".join(lines))
     except (ValueError, RecursionError):
@@ -76,7 +76,7 @@ def _whole(lines: list[str]) -> list[str]:
 
 
 def _messages(data: list[str]) -> list[str]:
-    """One message, unless a server left out the empty line between several."""
+    """One message, or several if the server omitted the empty line between them."""
     if len(data) < 2:
         return data
     whole = "\n".join(data)
@@ -88,7 +88,7 @@ def _messages(data: list[str]) -> list[str]:
 
 
 async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
-    """Lines without their ends; unlike httpx's own, bounded in length."""
+    """Lines without their ends; unlike httpx's, limited in length."""
     pending = bytearray()
     async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
         async for block in blocks:
@@ -115,12 +115,12 @@ def _decoded(endpoint: ModelEndpoint, line: bytes) -> str:
 
 
 async def small_object(response: "httpx.Response", limit_bytes: int) -> dict[str, Any]:
-    """The JSON object of a whole reply, or of a list the first; empty when it is something else or longer."""
+    """JSON object of a response, or the first of a list; empty if it is something else or too long."""
     return object_in(await small_body(response, limit_bytes))
 
 
 async def small_body(response: "httpx.Response", limit_bytes: int) -> bytes:
-    """A whole reply, or its beginning where it is longer."""
+    """Response body, truncated at the limit."""
     body = bytearray()
     async for block in response.aiter_bytes():
         body += block
@@ -130,7 +130,7 @@ async def small_body(response: "httpx.Response", limit_bytes: int) -> bytes:
 
 
 def object_in(body: bytes) -> dict[str, Any]:
-    """The JSON object in it, or of a list the first; empty when it is something else."""
+    """JSON object in a body, or the only one of a list; empty if it is something else."""
     try:
         message = json.loads(body)
     except (ValueError, RecursionError):

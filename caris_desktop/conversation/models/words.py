@@ -1,4 +1,4 @@
-"""What a language model's failure is called, and texts from outside made fit to be shown."""
+"""Error type of language models, and sanitising of external texts for display."""
 
 import unicodedata
 
@@ -10,11 +10,11 @@ class LanguageModelError(ToldFailure):
 
 
 def shortened(text: str, characters: int = 200) -> str:
-    """One readable line of a text that came from outside."""
+    """External text as one readable line."""
     line = " ".join("".join(c if unicodedata.category(c)[0] != "C" else " " for c in text[: 4 * characters]).split())
     return line if len(line) <= characters else line[: characters - 1] + "…"
 
 
 def without(api_key: str | None, text: str) -> str:
-    """``text`` with the key struck out, as some servers repeat it."""
+    """``text`` without the key, which some servers repeat."""
     return text.replace(api_key, "[key]") if api_key else text

@@ -1,1 +1,1 @@
-"""Sound as numbers: played, taken in, and at another rate."""
+"""Audio: playback, jitter buffer and resampling."""

@@ -1,4 +1,4 @@
-"""Sound that comes unevenly and is played evenly: with little delay, and rather with a gap than late."""
+"""Jitter buffer: regular playback of irregular audio, preferring gaps to delay."""
 
 from collections import deque
 
@@ -11,9 +11,8 @@ _QUIET = 400
 
 
 class JitterBuffer:
-    """Of one channel. Begins to play when ``_AHEAD_S`` are there; what piles up beyond ``most_s`` is dropped, the
-    oldest first, so that nobody hears more and more late. What came while nothing could be played yet is made up for
-    in the next pause: of that a little less is heard.
+    """Single-channel buffer. Playback begins with ``_AHEAD_S`` buffered; beyond ``most_s`` the oldest samples are
+    dropped, so that the delay does not grow. An initial backlog is reduced by shortening quiet passages.
     """
 
     def __init__(self, rate_hz: int, most_s: float = 0.25) -> None:
@@ -27,11 +26,11 @@ class JitterBuffer:
 
     @property
     def waiting(self) -> int:
-        """How many samples there are to be played."""
+        """Number of buffered samples."""
         return self._waiting
 
     def push(self, samples: NDArray[np.int16]) -> None:
-        """What comes next, shape (n,)."""
+        """Add samples, shape (n,)."""
         self._ending = False
         if self._waiting > 2 * self._ahead and max(int(samples.max(initial=0)), -int(samples.min(initial=0))) < _QUIET:
             self.dropped += 1
@@ -43,11 +42,11 @@ class JitterBuffer:
             self.dropped += 1
 
     def finish(self) -> None:
-        """Nothing comes any more: what is there is played, however little."""
+        """End of input: the rest is played, however short."""
         self._ending = True
 
     def pull(self, count: int) -> tuple[NDArray[np.int16], int]:
-        """What is to be played now, shape (count,), filled up with silence, and how much of it is sound."""
+        """Samples to play now, shape (count,), padded with silence, and the number of real ones."""
         out = np.zeros(count, np.int16)
         if not self._playing and (self._waiting >= self._ahead or (self._ending and self._waiting)):
             self._playing = True
@@ -55,7 +54,7 @@ class JitterBuffer:
             return out, 0
         sound = self._take(count)
         out[: len(sound)] = sound
-        # Empty: what comes next begins with some delay of its own again.
+        # After running empty, buffer again before playing.
         self._playing = self._waiting > 0
         return out, len(sound)
 

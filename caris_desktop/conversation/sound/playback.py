@@ -1,4 +1,4 @@
-"""Sound that is played as it comes: a process body, because sound libraries hang and crash."""
+"""Streaming playback process, as audio libraries may hang or crash."""
 
 import contextlib
 import logging
@@ -33,8 +33,8 @@ _PLAUSIBLE_DELAY_S = 2.0
 
 
 def run_playback(connection: Connection, device: str = "") -> None:
-    """Process body. Receives and sends the messages of this room about playing. ``device`` is part of an output's
-    name, the system's default for an empty one.
+    """Process entry point. Uses the messages of ``playback_messages``. ``device`` is part of an output's name, empty:
+    the system default.
     """
     _Playback(connection, device or None).run()
 
@@ -67,7 +67,7 @@ class _Playback:
             self._close()
 
     def _take_commands(self) -> bool:
-        """False when the console has ended the connection."""
+        """Handle pending commands; False when the connection is closed."""
         idle_s = 0.5 if self._stream is None else 0.01
         try:
             while self._connection.poll(idle_s):
@@ -94,7 +94,7 @@ class _Playback:
                     with self._lock:
                         self._buffer.finish()
             case PlayThis() | EndPlaying():
-                pass  # it failed, and more was on its way
+                pass  # failed earlier, with more data on its way
             case other:
                 _log.error("unknown command %r", other)
 
@@ -130,7 +130,7 @@ class _Playback:
         try:
             import sounddevice
 
-            # PortAudio lists the devices only once, when it is initialised.
+            # PortAudio lists devices only at initialisation.
             sounddevice._terminate()
             sounddevice._initialize()
             stream = sounddevice.RawOutputStream(
@@ -145,7 +145,7 @@ class _Playback:
             )
             stream.start()
         except Exception as error:
-            # PortAudio raises errors of its own kinds, and what is not there raises ValueError.
+            # PortAudio raises its own types, and ValueError for a missing device.
             _log.info("no sound is played", exc_info=True)
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
@@ -155,7 +155,7 @@ class _Playback:
         played, lock = self._played, self._lock
 
         def fill(out: Any, frames: int, times: Any, _status: Any) -> None:
-            # In PortAudio's thread: only copy, and note when it is heard.
+            # In PortAudio's thread: only copy, and note the playback time.
             with lock:
                 samples, sound = buffer.pull(frames)
             out[:] = samples.tobytes()
@@ -168,7 +168,7 @@ class _Playback:
         return fill
 
     def _end(self) -> None:
-        """What the device still has of it is heard before anything else is asked for."""
+        """End the stream after the device's buffer has been played."""
         heard_out_ns = max(self._heard_until_ns, clock.now_ns()) if self._buffer is not None else clock.now_ns()
         stream_id = self._stream_id
         self._close()
@@ -187,7 +187,7 @@ class _Playback:
         stream, self._stream, self._buffer = self._stream, None, None
         if stream is not None:
             with contextlib.suppress(Exception):
-                # Not abort: what is in the device's buffer is the end of a sentence.
+                # Not abort: the device's buffer holds the end of a sentence.
                 stream.stop()
                 stream.close()
         while not self._played.empty():

@@ -1,4 +1,4 @@
-"""What the console and a process that plays sound as it comes tell each other."""
+"""Messages between the console and a streaming playback process."""
 
 from dataclasses import field
 
@@ -10,8 +10,8 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BeginPlaying:
-    """Sound follows. ``stream_id`` comes back with what is told of it. ``volume`` is 0 to 1; what is later than
-    ``most_s`` is dropped.
+    """Start of a stream. ``stream_id`` is returned in reports. ``volume`` is 0 to 1; audio later than ``most_s`` is
+    dropped.
     """
 
     stream_id: str
@@ -21,7 +21,7 @@ class BeginPlaying:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayThis:
-    """The next of it, shape (samples, channels); several channels are mixed into one."""
+    """Next samples, shape (samples, channels); channels are mixed."""
 
     sample_rate_hz: int
     samples: NDArray[np.int16] = field(metadata={"shape": (-1, -1)})
@@ -29,21 +29,21 @@ class PlayThis:
 
 @dataclass(frozen=True, slots=True)
 class SetVolume:
-    """From now on; 0 to 1."""
+    """Set the volume, 0 to 1."""
 
     volume: float
 
 
 @dataclass(frozen=True, slots=True)
 class EndPlaying:
-    """Nothing more comes. ``at_once``: what is there already is not played either."""
+    """End of the stream. ``at_once``: drop buffered audio."""
 
     at_once: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Played:
-    """This is heard, its first sample at ``stamp_ns``, which may lie a little ahead. int16, shape (samples, 1)."""
+    """Samples played, the first at ``stamp_ns``, slightly in the future. int16, shape (samples, 1)."""
 
     stream_id: str
     stamp_ns: int
@@ -53,7 +53,7 @@ class Played:
 
 @dataclass(frozen=True, slots=True)
 class PlayedOut:
-    """All of it was heard by then."""
+    """Everything was played by then."""
 
     stream_id: str
     stamp_ns: int
@@ -61,7 +61,7 @@ class PlayedOut:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackFailed:
-    """There is no output, or it went away; it is tried again with the next beginning."""
+    """Output is missing or failed; the next stream tries again."""
 
     stream_id: str
     detail: str
@@ -69,4 +69,4 @@ class PlaybackFailed:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackAlive:
-    """The process has not got stuck in the sound library. Sent every second while it plays."""
+    """Heartbeat: the process is not stuck in the audio library. Sent every second while playing."""

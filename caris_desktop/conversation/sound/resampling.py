@@ -1,4 +1,4 @@
-"""Sound at another sample rate, as it comes: a polyphase filter (windowed sinc, Kaiser), some -80 dB beside speech."""
+"""Streaming resampler: polyphase filter (windowed sinc, Kaiser), about -80 dB outside the passband."""
 
 from functools import lru_cache
 from math import gcd
@@ -14,7 +14,7 @@ _PASSBAND = 0.92
 
 
 class Resampler:
-    """Of one channel. The first sample that comes out is of the same moment as the first that went in."""
+    """Single-channel resampler without delay: first output and first input sample have the same time."""
 
     def __init__(self, from_hz: int, to_hz: int) -> None:
         divisor = gcd(from_hz, to_hz)
@@ -23,15 +23,15 @@ class Resampler:
         self._kernels = np.ones((1, 1), np.float32)
         if from_hz != to_hz:
             self._half, self._kernels = _kernels(from_hz, to_hz, self._phases)
-        # What lies before the first sample is silence.
+        # Silence before the first sample.
         self._kept = np.zeros(self._half, np.float32)
         self._phase = 0
 
     def take(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The next samples, shape (n,); gives as many as are certain by now."""
+        """Add samples, shape (n,); return all final output samples."""
         kept = np.concatenate((self._kept, samples.astype(np.float32, copy=False)))
         width = self._kernels.shape[1]
-        # Output i lies `phase + i * step` phases after the first sample that is kept whole.
+        # Output i is at `phase + i * step` phases after the first fully retained sample.
         usable = (len(kept) - width + 1) * self._phases - self._phase
         count = max(0, -(-usable // self._step))
         at = self._phase + np.arange(count, dtype=np.int64) * self._step
@@ -46,19 +46,19 @@ class Resampler:
         return out
 
     def rest(self) -> NDArray[np.float32]:
-        """What is left at the end of the sound."""
+        """Rest at the end of the sound."""
         return self.take(np.zeros(self._half, np.float32))
 
 
 def resampled(samples: NDArray[np.float32], from_hz: int, to_hz: int) -> NDArray[np.float32]:
-    """A whole sound, shape (n,), at another rate."""
+    """Resample a whole sound, shape (n,)."""
     resampler = Resampler(from_hz, to_hz)
     return np.concatenate((resampler.take(samples), resampler.rest()))
 
 
 @lru_cache(maxsize=8)
 def _kernels(from_hz: int, to_hz: int, phases: int) -> tuple[int, NDArray[np.float32]]:
-    """Half the width, and for each phase the weights of the samples around it, shape (phases, 2 * half + 1)."""
+    """Half the filter width, and weights per phase, shape (phases, 2 * half + 1)."""
     cutoff = _PASSBAND * min(1.0, to_hz / from_hz)
     half = int(np.ceil(_HALF_WIDTH / cutoff))
     offsets = np.arange(-half, half + 1)[np.newaxis, :] - (np.arange(phases) / phases)[:, np.newaxis]

@@ -1,1 +1,1 @@
-"""What the language model suggests to say and proposes to do, and what becomes of each of it."""
+"""Suggested replies and proposed actions of the language model, and their outcomes."""

@@ -1,7 +1,7 @@
-"""What a language model may propose to be done here and now, and what of its answer is within that.
+"""Robot actions that a language model may propose, and validation of its answers.
 
-Everything that can be proposed is in ``proposable_here``: kinds of intents and lists or ranges of their arguments. An
-answer of the model only chooses among them, and whatever else stands in it is refused.
+``proposable_here`` lists everything: intents with lists or ranges for their arguments. The model only selects; anything
+else in its answer is refused.
 """
 
 import json
@@ -34,7 +34,7 @@ _MOST_LISTED = 40
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What there is to choose from; an empty list or None where there is nothing."""
+    """Available choices; empty lists or None where there are none."""
 
     actions: tuple[ActionName, ...] = ()
     places: tuple[str, ...] = ()
@@ -45,9 +45,7 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """One thing that may be done: ``words`` for the wizard, to be translated where they are shown, and whether the
-    robot may move of it.
-    """
+    """Proposed action: ``words`` for the wizard, translatable, and whether the robot may move."""
 
     intent: Intent
     words: str
@@ -55,7 +53,7 @@ class Proposed:
 
 
 class NotOfferedError(ValueError):
-    """What the model wrote is not among what it may propose; the text says what, for the record."""
+    """Answer outside of the offer; the text is for the record."""
 
 
 def proposable_here(
@@ -66,7 +64,7 @@ def proposable_here(
     pan_range_rad: Range | None = None,
     tilt_range_rad: Range | None = None,
 ) -> Offer:
-    """What the scenario permits and the robot has. ``permissions`` has a truth value for each Permission."""
+    """Actions that the scenario permits and the robot supports. ``permissions`` has a bool for each Permission."""
 
     def permits(permission: Permission) -> bool:
         return getattr(permissions, permission, False) is True
@@ -93,19 +91,19 @@ def proposable_here(
 
 
 def _can_be_chosen(control: RobotControl) -> bool:
-    """A text field has no list and no range, and what asks for itself once more is not for a model."""
+    """Exclude text fields, which are unbounded, and controls with a confirmation."""
     bounded = control.kind in ("button", "toggle", "slider", "choice")
     return bounded and control.effect is not None and not control.confirm and not control.releases_stop
 
 
 def _degrees(range_rad: Range | None) -> Range:
     lowest, highest = range_rad or (0.0, 0.0)
-    # Rounded inwards, so that what is within these is within the head's own.
+    # Rounded inwards, within the head's limits.
     return math.ceil(math.degrees(lowest)), math.floor(math.degrees(highest))
 
 
 def schema_of(offer: Offer) -> dict[str, Any]:
-    """The JSON schema of an answer: one of these actions, or none."""
+    """JSON schema of an answer: one of these actions, or none."""
     properties: dict[str, Any] = {"action": {"type": "string", "enum": [NONE, *offer.actions]}}
     if offer.places:
         properties["place"] = {"type": "string", "enum": list(offer.places)}
@@ -119,7 +117,7 @@ def schema_of(offer: Offer) -> dict[str, Any]:
 
 
 def proposed_in(answer: str, offer: Offer) -> Proposed | None:
-    """What the model proposes; None where it proposes nothing. Raises NotOfferedError."""
+    """Proposal in an answer, None if there is none. Raises NotOfferedError."""
     if len(answer) > _LONGEST_ANSWER:
         raise NotOfferedError("the answer is too long")
     try:
@@ -146,7 +144,7 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
 
 
 def _json_in(answer: str) -> Any:
-    """Of a model that keeps to no schema it may stand in a fence, or between sentences. Raises ValueError."""
+    """JSON in an answer; without schema support it may be fenced or between sentences. Raises ValueError."""
     try:
         return json.loads(answer)
     except ValueError:
@@ -218,5 +216,5 @@ def _is_same(value: Any, other: Any) -> bool:
 
 
 def _told(value: Any) -> str:
-    """For the record: bounded, whatever it is."""
+    """Bounded text of any value, for the record."""
     return repr(value)[:60]

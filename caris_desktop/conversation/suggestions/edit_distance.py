@@ -1,11 +1,10 @@
-"""How much of a text was changed."""
+"""Edit distance of texts."""
 
 
 def characters_changed(before: str, after: str) -> int:
-    """Characters added, taken away or changed at least between the two: Levenshtein's distance.
+    """Levenshtein distance between two texts.
 
-    With the bits of one number for a column (Myers 1999, in Hyyrö's form), so that a long text takes no longer than a
-    window has between two pictures.
+    Bit-parallel (Myers 1999, in Hyyrö's form), so that long texts take less than a display frame.
     """
     if not before or not after:
         return len(before) + len(after)

@@ -1,4 +1,4 @@
-"""What a reply does in a conversation, and whether two replies do the same."""
+"""Dialogue act of a reply, and comparison of replies."""
 
 import re
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _OPENINGS: Sequence[tuple[Intention, str]] = (
 )
 _ONLY_ONE: tuple[Intention, ...] = ("thanks", "greeting", "farewell", "sorry", "acknowledgement")
 """Of these there is no second one to choose from: whatever their words are, they do the same."""
-# Words that tell nothing of what a sentence is about.
+# Stop words.
 _SMALL = frozenset(words_of(
     "a an and are as at be been but can could did do does for from had has have he her here him his how i if in is it "
     "its just let me my of on or our out she so some that the their them then there they this to too up us very was we "
@@ -33,7 +33,7 @@ _NEAR_DUPLICATE, _ALIKE = 0.6, 0.34
 
 
 def intention_of(text: str) -> Intention:
-    """By how it begins and how it ends; a longer sentence that only opens politely is what comes after that."""
+    """Dialogue act by the beginning and end; after a polite opening, that of the longer rest."""
     lowered = " ".join(text.lower().replace("’", "'").split())
     for intention, opening in _OPENINGS:
         match = re.match(rf"(?:{opening})\b[\s,.!?-]*", lowered)
@@ -47,7 +47,7 @@ def intention_of(text: str) -> Intention:
 
 
 def same_intention(text: str, other: str) -> bool:
-    """Whether two replies do the same, so that there would be nothing to choose."""
+    """True if two replies are equivalent, leaving nothing to choose."""
     does, other_does = intention_of(text), intention_of(other)
     if {does, other_does} == {"yes", "no"}:
         return False
@@ -58,7 +58,7 @@ def same_intention(text: str, other: str) -> bool:
 
 
 def _alike(text: str, other: str) -> float:
-    """The share of the words that tell something which both have."""
+    """Share of common content words."""
     words, others = (frozenset(words_of(each)) - _SMALL for each in (text, other))
     if not words or not others:
         return 1.0 if words == others else 0.0

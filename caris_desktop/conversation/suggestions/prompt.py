@@ -1,8 +1,7 @@
-"""What a language model is told when it is asked for replies, and for what the robot could do: pure, and bounded.
+"""Prompts for replies and robot actions: pure functions, bounded.
 
-What people say, their names and everything that a tool tells stands in quotation marks, as data; the instructions are
-the program's own. The beginning is the same from turn to turn, so that a server which keeps what it has read answers
-sooner, and the question for actions only goes on where the one for replies ended.
+Speech, names and tool results are quoted as data; instructions are the program's own. The beginning is constant across
+turns, and the question for actions extends that for replies, so that servers can reuse their prompt cache.
 """
 
 import json
@@ -53,10 +52,9 @@ _EXAMPLES: tuple[tuple[str, Mapping[str, str]], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ReplyGrounds:
-    """What a reply is grounded in. ``turns`` (of ``turns_told``) came before what was ``said`` now; a text is empty
-    where that is not known.
+    """Context of a reply. ``turns`` (from ``turns_told``) precede ``said``; unknown texts are empty.
 
-    ``people`` are labels of those who are here, ``doing`` is the step of the study or the label that was set last.
+    ``people`` are labels of people present, ``doing`` is the protocol step or the last label.
     """
 
     system_prompt: str
@@ -68,10 +66,9 @@ class ReplyGrounds:
 
 
 def turns_told(turns: Iterable[Turn]) -> list[Turn]:
-    """The newest of what was said, as much as a model is told of it.
+    """Newest turns that the model gets.
 
-    What is too old is left out in portions: with one less at its beginning each time, all of it would have to be read
-    anew each time.
+    Old turns are dropped in groups: dropping one per turn would invalidate the prompt cache each time.
     """
     told = [turn for turn in turns if turn.said and turn.text.strip()]
     too_many = max(0, len(told) - MAX_TURNS)
@@ -79,7 +76,7 @@ def turns_told(turns: Iterable[Turn]) -> list[Turn]:
 
 
 def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:
-    """The messages of a question for replies; ``with_examples`` for a model that is too small to do without."""
+    """Messages of a question for replies; ``with_examples`` for small models."""
     messages = [ChatMessage("system", f"{situation.system_prompt.strip()}\n\n{_INSTRUCTION}".strip())]
     for said, replies in _EXAMPLES if with_examples else ():
         messages.append(ChatMessage("user", _said(said)))
@@ -98,7 +95,7 @@ def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[Cha
 
 
 def action_messages(asked: Sequence[ChatMessage], replies: str, offer: Offer) -> tuple[ChatMessage, ...]:
-    """The messages of a question for an action, after those of the question for ``replies``."""
+    """Messages of a question for an action, after those for ``replies``."""
     can = {
         "go_to": "go_to with a place",
         "look": "look with pan_deg (left is more than 0) and tilt_deg (down is more than 0)",
@@ -118,8 +115,8 @@ def action_messages(asked: Sequence[ChatMessage], replies: str, offer: Offer) ->
 
 
 def replies_schema(*, whole_sentences: bool) -> dict[str, Any]:
-    """The JSON schema of replies. ``whole_sentences``: what is written is held to one short sentence by its grammar,
-    for a model that would ramble; no server but the embedded one is known to take that.
+    """JSON schema of replies. ``whole_sentences``: a pattern limits each to one short sentence, for rambling models;
+    only the embedded server is known to support it.
     """
 
     def text(ends: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The one proposal of the language model that stands, and what becomes of it. Time comes from outside."""
+"""Current action proposal of the language model, and its outcome. Time is injected."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -16,7 +16,7 @@ _MISSED_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """A proposal on show. No key confirms it before ``from_ns``; it is done without one at ``acts_ns``, or lapses."""
+    """Displayed proposal. Keys work from ``from_ns``; it is executed at ``acts_ns`` without a key, or lapses."""
 
     proposal_id: str
     proposed: Proposed
@@ -28,13 +28,13 @@ class Card:
 
 
 def arguments_of(proposed: Proposed) -> dict[str, float | str | bool]:
-    """What is asked for, without who asks."""
+    """Arguments of the intent without the actor."""
     intent = proposed.intent
     return {each.name: getattr(intent, each.name) for each in fields(intent) if each.name != "actor"}
 
 
 class Proposals:
-    """Holds one card at a time. ``tell`` gets each event at once."""
+    """Holds one proposal at a time. ``tell`` receives each event at once."""
 
     def __init__(self, tell: Callable[[ProposalChanged], None], new_id: Callable[[], str]) -> None:
         self._tell = tell
@@ -42,7 +42,7 @@ class Proposals:
         self.card: Card | None = None
 
     def offer(self, begun: Round, proposed: Proposed, model: str, now_ns: int, *, acts_after_ns: int | None) -> None:
-        """Show it in the place of whatever stands. What moves the robot waits for a key, whatever the countdown."""
+        """Display a proposal in place of the present one. Robot motion requires a key, whatever the countdown."""
         self.lapse(now_ns, "another proposal took its place")
         acts_ns = None if acts_after_ns is None or proposed.moves else now_ns + acts_after_ns
         lapses_ns = max(now_ns + LAPSES_NS, (acts_ns or 0) + _MISSED_NS)
@@ -50,7 +50,7 @@ class Proposals:
         self._say(self.card, "displayed" if acts_ns is None else "counting", now_ns, actor=MODEL)
 
     def refuse(self, begun: Round, model: str, why: str, now_ns: int) -> None:
-        """What the model wrote was none that may be shown; that goes into the record alone."""
+        """Record an invalid proposal without displaying it."""
         self._tell(
             ProposalChanged(
                 now_ns, self._new_id(), "refused", begun.turn_id, begun.revision, "", {}, model, why, CONSOLE
@@ -58,7 +58,7 @@ class Proposals:
         )
 
     def answered(self, proposal_id: str, now_ns: int, *, readable: bool = True) -> Card | None:
-        """The card that a key is about; None where it is another one or is gone. ``readable``: only once it was."""
+        """Proposal that a key refers to; None if it is another one or gone. ``readable``: only after ``from_ns``."""
         self.pass_time(now_ns)
         card = self.card
         if card is None or card.proposal_id != proposal_id or (readable and now_ns < card.from_ns):
@@ -66,7 +66,7 @@ class Proposals:
         return card
 
     def end(self, state: ProposalState, now_ns: int, actor: Actor, detail: str = "") -> None:
-        """What becomes of the card."""
+        """End the proposal with this state."""
         if self.card is not None:
             card, self.card = self.card, None
             self._say(card, state, now_ns, actor=actor, detail=detail)
@@ -82,12 +82,12 @@ class Proposals:
             self.wait_for_key()
 
     def wait_for_key(self) -> None:
-        """Nothing counts down any more."""
+        """Cancel the countdown."""
         if self.card is not None:
             self.card = replace(self.card, acts_ns=None)
 
     def due(self, now_ns: int) -> Card | None:
-        """The card whose countdown ends now; None too where that went by unseen, as the program stood still."""
+        """Proposal whose countdown ends now; None if the end was missed, as while the program was suspended."""
         card = self.card
         if card is None or card.acts_ns is None:
             return None
@@ -95,7 +95,7 @@ class Proposals:
 
     @property
     def next_ns(self) -> int | None:
-        """When time is to be passed next."""
+        """Next time at which ``pass_time`` is needed."""
         if self.card is None:
             return None
         return min(self.card.lapses_ns, self.card.acts_ns or self.card.lapses_ns)

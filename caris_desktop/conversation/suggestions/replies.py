@@ -1,4 +1,4 @@
-"""Replies out of what a language model writes, as far as it has come, made fit to be said."""
+"""Replies from a model's partial output, made suitable for speech."""
 
 import json
 import re
@@ -7,18 +7,18 @@ import unicodedata
 from caris_desktop.conversation.spoken_text import spoken
 
 LONGEST_REPLY = 120
-# What a server writes beyond that is none of three short replies, whatever it is.
+# Longer output cannot be three short replies.
 _LONGEST_ANSWER = 8_000
 _SPOKEN_OF_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
-# Where a grammar ended the sentence, and not the model.
+# A sentence cut by the grammar rather than ended by the model.
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
-# Small models get caught in what they have just said. "No, no, no" is still something that a person says.
+# Small models repeat themselves. "No, no, no" is still natural.
 _OVER_AND_OVER = re.compile(r"\b(\w+(?:\W+\w+){1,7})(?:\W+\1\b){2,}|\b(\w+)(?:\W+\2\b){3,}", re.IGNORECASE)
 _BEGINS = re.compile(r"^(?:(?:robot|reply|answer|assistant|guide)\s*\d?\s*:\s*)+", re.IGNORECASE)
 
 
 def replies_in(written: str) -> tuple[str, ...]:
-    """The texts that stand complete in an object or a list of JSON whose end may still be missing; no keys."""
+    """Complete text values in a possibly unfinished JSON object or list, without keys."""
     written = written[:_LONGEST_ANSWER]
     begin = min((place for place in (written.find("{"), written.find("[")) if place >= 0), default=-1)
     if begin < 0:
@@ -70,7 +70,7 @@ def _unescaped(text: str) -> str:
 
 
 def fit_to_say(text: str) -> str:
-    """One or two plain sentences of at most LONGEST_REPLY characters; empty where nothing of that can be said."""
+    """One or two plain sentences of at most LONGEST_REPLY characters; empty if unsuitable."""
     text = text[: 10 * LONGEST_REPLY]
     if _CUT_OFF.search(text):
         return ""
@@ -78,7 +78,7 @@ def fit_to_say(text: str) -> str:
     text = spoken(" ".join(text.split()))
     text = _BEGINS.sub("", text).strip(" \"'“”„«»")
     if _SPOKEN_OF_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
-        # Braces are gaps to be filled, which is the wizard's to do.
+        # Braces are placeholders, which only the wizard fills.
         return ""
     if _OVER_AND_OVER.search(text):
         return ""
@@ -86,7 +86,7 @@ def fit_to_say(text: str) -> str:
 
 
 def _whole_sentences(text: str) -> str:
-    """As many sentences as there is room for; half a sentence is none."""
+    """Leading complete sentences that fit."""
     ends = [
         place + 1
         for place in range(min(LONGEST_REPLY, len(text)))
@@ -96,10 +96,10 @@ def _whole_sentences(text: str) -> str:
 
 
 def words_of(text: str) -> list[str]:
-    """The words alone, without capitals and signs."""
+    """Words in lower case without punctuation."""
     return re.findall(r"[^\W_]+(?:'[^\W_]+)*", text.lower().replace("’", "'"))
 
 
 def same_words(text: str, other: str) -> bool:
-    """Whether the two differ in capitals and signs at most."""
+    """True if two texts differ only in case and punctuation."""
     return words_of(text) == words_of(other)

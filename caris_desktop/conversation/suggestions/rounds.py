@@ -1,7 +1,7 @@
-"""When replies are asked for, which of them stand, and the one fate of each that was shown. Time comes from outside.
+"""Suggestion cycle: when replies are requested, which are displayed, and the outcome of each. Time is injected.
 
-A round begins at each pause in what a participant says. It is over as soon as speech resumes, the words turn out to be
-others, or the robot says something: what is written for it after that reaches nobody.
+A round begins at each pause of a participant. It ends when speech resumes, the transcript changes, or the robot speaks:
+later replies for it are discarded.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ _MISSED_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """What is to be replied to. ``voice_ended_ns`` is since when nothing is said."""
+    """Utterance to reply to. ``voice_ended_ns`` is the start of the silence."""
 
     turn_id: str
     revision: int
@@ -40,7 +40,7 @@ class Round:
 
 @dataclass(frozen=True, slots=True)
 class Suggested:
-    """A reply on show. ``rank`` is its place and the number of its key; no key says it before ``from_ns``."""
+    """Displayed reply. ``rank`` is its position and key number; its key works from ``from_ns``."""
 
     suggestion_id: str
     turn_id: str
@@ -53,20 +53,20 @@ class Suggested:
 
 
 class Follower(Protocol):
-    """Who is told of what follows, at once."""
+    """Receiver of requests and events, called at once."""
 
     def ask(self, begun: Round) -> None:
-        """Ask the model for replies; each comes back by ``Rounds.offer``."""
+        """Request replies from the model; each is returned by ``Rounds.offer``."""
 
     def drop(self, why: str) -> None:
-        """Nobody waits for the replies that were asked for last."""
+        """Cancel the last request."""
 
     def tell(self, event: SuggestionChanged) -> None: ...
 
 
 class Rounds:
-    """The replies to one conversation. ``acts_after_ns`` is the countdown after which the first of them is said without
-    a key, None for never.
+    """Replies of one conversation. ``acts_after_ns`` is the countdown after which the first is said without a key, None
+    for never.
     """
 
     def __init__(self, follower: Follower, new_id: Callable[[], str]) -> None:
@@ -81,13 +81,13 @@ class Rounds:
         self._done: Round | None = None
         self._spoken_since = False
         self._gone_ns = -TO_READ_NS
-        # A waiting sentence is started long after it was asked for; the conversation moved on with the latter.
+        # A queued sentence starts long after its request, which is what moved the conversation on.
         self._robot_said: deque[str] = deque(maxlen=_SENTENCES_KEPT)
 
-    # What is heard
+    # Speech input
 
     def hear(self, hearing: Hearing) -> None:
-        """What is made out at a microphone now."""
+        """Process the present state of a microphone."""
         if hearing.source not in PARTICIPANT_SOURCES or hearing.speaker in ("robot", "wizard"):
             return
         if hearing.speaking:
@@ -98,7 +98,7 @@ class Rounds:
         words = " ".join(filter(None, (hearing.committed, hearing.tentative)))
         current = self.round
         if current is not None and (hearing.silent_since_ns or 0) > current.voice_ended_ns + PAUSE_NS:
-            # Somebody spoke in between, which the newest value of a stream does not always tell.
+            # There was speech in between, which the newest value of a stream may not show.
             self._spoken_since = True
             self._end("superseded", hearing.stamp_ns, why="the participant spoke on")
         if hearing.utterance_id and words.strip() and hearing.silent_since_ns is not None:
@@ -106,13 +106,13 @@ class Rounds:
                 Round(hearing.utterance_id, hearing.revision, words, hearing.silent_since_ns), hearing.stamp_ns
             )
         elif self._last is not None and self._last != self._done and self.round is None and self._pause is None:
-            # It was a noise: what was said before it is still to be replied to.
+            # It was noise: the speech before it still needs a reply.
             since_ns = hearing.silent_since_ns or hearing.stamp_ns
             self._wait_for(replace(self._last, revision=self._last.revision + 1), since_ns)
         self.pass_time(hearing.stamp_ns)
 
     def on_participant(self, utterance: UtteranceChanged, now_ns: int) -> None:
-        """A turn of a participant's has ended, with its final words, or was none."""
+        """A participant's turn ended with its final transcript, or was not speech."""
         same_turn = self._last is not None and self._last.turn_id == utterance.utterance_id
         if utterance.state == "failed" and same_turn:
             self._end("superseded", now_ns, why="nobody has spoken")
@@ -124,20 +124,20 @@ class Rounds:
                 self._wait_for(turn, now_ns)
                 self.pass_time(now_ns)
             elif not self._needs_none(turn):
-                self._last = turn  # somebody speaks already again; where that is nothing, it is replied to
+                self._last = turn  # speech has already resumed; if that is noise, this turn gets a reply
 
     def on_robot(self, utterance: UtteranceChanged, now_ns: int) -> None:
-        """The robot says something, so the conversation has moved on; a filler only bridges the wait."""
+        """The robot speaks, which ends the round, except for a filler."""
         if utterance.state not in ("requested", "started") or utterance.origin == "filler":
             return
         if utterance.utterance_id not in self._robot_said:
             self._robot_said.append(utterance.utterance_id)
             self._leave("superseded", now_ns, why="the robot replies")
 
-    # What the model writes
+    # Model output
 
     def offer(self, begun: Round, text: str, model: str, now_ns: int) -> bool:
-        """Show ``text`` as the next reply. False where it comes too late, or does the same as one that is shown."""
+        """Display ``text`` as the next reply. False if it is late or equivalent to a displayed one."""
         current = self.round
         if current is None or (begun.turn_id, begun.revision) != (current.turn_id, current.revision):
             return False
@@ -151,17 +151,17 @@ class Rounds:
         self._tell(card, "displayed", now_ns, latency_ms=(now_ns - current.voice_ended_ns) / 1e6)
         return True
 
-    # What becomes of it
+    # Outcomes
 
     def card(self, suggestion_id: str, now_ns: int) -> Suggested | None:
-        """The reply of that id, while it stands and can be read."""
+        """Reply by id, while it is displayed and readable."""
         self.pass_time(now_ns)
         return next(
             (card for card in self.cards if card.suggestion_id == suggestion_id and now_ns >= card.from_ns), None
         )
 
     def take(self, card: Suggested, said: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
-        """``card`` was said, as it stands or edited; the others are superseded by it."""
+        """``card`` was said, unchanged or edited, which supersedes the others."""
         distance = characters_changed(card.text, said)
         self._tell(
             card, "edited" if distance else "taken", now_ns,
@@ -172,21 +172,21 @@ class Rounds:
         self._leave("superseded", now_ns, why="one of the replies is said")
 
     def dismiss(self, actor: Actor, now_ns: int) -> None:
-        """None of them is wanted."""
+        """Dismiss all replies."""
         self._leave("dismissed", now_ns, why="the wizard wants none", actor=actor)
 
     def withdraw(self, why: str, now_ns: int) -> None:
-        """There is nothing to reply to."""
+        """End the round without a need for a reply."""
         self._leave("superseded", now_ns, why=why)
 
     def reword(self, text: str, now_ns: int) -> None:
-        """The wizard corrected what is replied to."""
+        """The wizard corrected the transcript."""
         current = self.round
         if current is not None and not same_words(current.text, text):
             self._ask_anew(replace(current, text=text), "the words were corrected", now_ns)
 
     def ask_again(self, why: str, now_ns: int) -> None:
-        """What was offered so far is no reply."""
+        """Request other replies."""
         if self.round is not None:
             self._ask_anew(self.round, why, now_ns)
 
@@ -196,12 +196,12 @@ class Rounds:
         self.pass_time(now_ns)
 
     def forget(self, now_ns: int) -> None:
-        """Another conversation begins."""
+        """Reset for another conversation."""
         self._leave("expired", now_ns, why="the conversation is over")
         self._pause = self._last = self._done = self._speaking = None
 
     def pass_time(self, now_ns: int) -> None:
-        """What is due by now: a round begins at a pause, replies that nobody wanted expire."""
+        """Start a round after a pause, and expire unused replies."""
         pause = self._pause
         if pause is not None and now_ns >= pause.voice_ended_ns + PAUSE_NS:
             self._pause, self._last, self.round = None, pause, pause
@@ -211,26 +211,26 @@ class Rounds:
 
     @property
     def says_ns(self) -> int | None:
-        """When the first reply is said without a key."""
+        """Time at which the first reply is said without a key."""
         if self.acts_after_ns is None or not self.cards:
             return None
         return self.cards[0].shown_ns + self.acts_after_ns
 
     def due(self, now_ns: int) -> Suggested | None:
-        """The reply that is said without a key now; None too where the end of its countdown went by unseen."""
+        """Reply to say without a key now; None if the end of its countdown was missed."""
         says_ns = self.says_ns
         return self.cards[0] if says_ns is not None and 0 <= now_ns - says_ns < _MISSED_NS else None
 
     @property
     def next_ns(self) -> int | None:
-        """When time is to be passed next."""
+        """Next time at which ``pass_time`` is needed."""
         moments = [self._pause.voice_ended_ns + PAUSE_NS] if self._pause is not None else []
         if self.cards:
             moments.append(self.cards[0].shown_ns + EXPIRES_NS)
         return min(moments, default=None)
 
     def _wait_for(self, pause: Round, now_ns: int) -> None:
-        """A pause that goes on for long enough begins a round, unless there is one for just these words."""
+        """Start a round after a long enough pause, unless one has the same transcript."""
         if self._needs_none(pause):
             return
         for known in (self.round, self._pause):
@@ -245,14 +245,14 @@ class Rounds:
         self._pause = pause
 
     def _needs_none(self, pause: Round) -> bool:
-        """Whether that turn was dealt with, and nothing was said in it since."""
+        """True if that turn was handled and nothing was said in it since."""
         done = self._done
         if done is None or done.turn_id != pause.turn_id:
             return False
         return not self._spoken_since or same_words(done.text, pause.text)
 
     def _leave(self, fate: SuggestionState, now_ns: int, *, why: str, actor: Actor = CONSOLE) -> None:
-        """This turn needs no reply any more, however it is heard in the end."""
+        """End the round: this turn needs no reply, whatever its final transcript."""
         self._done = self._last = self._pause or self.round or self._last
         self._pause, self._spoken_since = None, False
         self._end(fate, now_ns, why=why, actor=actor)

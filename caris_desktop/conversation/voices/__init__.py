@@ -1,1 +1,1 @@
-"""This computer's voices: which there are, how each turns text into sound, and how that is played."""
+"""Text-to-speech voices of this computer: discovery, synthesis and playback."""

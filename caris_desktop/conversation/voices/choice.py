@@ -1,4 +1,4 @@
-"""Which voice speaks: the one that was asked for, or another that is here, and why."""
+"""Voice selection: the requested voice, or an available fallback with the reason."""
 
 import importlib.util
 import traceback
@@ -25,7 +25,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class VoiceChoice:
-    """What is asked for, as in the scenario file. ``at_hand``: it is going to be spoken with."""
+    """Requested voice, as in the scenario file. ``at_hand``: it will be used."""
 
     voice: str
     language: str
@@ -36,9 +36,9 @@ class VoiceChoice:
 
 
 def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
-    """A voice, and why it is not the one that was asked for, empty where it is.
+    """Open a voice; the text explains a fallback, empty for the requested one.
 
-    Loads what it needs, for a second or two. Raises where the system has no voice either.
+    Loading takes a second or two. Raises if the system has no voice either.
     """
     language, why_not = choice.language, ""
     if choice.at_hand:
@@ -67,9 +67,9 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
 
 
 def every_voice(choice: VoiceChoice, used: Voice) -> list[tuple[str, str]]:
-    """All that can be chosen, each with its language: of the system's hundred those of the language that is spoken."""
+    """All selectable voices with their languages; system voices only in the spoken language."""
     piper = {PIPER + files.name: files.language for files in piper_voices(voice_folders(choice.folder))}
-    # pyttsx3 hangs in two threads: where its voice is the one that speaks, that has read the list.
+    # pyttsx3 hangs in two threads: if its voice is in use, that has already read the list.
     others = used.others if isinstance(used, EspeakVoice) else system_voices()
     system = {ESPEAK + name: language for name, language in others.items()}
     spoken = base_language(choice.language or {**piper, **system}.get(used.name, ""))

@@ -1,4 +1,4 @@
-"""One run of the killable engine, as the process that watches it sees it."""
+"""Handle of one voice engine process, for the process that supervises it."""
 
 import json
 import logging
@@ -25,7 +25,7 @@ EngineInbox = queue.SimpleQueue[tuple[int, Any]]
 
 
 class VoiceEngine:
-    """Its events arrive in ``inbox`` as (number, dict), with their sound under ``sound``; None when it ended."""
+    """Engine process. Events arrive in ``inbox`` as (number, dict), with audio under ``sound``; None at its end."""
 
     def __init__(self, settings: SynthesisSettings, inbox: EngineInbox, *, number: int, look: bool) -> None:
         search_path = [str(_PACKAGE_PARENT), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -44,7 +44,7 @@ class VoiceEngine:
         self._send({**asdict(settings), "look": look, "files_folder": self._folder})
 
     def say(self, text: str, number: int) -> None:
-        """``number`` comes back with each part of its sound: one may be told when it is already given up."""
+        """Say a text; ``number`` is returned with its audio, which may arrive after cancellation."""
         self._send({"do": "say", "text": text, "number": number})
 
     def tune(self, rate: float, volume: float) -> None:
@@ -65,7 +65,7 @@ class VoiceEngine:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def close(self, *, grace_s: float = 0.5) -> None:
-        """Let it tidy up, then kill."""
+        """Let it clean up, then kill it."""
         if self._process.stdin is not None:
             try:
                 self._process.stdin.close()
@@ -78,7 +78,7 @@ class VoiceEngine:
         self.kill()
 
     def _send(self, command: dict[str, Any]) -> None:
-        """A dead engine shows by its end in the inbox, not here."""
+        """Send a command; a dead engine is noticed in the inbox, not here."""
         stdin = self._process.stdin
         assert stdin is not None  # noqa: S101 - asked for above
         try:

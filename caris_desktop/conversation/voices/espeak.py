@@ -1,4 +1,4 @@
-"""The voices of the system, through pyttsx3 used in the one way that works: ``save_to_file``, one file a sentence."""
+"""System voices through pyttsx3, used in its only reliable way: ``save_to_file``, one file per sentence."""
 
 import queue
 import time
@@ -13,12 +13,12 @@ from caris_desktop.conversation.voices.found import ESPEAK, base_language, norma
 from caris_desktop.conversation.voices.sound import Samples, Stop
 
 _USUAL_WPM = 165
-# espeak obeys in a thread of its own, within milliseconds where the computer has time for it.
+# espeak applies settings in its own thread, within milliseconds on an idle computer.
 _TUNED_WITHIN_S = 1.0
 
 
 class EspeakVoice:
-    """One voice of the system. ``name`` is its id there, empty for the usual one, or else one of that language."""
+    """One system voice. ``name`` is its id, empty for the default, or else one of that language."""
 
     least_heard = None
 
@@ -34,12 +34,12 @@ class EspeakVoice:
         if wanted:
             self._engine.setProperty("voice", wanted)
         self.tune(rate, volume)
-        # The first run returns after 10 ms, whatever it was to do.
+        # The first run returns after 10 ms, whatever it should do.
         self._engine.runAndWait()
         self.name = ESPEAK + str(self._engine.getProperty("voice") or "")
         self.rate_hz = 22050
         self._path = folder / "utterance.wav"
-        # The rate of its files is known from one.
+        # The sample rate is only known from a file.
         self.rate_hz = self._rendered("a")[1]
 
     def tune(self, rate: float, volume: float) -> None:
@@ -47,7 +47,7 @@ class EspeakVoice:
         self._is_tuned = False
 
     def _of_language(self, language: str, voices: dict[str, str]) -> str:
-        """Empty for the usual one, which also goes before those of another country."""
+        """Voice of that language; empty for the default voice, which is preferred to those of another country."""
         exact = next((voice for voice, spoken in voices.items() if normalised(spoken) == normalised(language)), "")
         usual = voices.get(str(self._engine.getProperty("voice")), "")
         if exact or not language or base_language(usual) == base_language(language):
@@ -67,9 +67,9 @@ class EspeakVoice:
         raise ValueError("the voice made no sound")
 
     def _tune_now(self) -> None:
-        """Until espeak has it: what it still has to do when the next sentence comes is cancelled with the last one.
+        """Wait until espeak has applied the settings: unfinished work would cancel the next sentence.
 
-        What it has already it is not told again: that would be something to do, and the sentence cancelled once more.
+        Unchanged settings are not sent, since they would count as such work.
         """
         for name, value in self._tuned.items():
             if self._engine.getProperty(name) != value:
@@ -82,7 +82,7 @@ class EspeakVoice:
         self._is_tuned = True
 
     def _attempt(self, text: str) -> tuple[Samples, int] | None:
-        """None when pyttsx3 cancelled its own work, which it does when espeak still seems busy with the last."""
+        """None if pyttsx3 cancelled its own work, as it does while espeak seems busy."""
         if not self._is_tuned:
             self._tune_now()
         while not self._completions.empty():
@@ -106,7 +106,7 @@ class EspeakVoice:
 
 
 def system_voices() -> dict[str, str]:
-    """All of them, each with its language."""
+    """All system voices with their languages."""
     import pyttsx3
 
     return _voices(pyttsx3.init())
@@ -118,6 +118,6 @@ def _voices(engine: Any) -> dict[str, str]:
 
 def _language_of(voice: Any) -> str:
     first = next(iter(voice.languages or ()), "")
-    # Some drivers put the priority of the language before it, as a byte.
+    # Some drivers prefix the language with a priority byte.
     text = first.decode("ascii", "ignore") if isinstance(first, bytes) else str(first)
     return text.lstrip("\x00\x01\x02\x03\x04\x05")

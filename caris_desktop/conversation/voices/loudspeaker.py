@@ -1,4 +1,4 @@
-"""The output device: plays a sound that may still be growing, stops at once, and tells when what was heard."""
+"""Output device: plays a sound still being synthesised, stops at once, and reports what was heard when."""
 
 import contextlib
 import threading
@@ -8,17 +8,17 @@ from typing import Any
 
 from caris_desktop.conversation.voices.sound import GrowingSound
 
-# Low latency starves PulseAudio's ALSA plug-in. A stream is heard as soon as it is opened, whatever its latency, and
-# aborting one drops what is buffered, so this delays neither a sound nor a silence.
+# Low latency starves PulseAudio's ALSA plug-in. A stream is audible as soon as it is opened, whatever its latency, and
+# aborting drops its buffer, so that this delays neither start nor stop.
 _LATENCY_S = 0.12
 _BLOCK_FRAMES = 512
-# An idle sink may first play out two seconds of its own silence.
+# An idle sink may first play two seconds of its own silence.
 _STALL_S = 4.0
 _HEARTBEAT_S = 0.5
-# As it starts, a device asks for all that it can hold, which may be more than is made by then.
+# At its start a device requests its full buffer, possibly more than is ready by then.
 _LEAST_AHEAD_S = 0.05
 _LOOK_S = 0.003
-# Added to the computed end, which some drivers report a little early.
+# Added to the computed end, which some drivers report slightly early.
 _TAIL_S = 0.03
 _AWAKE_LATENCY_S = 0.5
 _AWAKE_BLOCK_FRAMES = 4096
@@ -35,10 +35,10 @@ class DeviceTroubleError(Exception):
 
 
 class _Playback:
-    """What the PortAudio callback does; it runs in PortAudio's thread, so it copies, notes times, and waits only for
-    what is being made and can still be heard without a gap.
+    """PortAudio callback: copies and notes times in PortAudio's thread, and waits only for audio that can arrive
+    without a gap.
 
-    Times are those at the loudspeaker: PortAudio tells how long what it takes now waits in the device's buffer.
+    Times are those at the loudspeaker, including the device's buffer as reported by PortAudio.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class _Playback:
 
     @property
     def played_s(self) -> float:
-        """How much the device has taken."""
+        """Seconds that the device has accepted."""
         return min(self._sound.position, self._sound.end) / self._sound.rate_hz
 
     @property
     def heard_s(self) -> float:
-        """How much of that has come out of it."""
+        """Seconds that were audible."""
         since_s = 0.0 if self.started_ns is None else (time.monotonic_ns() - self.started_ns) / 1e9
         return max(0.0, min(self.played_s, since_s))
 
@@ -91,9 +91,7 @@ class _Playback:
             self._woken.set()
 
     def _may_wait(self, frames: int, asked_ns: int) -> bool:
-        """Whether these are not made yet, and what the device has taken lasts for a while: silence among them would be
-        heard as a gap.
-        """
+        """True if more audio will come before the device runs empty: silence would be an audible gap."""
         sound = self._sound
         if sound.complete or self._silenced.is_set() or sound.end >= sound.position + frames:
             return False
@@ -101,7 +99,7 @@ class _Playback:
         return ahead_s > _LEAST_AHEAD_S
 
     def leave(self) -> None:
-        """It is silenced: returns when nothing is waited for. Aborting a stream may end its thread wherever that is."""
+        """Return once no callback waits, after silencing: aborting a stream may end its thread anywhere."""
         with self._waiting:
             pass
 
@@ -111,10 +109,10 @@ class _Playback:
 
 
 class Loudspeaker:
-    """The output device, opened anew for each utterance so that it may come and go."""
+    """Output device, reopened for each utterance, so that it may come and go."""
 
     def __init__(self, device: str, *, awake: bool) -> None:
-        """``awake``: a second stream plays silence all the time, as a sound server lets idle devices fall asleep."""
+        """``awake``: a second stream plays silence continuously, since sound servers suspend idle devices."""
         self._device = device or None
         self._sounddevice: Any = None
         self._awake = awake
@@ -122,14 +120,14 @@ class Loudspeaker:
         self.audible = False
 
     def look(self) -> str:
-        """Find the device again; says why there is none, or nothing."""
+        """Find the device again; return the reason if there is none, else an empty text."""
         try:
             if self._sounddevice is None:
                 import sounddevice
 
                 self._sounddevice = sounddevice
             else:
-                # PortAudio lists the devices only once, when it is initialised.
+                # PortAudio lists devices only at initialisation.
                 self._silence = None
                 self._sounddevice._terminate()
                 self._sounddevice._initialize()
@@ -144,7 +142,7 @@ class Loudspeaker:
         return ""
 
     def stay_awake(self) -> None:
-        """Play silence, where that is wanted; without it an utterance is heard as well, if later."""
+        """Play silence if configured; without it, speech starts later."""
         if not self._awake or not self.audible or self._silence is not None:
             return
 
@@ -171,7 +169,7 @@ class Loudspeaker:
         woken: threading.Event,
         tell: Callable[[str, float | int], None],
     ) -> int:
-        """Play to the end or until ``silenced``; the time in ns when it ended. Tells started and playing.
+        """Play to the end or until ``silenced``; return the end time in ns. Reports started and playing.
 
         Raises DeviceTroubleError.
         """

@@ -1,8 +1,8 @@
-"""Piper voices, in pieces: the sound begins as soon as the first tenths of a second of it are there.
+"""Piper voices with streaming synthesis: playback begins after the first tenths of a second.
 
-A Piper voice is one network (VITS). It plans a clause as a whole, and quickly; the two steps that then turn each frame
-of the plan into sound look only some frames around. So the file is cut into these three, and the last two run piece by
-piece; the sound is the same to rounding.
+A Piper voice is one network (VITS). It quickly plans a whole clause; the two following steps, from plan to sound,
+depend only on neighbouring frames. So the file is split into these three, and the last two run in pieces; the sound is
+the same up to rounding.
 """
 
 from collections.abc import Iterator
@@ -21,29 +21,29 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 _THREADS = 2
 _FIRST_PIECE_FRAMES = 16
 _LONGEST_PIECE_FRAMES = 64
-# Farther than this from a frame nothing changes its sound: with fewer the pieces differ from the whole.
+# Receptive field in frames: with fewer, pieces would differ from the whole.
 _AROUND_SHAPING_FRAMES = 24
 _AROUND_SOUNDING_FRAMES = 12
-# Tensors of Piper's own training code, which all its voices have: the first results of the two later steps.
+# Tensor names from Piper's training code, common to its voices: first results of the two later steps.
 _SHAPING_BEGINS = "/flow/flows.7/Slice_output_0"
 _SHAPING_MASKED = "/flow/flows.6/Mul_output_0"
 _SOUNDING_BEGINS = "/dec/conv_pre/Conv_output_0"
 _CHANNELS = 192
-# By the phonemes that a voice is fed with. For others Piper loads and runs code from the folder it was started in.
+# By phoneme type. For others, Piper loads and runs code from the working directory.
 _NETWORKS_OF_PIPER = {
     "espeak": (),
     "text": (),
     "ar": ("piper/tashkeel/model.onnx",),
     "hebrew": ("piper/hebrew/nakdimon.onnx",),
 }
-# A clause that is said first: long enough for its melody, and worth it only where much follows.
+# Length of a first clause: long enough for its melody, and worth it only with much text after it.
 _FIRST_CLAUSE_AT_LEAST = 12
 _ALONE_AT_MOST = 60
 _LEAST_HEARD = 80
 
 
 class PiperVoice:
-    """One voice, loaded. ``rate`` 1 is usual; ``volume`` 0 to 1."""
+    """Loaded voice. ``rate`` 1 is normal; ``volume`` 0 to 1."""
 
     def __init__(self, files: PiperFiles, *, rate: float, volume: float) -> None:
         import onnxruntime
@@ -64,14 +64,14 @@ class PiperVoice:
             if path is not None:
                 check_file(path)
         self._runtime = onnxruntime
-        # Only its language's phonemes are asked for, which need no network.
+        # Only used for phonemes, which need no network.
         self._piper: Any = Piper(session=None, config=config)
         self._config = config
         self._steps = self._sessions(read_checked(files.model)[0])
         self.name = PIPER + files.name
         self.rate_hz = int(config.sample_rate)
         self.tune(rate, volume)
-        # The first run of a network takes several times as long as the next.
+        # Warm-up: the first run of a network is several times slower.
         for _ in self.parts("Yes.", Stop()):
             pass
 
@@ -82,7 +82,7 @@ class PiperVoice:
         self.least_heard = max(1, round(_LEAST_HEARD * volume))
 
     def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
-        # What stands in [[ ]] would be taken for phonemes.
+        # Text in [[ ]] would be parsed as phonemes.
         clauses = _clauses(self._piper.phonemize(text.replace("[[", "[ [")))
         if not clauses:
             raise ValueError("there is nothing to say in it")
@@ -93,7 +93,7 @@ class PiperVoice:
             except RenderingStoppedError:
                 raise
             except Exception:
-                # A run that is ended from outside raises whatever the runtime makes of it.
+                # An interrupted run raises runtime-specific errors.
                 stop.check()
                 raise
 
@@ -125,7 +125,7 @@ class PiperVoice:
             sound = self._run(sounding, {**asked, shaping.get_outputs()[0].name: piece}, stop)[0]
             per_frame = sound.shape[-1] // (inner.stop - inner.start)
             yield self._pcm(sound[..., (first - inner.start) * per_frame : (end - inner.start) * per_frame])
-            # The second is as short as the first, which is all that is heard until it is there.
+            # The second piece is as short as the first, which is all that is audible until then.
             first, length = end, min(_LONGEST_PIECE_FRAMES, max(_FIRST_PIECE_FRAMES, end))
 
     def _run(self, session: Any, given: dict[str, Any], stop: Stop) -> list[NDArray[np.float32]]:
@@ -143,7 +143,9 @@ class PiperVoice:
         return pcm
 
     def _sessions(self, content: bytes) -> list[Any]:
-        """Planning, shaping and sounding; one alone where this is a voice of another make, spoken clause by clause."""
+        """Sessions for planning, shaping and sound; a single one for voices of another structure, synthesised clause by
+        clause.
+        """
         frames = ("batch", _CHANNELS, "frames")
         try:
             plan, mask = taken_by(content, _SHAPING_BEGINS)[0], taken_by(content, _SHAPING_MASKED)[1]
@@ -161,7 +163,7 @@ class PiperVoice:
         options = self._runtime.SessionOptions()
         options.intra_op_num_threads = _THREADS
         options.inter_op_num_threads = 1
-        # Threads that spin while they wait would take the processor from the window.
+        # Spinning threads would take processor time from the window.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         return self._runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
@@ -171,7 +173,7 @@ def _around(first: int, end: int, frames: int, at_most: int) -> slice:
 
 
 def _clauses(sentences: list[list[str]]) -> list[list[str]]:
-    """The first clause of a long beginning stands alone, so that its sound is there sooner."""
+    """Split off the first clause of a long beginning, so that its sound is ready sooner."""
     spoken = [phonemes for phonemes in sentences if phonemes]
     if not spoken or len(spoken[0]) <= _ALONE_AT_MOST:
         return spoken

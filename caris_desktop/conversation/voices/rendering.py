@@ -1,4 +1,4 @@
-"""The thread that turns text into sound: what is wanted now goes first, what may be wanted is made ahead of time."""
+"""Synthesis worker: a thread that renders requested text first, and likely text in advance."""
 
 import threading
 import time
@@ -26,9 +26,9 @@ Told = Callable[[int, Samples], None]
 
 
 class _Making:
-    """One text on its way to sound. Who wants to hear it may come when some of it is there already.
+    """One text in synthesis. A listener may join when parts are ready.
 
-    ``is_draft``: somebody is still typing it.
+    ``is_draft``: it is still being typed.
     """
 
     def __init__(self, text: str, *, is_draft: bool = False) -> None:
@@ -44,7 +44,7 @@ class _Making:
         return self._listener is not None
 
     def hear(self, sound: GrowingSound, told: Told) -> None:
-        """What is there at once, and the rest as it comes. Before `finish`."""
+        """Send the ready parts at once, and others as they come. Before `finish`."""
         with self._telling:
             for part in self.parts:
                 told(sound.append(part), part)
@@ -63,7 +63,7 @@ class _Making:
 
 
 class Rendering:
-    """One voice and what it has made. ``run`` is the body of its thread; the rest is for others."""
+    """One voice with its cached audio. ``run`` is the thread function; other methods are for other threads."""
 
     def __init__(self, voice: Voice, *, kept_at_most_bytes: int = KEPT_AT_MOST_BYTES) -> None:
         self._voice = voice
@@ -78,10 +78,9 @@ class Rendering:
         self._ended = False
 
     def say(self, text: str, sound: GrowingSound, told: Told) -> None:
-        """Now: ``sound`` grows, and ``told(frame, samples)`` gets each part of it as soon as it is there.
+        """Render now into ``sound``; ``told(frame, samples)`` is called with each part as it is ready.
 
-        What is made ahead of time waits from here on until it is complete; where it is this very text, it is gone on
-        with.
+        Advance rendering pauses until this is complete; if it is rendering this text, it is continued.
         """
         with self._changed:
             making = self._making
@@ -95,14 +94,16 @@ class Rendering:
             self._changed.notify()
 
     def stop(self) -> None:
-        """Nobody wants any more what is being said."""
+        """Cancel the requested text."""
         with self._changed:
             self._wanted = None
             if self._making is not None and self._making.is_heard:
                 self._making.stop.set()
 
     def draft(self, text: str) -> None:
-        """This may be asked for any moment: make it before all else that is made ahead. Empty: nothing is typed."""
+        """Render this before all other texts in advance, as it may be requested at any time. Empty:
+        nothing is typed.
+        """
         with self._changed:
             self._draft = "" if self._kept.get(text) is not None else text
             making = self._making
@@ -111,7 +112,7 @@ class Rendering:
             self._changed.notify()
 
     def prepare(self, texts: Sequence[str]) -> None:
-        """Make these ahead of time, the first ones first; others that were to be made no longer are."""
+        """Texts to render in advance, in order; replaces earlier ones."""
         with self._changed:
             self._kept.want(texts)
             self._prepared = tuple(texts)
@@ -119,7 +120,7 @@ class Rendering:
             self._changed.notify()
 
     def tune(self, rate: float, volume: float) -> None:
-        """Speak like this from the next utterance on; what was made for later is made again."""
+        """Settings from the next utterance on; cached audio is rendered again."""
         with self._changed:
             self._tuned = (rate, volume)
             self._changed.notify()
@@ -152,7 +153,7 @@ class Rendering:
             begun_s = time.monotonic()
             self._make(making, kept)
             if not (making.is_draft or making.is_heard):
-                # There is time: half of it is left to whatever else this computer does.
+                # Not urgent: leave half of the processor time to others.
                 with self._changed:
                     if not (self._ended or self._wanted or self._draft):
                         self._changed.wait(time.monotonic() - begun_s)

@@ -1,4 +1,4 @@
-"""Sound of an utterance: without the silence around it, played while it is still being made, kept for the next time."""
+"""Audio of an utterance: silence trimming, streaming buffer and cache."""
 
 import threading
 from collections import OrderedDict
@@ -13,23 +13,22 @@ from caris_desktop.domain.translation import Filled
 Samples = NDArray[np.int16]
 """Signed 16 bit, one channel."""
 
-# Voices put a third of a second of silence behind what they say, and some before it. So much of it is left that the
-# sound begins and ends softly.
+# Voices add up to a third of a second of silence. This much remains, so that sound begins and ends smoothly.
 _SILENCE_KEPT_S = 0.005
 
 
 def words_of(error: Exception) -> str:
-    """What it says, in one line."""
+    """Error text in one line."""
     told = str(error)
     return told if isinstance(told, Filled) else " ".join(told.split()) or type(error).__name__
 
 
 class RenderingStoppedError(Exception):
-    """Nobody wants it any more."""
+    """The audio is no longer needed."""
 
 
 class Stop:
-    """Ends a rendering from another thread; ``at_once`` are called then, and what they interrupt may raise."""
+    """Cancels rendering from another thread; calls ``at_once`` callbacks, which may make the interrupted code raise."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -54,32 +53,34 @@ class Stop:
 
 
 class Voice(Protocol):
-    """Turns text into sound. Called in one thread."""
+    """Text-to-speech voice. Called in one thread."""
 
     @property
     def name(self) -> str:
-        """As in the scenario file: ``piper:NAME`` or ``espeak:NAME``."""
+        """Name as in the scenario file: ``piper:NAME`` or ``espeak:NAME``."""
 
     @property
     def rate_hz(self) -> int:
-        """Of its sound."""
+        """Sample rate of its audio."""
 
     @property
     def least_heard(self) -> int | None:
-        """Samples below this are silence; None where that is so much of the loudest, for a voice with whole sounds."""
+        """Amplitude below which samples are silence; None: relative to the maximum, for voices that return whole
+        sounds.
+        """
 
     def tune(self, rate: float, volume: float) -> None:
-        """Speak like this from now on: 1 is the usual rate, volume is 0 to 1."""
+        """Set rate (1 is normal) and volume (0 to 1)."""
 
     def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
-        """The sound of ``text`` one part after the other, each as soon as it is there.
+        """Audio of ``text`` in parts, each as soon as it is ready.
 
-        Raises RenderingStoppedError after ``stop``, and ValueError where there is no sound.
+        Raises RenderingStoppedError after ``stop``, and ValueError if there is no sound.
         """
 
 
 class SilenceTrimmer:
-    """Leaves out the silence before the first and behind the last sample of at least ``least``."""
+    """Removes silence before the first and after the last sample of at least ``least``."""
 
     def __init__(self, rate_hz: int, least: int) -> None:
         self._kept = round(_SILENCE_KEPT_S * rate_hz)
@@ -88,7 +89,7 @@ class SilenceTrimmer:
         self._held = np.zeros(0, np.int16)
 
     def heard(self, part: Samples) -> Samples:
-        """What of the sound so far is certain to be heard; silence is held back until something follows it."""
+        """Part of the audio that is certain to be audible; silence is held back until sound follows."""
         whole = np.concatenate([self._held, part])
         loud = np.flatnonzero(np.abs(whole.astype(np.int32)) >= self._least)
         if loud.size == 0:
@@ -102,7 +103,7 @@ class SilenceTrimmer:
 
 
 def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterator[Samples]:
-    """These parts without the silence around all of them."""
+    """Parts without leading and trailing silence."""
     trimmer: SilenceTrimmer | None = None
     for part in parts:
         if trimmer is None:
@@ -117,10 +118,10 @@ def _least_of(whole: Samples) -> int:
 
 
 class GrowingSound:
-    """What is played while it is still being made. Its making appends, the sound card takes; any thread.
+    """Streaming buffer: synthesis appends, the audio device reads; any thread.
 
-    Frames count from its beginning. Where its making does not keep up, silence is played and what follows comes later.
-    ``changed`` is called when there is more, or its end is known.
+    Frames count from the start. On an underrun silence is played, and later audio is delayed. ``changed`` is called
+    after each addition, and when the end is known.
     """
 
     def __init__(self, rate_hz: int, changed: Callable[[], None]) -> None:
@@ -139,12 +140,12 @@ class GrowingSound:
 
     @property
     def over(self) -> bool:
-        """All of it was taken."""
+        """True when everything was read."""
         with self._lock:
             return self.complete and self.position >= self.end
 
     def append(self, samples: Samples) -> int:
-        """The frame at which it will be played."""
+        """Append samples; return the frame at which they will be played."""
         with self._lock:
             at = max(self.position, self.end)
             self._parts.append((at, samples))
@@ -153,13 +154,13 @@ class GrowingSound:
         return at
 
     def finish(self, trouble: str = "") -> None:
-        """No more follows; ``trouble`` says why, where that is not its end."""
+        """End of input; ``trouble`` is the reason for an early end."""
         with self._lock:
             self.complete, self.trouble = True, trouble
         self._changed()
 
     def take(self, frames: int) -> Samples:
-        """The next ``frames``."""
+        """Next ``frames`` samples."""
         taken = np.zeros(frames, np.int16)
         with self._lock:
             first, self.position = self.position, self.position + frames
@@ -172,13 +173,13 @@ class GrowingSound:
         return taken
 
     def rewind(self) -> None:
-        """Nothing of it was heard: play it from the beginning."""
+        """Restart from the beginning, if nothing was audible."""
         with self._lock:
             self.position = 0
 
 
 class KeptSounds:
-    """Sounds of texts, up to so many bytes: those that will be wanted, and what was said last."""
+    """Audio cache by text, limited in bytes: texts likely to be needed, and the latest."""
 
     def __init__(self, at_most_bytes: int) -> None:
         self._at_most_bytes = at_most_bytes
@@ -187,7 +188,7 @@ class KeptSounds:
         self.bytes = 0
 
     def want(self, texts: Sequence[str]) -> None:
-        """These stay; others go when there is no room."""
+        """Set the texts to retain; others are dropped when space is needed."""
         self._wanted = frozenset(texts)
 
     def clear(self) -> None:
@@ -200,7 +201,7 @@ class KeptSounds:
         return self._kept.get(text)
 
     def put(self, text: str, samples: Samples) -> bool:
-        """False where there is no room for it."""
+        """Add audio; False if there is no space."""
         self._drop(text)
         for other in [each for each in self._kept if each not in self._wanted]:
             if self._fits(samples):
