@@ -129,6 +129,13 @@ class Twist2D:
 
 
 ZERO_TWIST = Twist2D()
+_MOVES_MPS, _TURNS_RADPS = 0.02, 0.05
+
+
+def moves(measured: Twist2D) -> bool:
+    """Whether a base with this measured velocity moves: at rest an inertial sensor measures up to 0.01 m/s."""
+    speed_mps = math.hypot(measured.forward_mps, measured.left_mps)
+    return speed_mps > _MOVES_MPS or abs(measured.turn_radps) > _TURNS_RADPS
 
 
 def wrap_angle(angle_rad: float) -> float:

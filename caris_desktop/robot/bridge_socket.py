@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import re
 import threading
 from collections.abc import Callable, Mapping
@@ -275,6 +276,11 @@ class BridgeSocket:
         return self.protocol is not None and self.protocol.wire.is_open
 
     @property
+    def heard_s(self) -> float:
+        """When anything last came over it."""
+        return -math.inf if self._wire is None else self._wire.heard_s
+
+    @property
     def is_free(self) -> bool:
         """Whether nothing that was sent over it, or will be, is still to be answered."""
         return not self.waiting and (self.protocol is None or not self.protocol.waits)
@@ -350,6 +356,9 @@ class BridgeSocket:
                 self._admission.set_result(None)
         elif self.protocol is not None:
             self._factory.receive(payload, self.protocol)
+
+    def server_heard_s(self) -> float:
+        return self._factory.server_heard_s()
 
     def wire_heard(self) -> None:
         self.silent = False

@@ -4,12 +4,12 @@ import math
 from collections import deque
 
 from caris_desktop.domain.events import MovementState
-from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moves, wrap_angle
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.profile import RobotProfile
 
-MOVES_MPS, TURNS_RADPS = 0.03, 0.06
-"""A base that stands tells less than this: wheel odometry 0, a filter with an inertial sensor up to 0.01 m/s."""
+# More than what counts as moving, so that a base at rest never raises an alarm.
+_ALARMING_MPS, _ALARMING_RADPS = 0.03, 0.06
 # Of positions in their own noise a speed needs more, over a while.
 _DRIFTS_MPS, _DRIFTS_RADPS = 0.05, 0.10
 _WINDOW_S, _SHORTEST_WINDOW_S = 0.8, 0.4
@@ -100,11 +100,13 @@ class MovementCheck:
         self._twist = odometry.twist
         self._tells_speed = self._tells_speed or odometry.twist.moving
         self._note_pose(odometry.pose_in_odom, now_s)
-        if self._moves_now():
-            self._moves_in_a_row += 1
+        drifts = self._drifts()
+        alarming = math.hypot(odometry.twist.forward_mps, odometry.twist.left_mps) > _ALARMING_MPS
+        alarming = alarming or abs(odometry.twist.turn_radps) > _ALARMING_RADPS or drifts
+        self._moves_in_a_row = self._moves_in_a_row + 1 if alarming else 0
+        if drifts or moves(odometry.twist):
             self.stood_since_s = None
             return
-        self._moves_in_a_row = 0
         if self.stood_since_s is None:
             self.stood_since_s = now_s
         # The braking is over. A command that has only just gone out may not have reached the wheels.
@@ -152,10 +154,7 @@ class MovementCheck:
             along = max(along, drifts_mps)
         return along >= max(_FOLLOWS_SHARE * wanted, least)
 
-    def _moves_now(self) -> bool:
-        twist = self._twist
-        if math.hypot(twist.forward_mps, twist.left_mps) > MOVES_MPS or abs(twist.turn_radps) > TURNS_RADPS:
-            return True
+    def _drifts(self) -> bool:
         drifts_mps, drifts_radps = self._drift()
         return drifts_mps > _DRIFTS_MPS or drifts_radps > _DRIFTS_RADPS
 

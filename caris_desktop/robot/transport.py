@@ -290,9 +290,16 @@ class SafeFactory:
         """Of the websocket that carries nothing which can wait."""
         return (self._motion or self._main).protocol
 
-    def _protocols(self) -> list[SafeProtocol]:
+    def _sockets(self) -> list[BridgeSocket]:
         sockets = (self._main, self._motion, self._questions, *self._calls)
-        return [socket.protocol for socket in sockets if socket is not None and socket.protocol is not None]
+        return [socket for socket in sockets if socket is not None]
+
+    def _protocols(self) -> list[SafeProtocol]:
+        return [socket.protocol for socket in self._sockets() if socket.protocol is not None]
+
+    def server_heard_s(self) -> float:
+        """When anything last came from the server, over any of the websockets."""
+        return max(socket.heard_s for socket in self._sockets())
 
     def connect(self) -> None:
         if self._keeper is None or self._keeper.done():

@@ -49,9 +49,10 @@ _NOT_READY = 500
 class Timings:
     """When a silent peer is in trouble and when it is dead, and how fast to come back to it. Seconds.
 
-    Silence is measured in bytes of any kind. A ping that is not answered counts as well, later, where
-    ``unanswered_trouble_after_s`` and ``unanswered_dead_after_s`` say so: it shows that nothing of ours arrives over
-    there, although the robot's own messages still arrive here.
+    Silence is measured in bytes of any kind, over any connection to the same server: one that is busy with the others
+    is not dead. A ping that is not answered counts as well, later, where ``unanswered_trouble_after_s`` and
+    ``unanswered_dead_after_s`` say so: it shows that nothing of ours arrives over there, although the robot's own
+    messages still arrive here.
 
     A peer that has been given up, and whose system has taken all of our bytes, keeps its connection for up to
     ``leave_open_s``: see :meth:`Wire.give_up`.
@@ -85,6 +86,9 @@ class WireOwner(Protocol):
 
     def wire_received(self, payload: bytes) -> None:
         """A whole message, text or binary."""
+
+    def server_heard_s(self) -> float:
+        """When anything last came from the same server over another connection, on the loop's clock."""
 
     def wire_heard(self) -> None:
         """The trouble is over: something arrived, and pings are answered."""
@@ -140,6 +144,11 @@ class Wire(asyncio.Protocol):
     @property
     def is_open(self) -> bool:
         return self._open and not self._over
+
+    @property
+    def heard_s(self) -> float:
+        """When anything last came."""
+        return self._heard_s
 
     @property
     def unsent_bytes(self) -> int:
@@ -384,7 +393,7 @@ class Wire(asyncio.Protocol):
             self._pings = {
                 token: _Ping(min(now_s, ping.sent_s + late_s), ping.answered) for token, ping in self._pings.items()
             }
-        silent_s = now_s - self._heard_s
+        silent_s = now_s - max(self._heard_s, self._owner.server_heard_s())
         if silent_s >= self._timings.dead_after_s:
             self.give_up(filled(QT_TR_NOOP("nothing came from it for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
             return

@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping
 from typing import Literal
 
-from PySide6.QtCore import QRectF, QSize, Qt, QTimer
+from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.geometry import moves
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
@@ -21,8 +22,6 @@ from caris_desktop.ui.words import UNDER_WAY
 
 SignName = Literal["moving", "speaking", "recording", "listening"]
 Lit = Literal["on", "half", "off"]
-_STILL_AFTER_MS = 600
-_MOVES_MPS, _TURNS_RADPS = 0.02, 0.05
 _SIDE_PX, _GAP_PX, _BETWEEN_PX = 12, 8, 8
 
 
@@ -86,14 +85,13 @@ class GlanceSigns(QWidget):
         self._state = state
         self._compact = False
         self._named = True
-        self._moves = False
+        self._tells_speed = False
         self._signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
-        self._still = QTimer(self, singleShot=True, interval=_STILL_AFTER_MS)
-        self._still.timeout.connect(self._on_still)
         state.odometry.changed.connect(self._on_odometry)
         state.odometry.freshness_changed.connect(self._on_changed)
+        state.robot.changed.connect(self._on_robot)
         for value in (
             state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
         ):  # fmt: skip
@@ -120,28 +118,25 @@ class GlanceSigns(QWidget):
     def minimumSizeHint(self) -> QSize:
         return self.sizeHint()
 
-    def _on_odometry(self, odometry: Odometry) -> None:
-        twist = odometry.twist
-        moves = math.hypot(twist.forward_mps, twist.left_mps) > _MOVES_MPS or abs(twist.turn_radps) > _TURNS_RADPS
-        if moves:
-            self._still.start()
-        if moves and not self._moves:
-            self._moves = True
-            self._on_changed()
+    def _on_robot(self, _robot: object) -> None:
+        self._tells_speed = False
+        self._on_changed()
 
-    def _on_still(self) -> None:
-        self._moves = False
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._tells_speed = self._tells_speed or odometry.twist.moving
         self._on_changed()
 
     def _moves_now(self) -> bool | None:
         """Motion from odometry; None if stale. Without odometry a commanded robot counts as moving, else as unknown."""
-        if self._state.odometry.freshness in ("fresh", "stale"):
-            return self._moves
         drive: DriveStatus = self._state.drive.value
+        odometry: Odometry | None = self._state.odometry.value
+        if odometry is not None and self._state.odometry.freshness in ("fresh", "stale"):
+            # Some leave the velocities empty: their poses tell, which the link watches.
+            return moves(odometry.twist) or (drive.movement == "moving" and not self._tells_speed)
         goal: GoalChanged | None = self._state.goal.value
         asked = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
         asked = bool(asked) or (goal is not None and goal.state in UNDER_WAY)
-        return True if asked and self._state.odometry.value is None else None
+        return True if asked and odometry is None else None
 
     def _on_changed(self, _value: object = None) -> None:
         signs = signs_of(self._state, moves=self._moves_now())

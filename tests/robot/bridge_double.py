@@ -132,6 +132,8 @@ async def send_ordered(client: ServerConnection, order: dict[str, Any]) -> None:
         for number in range(order["flood"]):
             fragment = {"op": "fragment", "id": f"flood {number}", "num": 0, "total": 2, "data": "x" * 2000}
             await client.send(json.dumps(fragment))
+            # As a server does, which has other clients.
+            await asyncio.sleep(0)
     elif "frame" in order:
         # Piece by piece, as a network delivers it; the double must go on answering meanwhile.
         client.transport.write(b"\x81\x7f" + struct.pack(">Q", order["frame"]))

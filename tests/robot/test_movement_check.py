@@ -11,7 +11,7 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
 from caris_desktop.domain.events import CommandSent, MovementChanged
-from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moves
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.footprint import moved_by
 from caris_desktop.robot.movement_check import MovementCheck
@@ -119,6 +119,14 @@ def test_a_robot_that_moves_though_nothing_here_tells_it_to_is_noticed_at_once(m
         base.run(2.0)
         assert base.run(0.15, moves=moves)[-1] == "uncommanded", "with the second odometry"
     assert base.run(2.0)[-1] == "standing"
+
+
+@pytest.mark.parametrize("creeps", [Twist2D(0.025), Twist2D(0.0, -0.025), Twist2D(0.0, 0.0, 0.055)])
+def test_what_the_sign_calls_moving_is_not_called_standing_and_is_no_alarm(creeps: Twist2D) -> None:
+    base = Base()
+    base.run(3.0)
+    assert moves(creeps)
+    assert base.run(1.0, moves=creeps) == ["moving"]
 
 
 def test_a_robot_that_does_not_stop_is_noticed_once_it_should_have_braked() -> None:

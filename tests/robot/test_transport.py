@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import math
 import signal
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
@@ -17,6 +18,7 @@ from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError, topic_of_publish
 from caris_desktop.robot.wire import Timings
 from tests.robot.link_bench import BridgeDouble
+from tests.robot.loop_bench import Bridge
 
 
 class Observer:
@@ -340,3 +342,40 @@ def _established(port: int) -> list[Any]:
         for connection in psutil.Process().net_connections("tcp")
         if connection.raddr and connection.raddr.port == port and connection.status == psutil.CONN_ESTABLISHED
     ]
+
+
+def test_a_server_that_is_busy_with_one_websocket_is_not_silent_on_the_other() -> None:
+    """A flood over the main one keeps a server from answering on the one that moves the robot."""
+    timings = Timings(
+        ping_every_s=0.02, trouble_after_s=0.1, dead_after_s=0.2,
+        unanswered_trouble_after_s=math.inf, unanswered_dead_after_s=math.inf,
+    )  # fmt: skip
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        bridge = Bridge()
+        await bridge.open()
+        observer = Observer()
+        ros = SafeRos(f"ws://127.0.0.1:{bridge.port}", observer, timings=timings)
+        came: list[Any] = []
+        SafeTopic(ros, "/a", "std_msgs/String", every_message=True).subscribe(came.append)
+        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist", motion=True).advertise()
+        ros.connect()
+        await until(lambda: "connected" in observer.told and len(bridge.clients) >= 2, "connected")
+        for client, topics in bridge.clients.items():
+            if not topics:
+                client.transport.pause_reading()
+        until_s = loop.time() + 3 * timings.dead_after_s
+        while loop.time() < until_s:
+            await bridge.publish("/a", {"data": "x"})
+            await asyncio.sleep(0.005)
+        assert came
+        assert observer.told == ["connected"]
+        for client in bridge.clients:
+            client.transport.pause_reading()
+        await until(lambda: "lost" in observer.told, "without anything over either it is lost")
+        assert observer.told[:3] == ["connected", "silent", "lost"]
+        await ros.aclose(0.0)
+        await bridge.close()
+
+    asyncio.run(run())

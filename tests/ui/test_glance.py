@@ -99,6 +99,32 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
     assert (said(signs)[0], words.drive_line(state.drive.value)) == ("Moving", "Moving without a command from here")
 
 
+def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> None:
+    now_ns = clock.now_ns()
+    state = LiveState(present=PresentClock(now_ns=lambda: now_ns))
+    state.close()
+    state.link.set(LinkStatus("connected"))
+    signs = GlanceSigns(theme, state)
+    qtbot.addWidget(signs)
+    state.drive.set(DriveStatus(True, "", movement="moving"))
+    for forward_mps, word in ((0.3, "Moving"), (0.0, "Still"), (-0.03, "Moving"), (0.004, "Still"), (0.3, "Moving")):
+        state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
+        assert said(signs)[0] == word, f"{forward_mps} m/s are shown beside it"
+    now_ns += 1_500_000_000
+    state.check_freshness()
+    assert state.odometry.freshness == "stale"
+    qtbot.wait(700)
+    assert said(signs)[0] == "Moving", "the last that is known of it"
+
+
+def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(signs: GlanceSigns, state: LiveState) -> None:
+    drive(state, 0.0)
+    state.drive.set(DriveStatus(True, "", movement="moving"))
+    assert said(signs)[0] == "Moving"
+    state.drive.set(DriveStatus(True, "", movement="standing"))
+    assert said(signs)[0] == "Still"
+
+
 def test_a_robot_without_odometry_is_never_said_to_stand(signs: GlanceSigns, state: LiveState) -> None:
     assert said(signs)[0] == "Not known"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))

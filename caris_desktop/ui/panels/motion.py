@@ -11,6 +11,7 @@ from PySide6.QtGui import QAccessible, QBrush, QColor, QPen, QResizeEvent
 from PySide6.QtWidgets import QGraphicsItem, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import CommandSent
+from caris_desktop.domain.geometry import moves
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
@@ -299,4 +300,6 @@ class MotionPanel(Panel):
         elif why:
             self.set_fact(why, "amber")
         else:
-            self.set_fact(words.moving(odometry.twist.forward_mps, odometry.twist.turn_radps) or tr("standing still"))
+            twist = odometry.twist
+            motion = words.moving(twist.forward_mps, twist.turn_radps, twist.left_mps) if moves(twist) else ""
+            self.set_fact(motion or tr("standing still"))
