@@ -48,17 +48,17 @@ _MOTION_PACKAGES = _words_of(
 )
 _MOTION_TYPES = _words_of(
     # Types whose words alone do not tell: parameters (of the base among them), joysticks, generic joint commands.
-    "BackUp ChangeState DriveOnHeading Float64MultiArray Joy JointState MuxSelect Reconfigure SetParam "
+    "BackUp ChangeState DriveOnHeading Joy JointState MuxSelect Reconfigure SetParam "
     "SetParameters SetParametersAtomically SpeedLimit Spin SwitchController"
 )
 _MOTION_WORDS = _words_of(
-    "ackermann actuator animated animation arm arms base behavior bow clap behaviour dance docking dock drive "
-    "driving elevator follow follower following gait gaze gesture gestures goal goals grasp grip gripper hand "
-    "hands head initialpose joint joints joy joystick leg legs lift look move mover movement moves motion motions "
-    "motor motors mux nav navigate navigation navigator neck nod pan park path pick place planner pose poses "
-    "position posture rotate rotation route servo servos setpoint sit spin stand steer steering swerve teleop "
-    "tilt torque torso track tracker tracking trajectory turn twist undock vel velocity wake wakeup walk wave "
-    "waypoint waypoints wheel wheels wrist"
+    "accelerate ackermann actuator animated animation arm arms base behavior behaviour bow clap dance dock docking "
+    "drive driving elevator finger fingers flipper flippers follow follower following gait gaze gesture gestures goal "
+    "goals grasp grip gripper hand hands head initialpose jaw joint joints joy joystick leg legs lift look motion "
+    "motions motor motors move movement mover moves mux nav navigate navigation navigator neck nod pan park path pick "
+    "place planner pose poses position posture rotate rotation route rpm servo servos setpoint sit spin stand steer "
+    "steering swerve takeoff teleop throttle thruster thrusters tilt torque torso track tracker tracking trajectory "
+    "turn twist undock vel velocity waist wake wakeup walk wave waypoint waypoints wheel wheels wrist"
 )
 _HARMLESS_WORDS = _words_of(
     "audio battery beep blink brightness bulb buzzer caption captions chime color colour display emoji emotion "
@@ -66,6 +66,12 @@ _HARMLESS_WORDS = _words_of(
     "melody mood music photo picture play_sound projector rgb say screen sound sounds speak speaker speech "
     "subtitle subtitles tablet text tts utterance voice volume"
 )
+# A number on one of these says how much. On another, such as an eye or a face, it may say where to.
+_AMOUNT_WORDS = _words_of(
+    "audio beep brightness bulb buzzer chime color colour lamp lamps led leds light lightring lights loudspeaker "
+    "melody music projector rgb screen sound sounds speaker volume"
+)
+_NUMBER_TYPES = _words_of("Float32 Float64 Int8 Int16 Int32 Int64 UInt8 UInt16 UInt32 UInt64")
 # A topic of words on which something listens for orders, or moves along, is no loudspeaker.
 _NOT_HARMLESS_WORDS = _words_of("command commands enable script tracker recognised recognized recognition")
 _PLAIN_TYPES = _words_of(
@@ -107,7 +113,8 @@ def control_class(
     if _is_own_motion(name, robot) or _has_motion_type(type_name) or (named | typed) & _MOTION_WORDS:
         return "motion"
     plain = base in _PLAIN_TYPES or bool(typed & _HARMLESS_WORDS)
-    if plain and (named | typed) & _HARMLESS_WORDS and not (named | typed) & (_NOT_HARMLESS_WORDS | _STOP_WORDS):
+    known = _AMOUNT_WORDS if base in _NUMBER_TYPES else _HARMLESS_WORDS
+    if plain and (named | typed) & known and not (named | typed) & (_NOT_HARMLESS_WORDS | _STOP_WORDS):
         return "harmless"
     return "unknown"
 
@@ -128,7 +135,8 @@ def _is_own_motion(name: str, robot: RobotInterfaceNames) -> bool:
 
 def _has_motion_type(type_name: str) -> bool:
     package, base = _package_and_base(type_name)
-    return package in _MOTION_PACKAGES or base in _MOTION_TYPES
+    # Arrays of numbers command joints and motors.
+    return package in _MOTION_PACKAGES or base in _MOTION_TYPES or base.endswith("MultiArray")
 
 
 def _package_and_base(type_name: str) -> tuple[str, str]:

@@ -138,6 +138,20 @@ def moves(measured: Twist2D) -> bool:
     return speed_mps > _MOVES_MPS or abs(measured.turn_radps) > _TURNS_RADPS
 
 
+def moved_by(twist: Twist2D, duration_s: float) -> Pose2D:
+    """The pose after driving with ``twist`` for that long, in the frame of where it began."""
+    turned = twist.turn_radps * duration_s
+    if abs(turned) < 1e-6:
+        ahead, aside = duration_s, turned * duration_s / 2.0
+    else:
+        ahead, aside = math.sin(turned) / twist.turn_radps, (1.0 - math.cos(turned)) / twist.turn_radps
+    return Pose2D(
+        twist.forward_mps * ahead - twist.left_mps * aside,
+        twist.forward_mps * aside + twist.left_mps * ahead,
+        turned,
+    )
+
+
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, 2.0 * math.pi)

@@ -94,7 +94,9 @@ def make_action_client(
     package, type_ = action_package_and_name(action_type)
     if dialect is Dialect.ROS1:
         return ActionlibClient(ros, name, package, type_, listener, motion=motion)
-    return BridgedActionClient(ros, name, action_type_name(Dialect.ROS2, package, type_), listener)
+    return BridgedActionClient(
+        ros, name, action_type_name(Dialect.ROS2, package, type_), listener, proven_by_feedback=motion
+    )
 
 
 class ActionlibClient:
@@ -165,10 +167,16 @@ class ActionlibClient:
 class BridgedActionClient:
     """An action of ROS 2 through rosbridge's send_action_goal.
 
-    rosbridge does not tell when a goal is accepted, nor under which UUID; the action's own status topic does.
+    rosbridge does not tell when a goal is accepted, nor under which UUID; the action's own status topic does. Nor does
+    it let us choose one: it cannot load the types of the services and topics below an action, which rosidl does not
+    export. So a goal that turns up on the status topic is ours only if nothing else can be, which with
+    ``proven_by_feedback`` takes feedback of ours as well: without, ours may have been refused, and the goal be
+    another's.
     """
 
-    def __init__(self, ros: SafeRos, name: str, action_type: str, listener: GoalListener) -> None:
+    def __init__(
+        self, ros: SafeRos, name: str, action_type: str, listener: GoalListener, *, proven_by_feedback: bool
+    ) -> None:
         self._ros = ros
         self._name = name
         self._listener = listener
@@ -179,6 +187,10 @@ class BridgedActionClient:
         self._unknown: str | None = None
         self._sent_s = 0.0
         self._adopted: str | None = None
+        self._proven_by_feedback = proven_by_feedback
+        self._with_feedback: str | None = None
+        # What turned up, and may be ours.
+        self._uuid_without_proof: tuple[str, str] | None = None
         # Their answers went down with the link that they were asked over.
         self._unanswered: set[str] = set()
         # A cancel that came before the goal was taken had nothing to cancel.
@@ -194,6 +206,8 @@ class BridgedActionClient:
         wire_ids: list[str] = []
 
         def feedback(values: Mapping[str, Any]) -> None:
+            self._with_feedback = wire_ids[0]
+            self._name_proven()
             self._listener.goal_feedback(wire_ids[0], dict(values))
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
@@ -222,6 +236,7 @@ class BridgedActionClient:
             )
         )
         self._unknown, self._adopted, self._sent_s = wire_ids[0], None, time.monotonic()
+        self._uuid_without_proof = None
         return wire_ids[0]
 
     def cancel(self, wire_id: str) -> None:
@@ -267,18 +282,29 @@ class BridgedActionClient:
             if self._adopted is not None:
                 # A second one: either may be ours. Without its name ours is cancelled by rosbridge alone.
                 self._uuid_of.pop(self._adopted, None)
-                self._adopted = None
+                self._adopted = self._uuid_without_proof = None
             wire_id = self._unknown
             if wire_id is not None:
                 # The first goal that turns up after ours was sent.
                 self._unknown, self._adopted = None, wire_id
-                # Kept when it seems to have ended: after a lost link it goes on, and is known by this name only.
-                self._uuid_of[wire_id] = uuid_hex
-                while len(self._uuid_of) > _REMEMBERED_GOALS:
-                    del self._uuid_of[next(iter(self._uuid_of))]
-                if wire_id in self._cancelled:
-                    self.cancel(wire_id)
+                self._uuid_without_proof = wire_id, uuid_hex
+                self._name_proven()
                 self._listener.goal_active(wire_id)
+
+    def _name_proven(self) -> None:
+        """The goal that turned up is ours, if feedback of ours has come where that is needed."""
+        if self._uuid_without_proof is None:
+            return
+        wire_id, uuid_hex = self._uuid_without_proof
+        if self._proven_by_feedback and self._with_feedback != wire_id:
+            return
+        self._uuid_without_proof = None
+        # Kept when it seems to have ended: after a lost link it goes on, and is known by this name only.
+        self._uuid_of[wire_id] = uuid_hex
+        while len(self._uuid_of) > _REMEMBERED_GOALS:
+            del self._uuid_of[next(iter(self._uuid_of))]
+        if wire_id in self._cancelled:
+            self.cancel(wire_id)
 
     def _tell_unanswered(self, uuid_hex: str, status: int) -> None:
         wire_id = next((name for name in self._unanswered if self._uuid_of.get(name) == uuid_hex), None)

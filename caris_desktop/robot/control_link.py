@@ -50,8 +50,9 @@ from caris_desktop.ros.messages import decode_twist, decode_twist_stamped, encod
 
 logger = logging.getLogger(__name__)
 
-# A rosbridge that has just been started reaches the base a moment after it has taken the first zeros.
-ZERO_AGAIN_S = (1.0, 2.0)
+# A rosbridge that has just been started reaches the base only when both have found one another, up to two seconds after
+# it has taken the first zeros: tried with Fast DDS.
+ZERO_AGAIN_S = tuple(tenth / 10 for tenth in range(6, 31))
 # On a busy computer that takes longer; then the odometry tells that it still moves.
 ZERO_WHILE_MOVING_S = tuple(float(second) for second in range(3, 11))
 _STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
@@ -403,7 +404,7 @@ class ControlLink:
             self._move()
 
     def _say_zero_again(self) -> None:
-        if not self._lease.held and not self._navigator.under_way:
+        if not self._lease.held and not self._navigator.under_way and not self._unread.full(self._loop.time()):
             self._send_twist(ZERO_TWIST, "lease")
 
     def _say_zero_while_moving(self) -> None:

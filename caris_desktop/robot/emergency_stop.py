@@ -20,7 +20,7 @@ from caris_desktop.ros.messages import decode_bool, encode_bool
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")
 # A rosbridge that has just been started does not know the robot's services yet.
-TRIED_AGAIN_AFTER_S = 0.3
+TRIED_AGAIN_AFTER_S = 0.1
 _LOOKED_FOR_EVERY_S = 2.0
 _TRIED_AGAIN_EVERY_S = 30.0
 

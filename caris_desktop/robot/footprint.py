@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Twist2D, moved_by
 from caris_desktop.robot.profile import RobotProfile
 
 Array = NDArray[np.float64]
@@ -180,20 +180,6 @@ def convex_hull(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, flo
         return corners[:-1]
 
     return (*chain(ordered), *chain(ordered[::-1]))
-
-
-def moved_by(twist: Twist2D, duration_s: float) -> Pose2D:
-    """The pose after driving with ``twist`` for that long, in the frame of where it began."""
-    turned = twist.turn_radps * duration_s
-    if abs(turned) < 1e-6:
-        ahead, aside = duration_s, turned * duration_s / 2.0
-    else:
-        ahead, aside = math.sin(turned) / twist.turn_radps, (1.0 - math.cos(turned)) / twist.turn_radps
-    return Pose2D(
-        twist.forward_mps * ahead - twist.left_mps * aside,
-        twist.forward_mps * aside + twist.left_mps * ahead,
-        turned,
-    )
 
 
 def transformed(pose: Pose2D, points: Array) -> Array:

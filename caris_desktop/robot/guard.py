@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.events import GuardChanged, GuardState
-from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.footprint import Array, Footprint, moved_by, transformed
+from caris_desktop.robot.footprint import Array, Footprint, transformed
 from caris_desktop.robot.profile import RobotProfile
 
 SIDE_MARGIN_M = 0.05

@@ -49,7 +49,8 @@ def profile_from(source: ProfileText, name: str) -> RobotProfile:
 
 def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
     """Speech passes the emergency stop, so nothing of it may be what moves the robot."""
-    speech, robot = profile.speech, interface_names(profile)
+    # Where a control speaks, speech may too.
+    speech, robot = profile.speech, interface_names(replace(profile, controls=()))
     if speech is None:
         return
     uses = {

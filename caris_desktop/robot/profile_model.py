@@ -14,7 +14,15 @@ from urllib.parse import urlsplit
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
 from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
-from caris_desktop.domain.controls import CONTROL, RosName, RosType
+from caris_desktop.domain.controls import (
+    CONTROL,
+    CallService,
+    PublishMessage,
+    RobotControl,
+    RosName,
+    RosType,
+    SendActionGoal,
+)
 from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import dataclass
@@ -583,6 +591,7 @@ def interface_names(profile: RobotProfile) -> RobotInterfaceNames:
         limit.topic if limit is not None else None,
         limit.reconfigure if limit is not None else None,
         profile.head.topic if profile.head is not None else None,
+        *(_name_of(one) for one in profile.controls if one.is_motion and one.control_class in ("motion", "unknown")),
     )
     own = profile.emergency_stop or EmergencyStopInterface()
     fields = (
@@ -596,6 +605,13 @@ def interface_names(profile: RobotProfile) -> RobotInterfaceNames:
         tuple(StopField(name, field, stops) for name, field, stops in fields if name is not None),
         () if own.clear_service is None else (own.clear_service,),
     )
+
+
+def _name_of(control: RobotControl) -> str | None:
+    match control.effect:
+        case PublishMessage(topic=name) | CallService(service=name) | SendActionGoal(action=name):
+            return name
+    return None
 
 
 def check_address(address: str) -> str:

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.clock import StampAge, now_ns
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.geometry import Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose, lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
-from caris_desktop.robot.footprint import moved_by
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker

@@ -43,17 +43,39 @@ async def cancel(bench: LoopBench) -> None:
     await bench.until(lambda: bench.bridge.operations("cancel_action_goal"), "the cancel")
 
 
-def test_the_one_that_turns_up_after_ours_was_sent_is_ours() -> None:
+@pytest.mark.parametrize("feedback_first", [True, False])
+def test_the_one_that_turns_up_after_ours_was_sent_and_with_feedback_of_ours_is_ours(feedback_first: bool) -> None:
     async def test(bench: LoopBench) -> None:
         await tell(bench, 7)
         client = bench.link._navigator._server
         await bench.until(lambda: client._known_uuids == {"07" * 16}, "somebody else's is known")
-        await go(bench)
+        goal = await go(bench)
+        feedback = {"op": "action_feedback", "id": goal["id"], "action": NAME, "values": {"distance_remaining": 1.0}}
+        if feedback_first:
+            await bench.bridge.send(encode_json(feedback))
+            await bench.until(lambda: client._with_feedback == goal["id"], "feedback")
         await tell(bench, 7, 8)
         await bench.until(lambda: "active" in [goal.state for goal in bench.of(GoalChanged)], "it is active")
+        if not feedback_first:
+            await bench.bridge.send(encode_json(feedback))
+            await bench.until(lambda: client._with_feedback == goal["id"], "feedback")
         await cancel(bench)
         await bench.until(lambda: cancelled_uuids(bench), "it is cancelled by its name")
         assert set(cancelled_uuids(bench)) == {8}
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.logs("robot")
+def test_a_stranger_s_goal_alone_is_not_cancelled_by_name_where_ours_was_refused_without_an_answer() -> None:
+    async def test(bench: LoopBench) -> None:
+        client = bench.link._navigator._server
+        await go(bench)
+        await tell(bench, 8)
+        await bench.until(lambda: client._known_uuids == {"08" * 16}, "the stranger's is known")
+        await cancel(bench)
+        await bench.until(lambda: bench.of(GoalChanged)[-1].state == "cancelled", "ours is over")
+        assert 8 not in cancelled_uuids(bench)
 
     with_link(ROBOT, test)
 

@@ -15,12 +15,19 @@ from caris_desktop.domain.controls import (
     Reading,
     RobotControl,
     SendActionGoal,
+    decided,
 )
 from caris_desktop.domain.events import ControlUsed, Problem
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.robot import controls
 from caris_desktop.robot.controls import parse_path, value_at
-from caris_desktop.robot.profile import EmergencyStopInterface, HeadInterface, NavigationServer, RobotProfile
+from caris_desktop.robot.profile import (
+    EmergencyStopInterface,
+    HeadInterface,
+    NavigationServer,
+    RobotProfile,
+    interface_names,
+)
 from caris_desktop.ros.fields import MessageError
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 
@@ -255,6 +262,23 @@ def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_p
         assert not [one for one in called if one[0] in ("/quiz/next",) or one == ("/stop/set", bool_of)]
 
     with_link(robot, test)
+
+
+def test_what_the_profile_itself_moves_by_is_motion_in_a_scenario_too() -> None:
+    wave = RobotControl("wave", "Wave", "button", CallService("/quiz/next", "std_srvs/Trigger", {}))
+    lamp = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/Bool", {"data": True}))
+    robot = RobotProfile(
+        "test", "Test", head=HeadInterface("joint_trajectory", "/lights", "pan", "tilt"), controls=(wave, lamp)
+    )
+    claims = {
+        "head": PublishMessage("/lights", "std_msgs/Float64", {"data": 1.0}),
+        "below": PublishMessage("lights/level", "std_msgs/Float64", {"data": 1.0}),
+        "again": CallService("quiz/next", "std_srvs/Trigger", {}),
+        "lamp": PublishMessage("/lamp", "std_msgs/Bool", {"data": True}),
+    }
+    for name, effect in claims.items():
+        claimed = decided(RobotControl(name, name, "button", effect, moves=False), interface_names(robot))
+        assert claimed.is_motion == (name != "lamp"), name
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,16 @@ from caris_desktop.domain.commands import (
     GoTo,
     LimitGoals,
     MoveHead,
+    OfferControls,
     Release,
     RequestMap,
     Say,
+    SetEmergencyStop,
     SetInitialPose,
     StopMotion,
     UseControl,
 )
-from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.controls import ControlValue, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import (
     CommandSent,
     ControlUsed,
@@ -261,3 +263,59 @@ def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
         if listener is not None:
             listener.close()
         simulator.kill()
+
+
+GOAL = {"header": {"frame_id": "map"}, "pose": {"position": {"x": 9.0, "y": 5.0}, "orientation": {"w": 1.0}}}
+DISGUISES = (
+    RobotControl(
+        "lamp", "Lamp", "button", moves=False, group="Lights",
+        effect=PublishMessage("/move_base/goal", "move_base_msgs/MoveBaseActionGoal", {"goal": {"target_pose": GOAL}}),
+    ),
+    RobotControl(
+        "sound", "Sound", "button", moves=False,
+        effect=PublishMessage("/move_base_simple/goal", "geometry_msgs/PoseStamped", GOAL),
+    ),
+    RobotControl(
+        "face", "Face", "button", moves=False,
+        effect=SendActionGoal("/move_base", "move_base_msgs/MoveBaseAction", {"target_pose": GOAL}),
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.logs("robot")
+def test_a_goal_in_the_guise_of_a_lamp_moves_nothing_under_a_stop_or_without_the_permission_to_drive() -> None:
+    with SimulatedRobot("--empty", ros=1) as robot:
+        link = LinkProcess(robot.address)
+        try:
+            link.wait_for_state("connected")
+
+            def refused(why: str) -> None:
+                before = len(link.of(ControlUsed))
+                for control in DISGUISES:
+                    link.send(UseControl(now_ns(), f"{control.id} {why}", control.id, True))
+                wait_for(lambda: sum(used.state == "failed" for used in link.of(ControlUsed)[before:]) == 3, why)
+
+            # By the base that is read behind what a control would have sent.
+            def way_m() -> float:
+                here = robot.state()["pose"]
+                return math.hypot(here["x"] - begin["x"], here["y"] - begin["y"])
+
+            begin = robot.state()["pose"]
+            link.send(OfferControls(now_ns(), DISGUISES, driving_permitted=False))
+            link.send(SetEmergencyStop(now_ns(), True))
+            refused("stopped, without permission")
+            link.send(OfferControls(now_ns(), DISGUISES))
+            refused("stopped")
+            link.send(SetEmergencyStop(now_ns(), False))
+            wait_for(lambda: not robot.state()["emergency_stopped"], "released")
+            link.send(OfferControls(now_ns(), DISGUISES, driving_permitted=False))
+            refused("without permission")
+            odometries = len(link.of(Odometry))
+            wait_for(lambda: len(link.of(Odometry)) > odometries + 40, "two seconds of odometry")
+            assert (robot.state()["goal_id"], way_m()) == ("", 0.0)
+            # And with both it drives, as a control that moves may.
+            link.send(OfferControls(now_ns(), DISGUISES))
+            link.send(UseControl(now_ns(), "drive", "lamp", True))
+            wait_for(lambda: way_m() > 0.3, "it drives")
+        finally:
+            link.close()

@@ -11,9 +11,8 @@ import pytest
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
 from caris_desktop.domain.events import CommandSent, MovementChanged
-from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moves
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by, moves
 from caris_desktop.domain.sensing import Odometry
-from caris_desktop.robot.footprint import moved_by
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.profile import RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.ros.dialect import Dialect

@@ -497,6 +497,11 @@ def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, surv
         notes.add(
             f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
         )
+    if maker.odometry_without_pose:
+        notes.add(
+            f"{maker.odometry_without_pose} messages of the odometry tell no rotation (a zero quaternion): their speed "
+            "is kept, and their pose is reckoned from it."
+        )
     if maker.unusable_transforms:
         which = ", ".join(sorted(maker.unusable_transforms)[:10])
         notes.add(f"Transforms without a rotation or place are left out: {which}.")

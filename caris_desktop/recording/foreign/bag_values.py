@@ -22,7 +22,7 @@ from caris_desktop.domain.events import (
     Speaker,
     UtteranceChanged,
 )
-from caris_desktop.domain.geometry import Pose2D, Pose3D
+from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D, moved_by
 from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import (
@@ -30,6 +30,7 @@ from caris_desktop.domain.sensing import (
     CameraLens,
     LaserScan,
     OccupancyGrid,
+    Odometry,
     PlannedPath,
     RobotPose,
     lidar_mounting,
@@ -320,9 +321,11 @@ class ValueMaker:
         self.lasers_without_place: set[str] = set()
         self.tilted_lasers: dict[str, float] = {}
         self.unusable_transforms: set[str] = set()
+        self.odometry_without_pose = 0
+        self._odometry: Odometry | None = None
         self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
             "scan": self._scan,
-            "odometry": lambda message, at_ns, _: iter([messages.decode_odometry(message, stamp_ns=at_ns)]),
+            "odometry": self._take_odometry,
             "map": self._map,
             "path": self._path,
             "battery": lambda message, at_ns, _: iter([messages.decode_battery_state(message, stamp_ns=at_ns)]),
@@ -383,6 +386,18 @@ class ValueMaker:
         else:
             self.tilted_lasers.pop(frame, None)
             yield scan.mounted(place.floor, upside_down=mounting == "upside_down")
+
+    def _take_odometry(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[Odometry]:
+        def reckoned(twist: Twist2D) -> Pose2D:
+            """Carried on with its speed, as it is live."""
+            self.odometry_without_pose += 1
+            if self._odometry is None:
+                return Pose2D(0.0, 0.0, 0.0)
+            elapsed_s = min(max((at_ns - self._odometry.stamp_ns) / 1e9, 0.0), 1.0)
+            return self._odometry.pose_in_odom @ moved_by(twist, elapsed_s)
+
+        self._odometry = messages.decode_odometry(message, stamp_ns=at_ns, pose_of=reckoned)
+        yield self._odometry
 
     def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
         yield messages.decode_occupancy_grid(message, stamp_ns=at_ns)

@@ -626,6 +626,23 @@ def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> 
     assert "pixels" in image.reason
 
 
+def test_odometry_without_a_rotation_keeps_its_speed_and_is_counted(tmp_path: Path) -> None:
+    written = []
+    for number in range(1, 7):
+        odometry = Odometry(0, None, Pose2D(7.0, 7.0, 0.0), Twist2D(0.5, 0.0, 0.1))
+        message = messages.encode_odometry(ROS2, odometry, stamp_ns=T0_NS)
+        message["pose"]["pose"]["orientation"] = dict.fromkeys("xyzw", 0.0)
+        written.append(("/odom", "nav_msgs/msg/Odometry", 100 * number, message))
+    report = import_bag(write_ros1(tmp_path / "a.bag", iter(written)), tmp_path / "session")
+    (topic,) = report.topics
+    assert (topic.used, topic.became) == (6, "odometry")
+    assert any("6 messages of the odometry tell no rotation" in note for note in report.notes)
+    found = values(open_session(report.folder), Odometry)
+    assert {one.twist for one in found} == {Twist2D(0.5, 0.0, 0.1)}
+    assert [round(one.pose_in_odom.heading_rad, 3) for one in found] == [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
+    assert found[-1].pose_in_odom.x_m == pytest.approx(0.25, abs=0.01)
+
+
 _TRUE_NS = 1_790_000_000 * 10**9
 _Spoken = tuple[int, str]
 
