@@ -20,7 +20,7 @@ from caris_desktop.ros.messages import decode_bool, encode_bool
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")
 # A rosbridge that has just been started does not know the robot's services yet.
-TRIED_AGAIN_AFTER_S = 0.1
+TRIED_AGAIN_AFTER_S, OFTEN_WITHIN_S = 0.1, 3.0
 _LOOKED_FOR_EVERY_S = 2.0
 _TRIED_AGAIN_EVERY_S = 30.0
 
@@ -72,6 +72,7 @@ class EmergencyStop:
         self._told_unreached = False
         self._again: asyncio.TimerHandle | None = None
         self._again_after_s = TRIED_AGAIN_AFTER_S
+        self._connected_s = 0.0
         self._command: SafeTopic | None = None
         bool_type = type_name(dialect, "std_msgs", "Bool")
         if self._interface.topic is not None:
@@ -138,6 +139,7 @@ class EmergencyStop:
 
     def link_connected(self) -> None:
         """A robot that comes back is told again what the wizard wants."""
+        self._connected_s = asyncio.get_running_loop().time()
         if self._wizard_latched:
             self._tell_robot(latched=True)
 
@@ -164,9 +166,11 @@ class EmergencyStop:
 
     def _try_again_later(self) -> None:
         if self._again is None and self._wizard_latched:
-            self._again = asyncio.get_running_loop().call_later(self._again_after_s, self._try_again)
-            # A service that does not answer holds a part of rosbridge each time.
-            self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_EVERY_S)
+            loop = asyncio.get_running_loop()
+            self._again = loop.call_later(self._again_after_s, self._try_again)
+            if loop.time() - self._connected_s > OFTEN_WITHIN_S:
+                # A service that does not answer holds a part of rosbridge each time.
+                self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_EVERY_S)
 
     def _try_no_more(self) -> None:
         self._again_after_s = TRIED_AGAIN_AFTER_S

@@ -47,7 +47,8 @@ class SentLog(_Lines):
 
 class ObeyedLog(_Lines):
     """One JSON line per message that the robot took from a client and obeyed: ``at_ns`` (monotonic clock, the same for
-    every process of this machine), ``client``, ``topic`` and ``message``; and one per client: ``at_ns``, ``connected``.
+    every process of this machine), ``client``, ``topic`` and ``message``; one per service that it carried out:
+    ``at_ns``, ``client``, ``service`` and ``request``; and one per client: ``at_ns``, ``connected``.
 
     Raises
     ------
@@ -62,6 +63,10 @@ class ObeyedLog(_Lines):
     def obeyed(self, client: str, topic: str, message: dict[str, Any]) -> None:
         """Note one message."""
         self._write({"at_ns": time.monotonic_ns(), "client": client, "topic": topic, "message": message})
+
+    def called(self, client: str, service: str, request: Any) -> None:
+        """Note one call of a service."""
+        self._write({"at_ns": time.monotonic_ns(), "client": client, "service": service, "request": request})
 
 
 def _stamp_ns(message: dict[str, Any]) -> int | None:

@@ -544,6 +544,8 @@ class BridgeServer:
         try:
             values = self._call(name, arguments)
             succeeded = True
+            if self._obeyed_log is not None:
+                self._obeyed_log.called(client.name, name, arguments)
         except MessageError as error:
             values = str(error)
         except CallFailed as error:

@@ -3,8 +3,8 @@
 ``python -m tests.app.console_child ADDRESS STUDY_DIR`` plays the tour guide, and with CARIS_TEST_WHOLE set also its
 language model and recogniser. Lines: ``press KEY``, ``release KEY``, ``record``,
 ``end_recording``, ``pause``, ``go_on``, ``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``,
-``place X_M Y_M NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``,
-``unplug`` (the virtual gamepad), ``quit``.
+``stop``, ``place X_M Y_M NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``,
+``pad AXIS VALUE``, ``unplug`` (the virtual gamepad), ``quit``.
 Prints a JSON line whenever something that a wizard would see has changed.
 """
 
@@ -75,6 +75,8 @@ class Driver(Reporter):
         elif word == "go":
             x_m, y_m = map(float, rest.split())
             self._run.console.do(intents.GoToPoint(Pose2D(x_m, y_m, 0.0)))
+        elif word == "stop":
+            self._run.console.do(intents.Stop())
         elif word == "place":
             x_m, y_m, name = rest.split(maxsplit=2)
             self._run.console.do(intents.SavePlace(name, Pose2D(float(x_m), float(y_m), 0.0)))

@@ -7,6 +7,7 @@ first new connection. The robot is not driven until the wizard presses a key ane
 
 import contextlib
 import json
+import math
 import os
 import random
 import signal
@@ -142,7 +143,7 @@ class Bench:
 def _read(line: dict[str, Any]) -> Read | None:
     if "connected" in line:
         return Read(line["at_ns"], line["connected"], None)
-    if line["topic"] != "/cmd_vel":
+    if line.get("topic") != "/cmd_vel":
         return None
     axes = (line["message"]["linear"]["x"], line["message"]["linear"]["y"], line["message"]["angular"]["z"])
     return Read(line["at_ns"], line["client"], any(axes))
@@ -195,6 +196,31 @@ def _judge(outcomes: list[Outcome], zero_within_s: float) -> None:
 
 def test_stops_and_kills_leave_a_zero_as_the_last_word(bench: Bench) -> None:
     _judge(_suffer(bench, SHORT, seed=8, longest_stop_s=2.5), ZERO_WITHIN_S_ON_A_BUSY_MACHINE)
+
+
+def test_a_link_killed_under_a_goal_leaves_a_robot_that_stands_and_a_console_that_drives(bench: Bench) -> None:
+    console = bench.console
+    for _ in range(2):
+        console.wait_until_shown(link="connected", drive_allowed=True)
+        bench.robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
+        console.say("go 3.0 4.0")
+        console.wait_until_shown(goal="active")
+        wait_for(lambda: bench.robot.state()["speed_mps"] > 0.1, "it drives to its goal")
+        killed = console.shown["children"]["control"]
+        os.kill(killed, signal.SIGKILL)
+        stood = wait_for(
+            lambda: (state := bench.robot.state())["goal_id"] == "" and state["speed_mps"] == 0.0 and state, "it stands"
+        )
+        wait_for(lambda: console.shown["goal"] in ("cancelled", "failed"), f"the end of it, have {console.shown}")
+        wait_for(lambda: console.shown["link"] == "connected" and console.shown["drive_allowed"], "another link")
+        assert console.shown["children"]["control"] != killed
+        assert math.dist((stood["pose"]["x_m"], stood["pose"]["y_m"]), (3.0, 4.0)) > 1.0, "it was stopped on its way"
+        bench.drive(3)
+        console.say("release A")
+        console.say("go 3.0 4.0")
+        console.wait_until_shown(goal="active")
+        console.say("stop")
+        wait_for(lambda: console.shown["goal"] == "cancelled", "and Stop stops the next")
 
 
 @pytest.mark.long

@@ -298,7 +298,7 @@ def test_a_goal_in_the_guise_of_a_lamp_moves_nothing_under_a_stop_or_without_the
             # By the base that is read behind what a control would have sent.
             def way_m() -> float:
                 here = robot.state()["pose"]
-                return math.hypot(here["x"] - begin["x"], here["y"] - begin["y"])
+                return math.hypot(here["x_m"] - begin["x_m"], here["y_m"] - begin["y_m"])
 
             begin = robot.state()["pose"]
             link.send(OfferControls(now_ns(), DISGUISES, driving_permitted=False))

@@ -16,7 +16,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.profile import RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.messages import encode_odometry, encode_twist, encode_twist_stamped
+from caris_desktop.ros.messages import decode_twist, encode_odometry, encode_twist, encode_twist_stamped
 from tests.robot.loop_bench import LoopBench, inventory, with_link
 
 ROBOT = RobotProfile("test", "Test", odometry=TopicSource("/odom"))
@@ -281,3 +281,68 @@ def test_a_drive_that_is_not_followed_is_told_and_one_that_is_not_is_quiet() -> 
         assert "uncommanded" not in [changed.state for changed in bench.of(MovementChanged)]
 
     with_link(ROBOT, test)
+
+
+class TwistMux:
+    """A base behind twist_mux: of the inputs that are not older than half a second, the one with the highest priority
+    passes, unless a lock of at least its priority masks it.
+    """
+
+    _EXPIRES_S, _PRIORITIES, _LOCK = 0.5, {"/key_vel": 10, "/joy_vel": 100}, 255
+
+    def __init__(self, bench: LoopBench) -> None:
+        self._bench = bench
+        self._loop = asyncio.get_running_loop()
+        self._came: dict[str, tuple[float, Twist2D]] = {}
+        self._taken = 0
+        self.locked = False
+        self.joystick = ZERO_TWIST
+
+    def moves(self) -> Twist2D:
+        now_s = self._loop.time()
+        published = self._bench.bridge.published("/key_vel")
+        if len(published) > self._taken:
+            self._taken = len(published)
+            self._came["/key_vel"] = now_s, decode_twist(published[-1])
+        if self.joystick.moving:
+            self._came["/joy_vel"] = now_s, self.joystick
+        alive = {name: twist for name, (at_s, twist) in self._came.items() if now_s - at_s <= self._EXPIRES_S}
+        masked_to = self._LOCK if self.locked else 0
+        passing = [name for name in alive if self._PRIORITIES[name] >= masked_to]
+        return alive[max(passing, key=self._PRIORITIES.__getitem__)] if passing else ZERO_TWIST
+
+    async def drive(self) -> None:
+        while True:
+            await tell(self._bench, self.moves())
+            await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize("held_by", ["lock", "joystick"])
+def test_a_twist_mux_that_lets_others_pass_is_told_and_never_called_still(held_by: str) -> None:
+    robot = replace(ROBOT, velocity=VelocityTopic("/key_vel", "Twist"))
+
+    async def test(bench: LoopBench) -> None:
+        mux = TwistMux(bench)
+        base = asyncio.create_task(mux.drive())
+        try:
+            await bench.until(lambda: state(bench).state == "standing", "it stands")
+
+            def driven() -> str:
+                bench.send(Drive(now_ns(), Twist2D(0.3), "keyboard"), RenewLease(now_ns()))
+                return state(bench).state
+
+            await bench.until(lambda: driven() == "moving", "it follows")
+            mux.locked, mux.joystick = held_by == "lock", Twist2D(-0.3) if held_by == "joystick" else ZERO_TWIST
+            await bench.until(lambda: driven() == "not_following", "it is told")
+            bench.send(StopMotion(now_ns()))
+            wanted = "standing" if held_by == "lock" else "uncommanded"
+            await bench.until(lambda: state(bench).state == wanted, f"it is {wanted}")
+            # Zero does not help against a higher priority: the wizard is told that it was stopped here.
+            assert state(bench).stopped == (held_by == "joystick")
+            mux.locked, mux.joystick = False, ZERO_TWIST
+            await bench.until(lambda: state(bench).state == "standing" and not state(bench).stopped, "it stands")
+            await bench.until(lambda: driven() == "moving", "it follows again")
+        finally:
+            base.cancel()
+
+    with_link(robot, test)

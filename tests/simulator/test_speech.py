@@ -81,6 +81,7 @@ def test_the_robot_is_heard_and_silenced(sound: SoundServer) -> None:
         client.publish("/tts", {"data": SENTENCE})
         wait_for(lambda: listening.loud_total_s() > 0.5, "the sentence is heard")
         wait_for(lambda: [m["data"] for m in client.messages("/tts/speaking")] == [False, True, False], "it is spoken")
+        one_s = listening.loud_total_s()
         client.publish("/tts", {"data": SENTENCE * 10})
         again = sound.listen()
         wait_for(lambda: again.loud_total_s() > 0.3, "the long one is heard")
@@ -88,4 +89,6 @@ def test_the_robot_is_heard_and_silenced(sound: SoundServer) -> None:
         wait_for(lambda: not client.messages("/tts/speaking")[-1]["data"], "it is silent")
         after = sound.listen()
         wait_for(lambda: after.length_s > 2.0, "two seconds pass")
-        assert after.loud_total_s() < 0.5
+        # What lay in the sound server's buffers is heard out. Of ten sentences hardly one is.
+        assert again.loud_total_s() < 3.0 * one_s
+        assert after.loud_total_s() < one_s

@@ -1,0 +1,78 @@
+"""``safety_child`` that also tells when a stop was pressed, and where what is on show contradicts the odometry.
+
+More lines: ``act stop``, ``act estop``, ``act release KEY`` (real keys), ``speak WORDS``. Reported: ``acted`` (how
+many, and when the last key went down or up) and ``contradictions``, each with how long it was on show.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel
+
+from caris_desktop.app.console_command import ConsoleRun
+from caris_desktop.domain import intents
+from caris_desktop.domain.geometry import moves
+from caris_desktop.ui.bands import EmergencyBand
+from caris_desktop.ui.glance import GlanceSigns
+from tests.app.console_child import main
+from tests.app.safety_child import SafetyDriver
+
+
+class StopsDriver(SafetyDriver):
+    def __init__(self, run: ConsoleRun) -> None:
+        super().__init__(run)
+        self._acted: tuple[int, int] = (0, 0)
+        self._contradictions: list[dict[str, object]] = []
+        self._contradicts_since_ns = 0
+        self._signs = run.window.findChild(GlanceSigns)
+        self._now = run.window.findChild(QLabel, "robot_now")
+        self._band = run.window.findChild(EmergencyBand)
+
+    def _on_line(self, line: str) -> None:
+        word, _, rest = line.partition(" ")
+        if word == "act":
+            act, _, key = rest.partition(" ")
+            window = self._run.window
+            target = QApplication.activeModalWidget() or QApplication.focusWidget() or window
+            if act == "estop":
+                QTest.keyClick(target, Qt.Key.Key_Escape)
+            at_ns = time.monotonic_ns()
+            if act == "release":
+                QTest.keyRelease(target, Qt.Key(getattr(Qt.Key, f"Key_{key}")))
+            else:
+                QTest.keyClick(target, Qt.Key.Key_Escape)
+            self._acted = (self._acted[0] + 1, at_ns)
+        elif word == "speak":
+            self._run.console.do(intents.Say(rest, "typed"))
+        else:
+            super()._on_line(line)
+
+    def _on_show(self) -> dict[str, object]:
+        self._look_for_contradictions()
+        return {**super()._on_show(), "acted": list(self._acted), "contradictions": list(self._contradictions)}
+
+    def _look_for_contradictions(self) -> None:
+        state = self._run.console.state
+        sign, now = self._signs.signs["moving"].word, self._now.text()
+        band = self._band.accessibleName() if self._band.isVisibleTo(self._run.window) else ""
+        stands = sign == "Still" or "Standing still" in now or "The robot stands" in band
+        known = state.odometry.value is not None and state.odometry.freshness in ("fresh", "stale")
+        odometry = state.odometry.value if known else None
+        wrong = odometry is not None and (stands if moves(odometry.twist) else sign == "Moving")
+        now_ns = time.monotonic_ns()
+        if not wrong:
+            self._contradicts_since_ns = 0
+        elif not self._contradicts_since_ns:
+            self._contradicts_since_ns = now_ns
+            twist = odometry.twist
+            speeds = [round(twist.forward_mps, 3), round(twist.turn_radps, 3)]
+            self._contradictions.append({"sign": sign, "now": now, "band": band, "speeds": speeds, "lasted_ms": 0})
+        else:
+            self._contradictions[-1]["lasted_ms"] = (now_ns - self._contradicts_since_ns) // 1_000_000
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], Path(sys.argv[2]), StopsDriver))

@@ -1,0 +1,298 @@
+"""Stops, emergency stops and key releases at random moments, whatever the robot is busy with, through the real console.
+
+Judged by the robot's own log: from the key on, or from the return of the bridge, the last velocity is zero within
+0.2 s, at most four older velocities are obeyed, and the robot's own emergency stop is called as soon. What is on show
+never says that the robot stands while its odometry says that it moves, nor the other way round.
+"""
+
+import json
+import os
+import random
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import pytest
+
+from caris_desktop.domain.controls import CallService, RobotControl, SendActionGoal
+from caris_desktop.robot.profile import load_profile, save_profile
+from caris_desktop.robot.unread import MOST_UNREAD
+from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
+from tests.support.console_process import ConsoleProcess
+from tests.support.polling import wait_for
+from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
+
+pytestmark = pytest.mark.alone
+
+MS = 1_000_000
+SITUATIONS = ("goal", "refused", "never", "slow", "say", "plain", "frozen", "killed")
+ACTS = ("stop", "estop", "release")
+WITHIN_MS, SHOWN_WRONG_MS = 200, 300
+# Beside other tests the robot itself and the window may take their time.
+WITHIN_MS_ON_A_BUSY_MACHINE, SHOWN_WRONG_MS_ON_A_BUSY_MACHINE = 1_500, 2_000
+
+
+@dataclass(frozen=True, slots=True)
+class Obeyed:
+    """What the robot did: a velocity, or (``moving`` is None) its emergency stop."""
+
+    at_ns: int
+    moving: bool | None
+
+
+class Robot(Protocol):
+    """The robot of the trials, whose bridge may be stopped and killed."""
+
+    @property
+    def bridge_pid(self) -> int: ...
+
+    def obeyed(self) -> list[Obeyed]:
+        """All so far."""
+
+    def make_ready(self) -> None:
+        """Before a round."""
+
+    def restart_bridge(self) -> None:
+        """After it was killed."""
+
+    def came_back_ns(self, since_ns: int) -> int | None:
+        """When a client was first let in since then, or obeyed where that is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Of one round; times count from the key, or from the return of the bridge, in milliseconds."""
+
+    number: int
+    situation: str
+    act: str
+    drove: bool
+    zero_ms: float | None = None
+    old: int = 0
+    estop_ms: float | None = None
+    shown_wrong: list[dict[str, Any]] = field(default_factory=list)
+
+    def misses(self, within_ms: float, shown_wrong_ms: float) -> bool:
+        expects_zero = self.drove or self.act != "release"
+        return (
+            (expects_zero and (self.zero_ms is None or self.zero_ms > within_ms))
+            or self.old > MOST_UNREAD
+            or (self.act == "estop" and (self.estop_ms is None or self.estop_ms > within_ms))
+            or any(wrong["lasted_ms"] > shown_wrong_ms for wrong in self.shown_wrong)
+        )
+
+
+class Rounds:
+    """The console that a wizard would sit at, and one robot."""
+
+    def __init__(self, robot: Robot, profile: Path, folder: Path, *, seed: int) -> None:
+        self.robot = robot
+        self._chance = random.Random(seed)  # noqa: S311 (moments, not secrets)
+        # Nobody is to be found here, and looking for people would slow down everything else.
+        (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
+        environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
+        environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
+        environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
+        self.console = ConsoleProcess(profile, folder / "study", module="tests.robot.stops_child", **environment)
+        self.console.wait_until_shown(timeout_s=120.0, link="connected")
+
+    def _pass(self, seconds: float) -> None:
+        until_s = time.monotonic() + seconds
+        wait_for(lambda: time.monotonic() >= until_s, "a moment")
+
+    def round(self, number: int, situation: str, act: str, targets: dict[str, str]) -> Outcome:
+        self._release()
+        self.robot.make_ready()
+        wrong = len(self.console.shown["contradictions"])
+        if situation in targets:
+            self.console.say(targets[situation])
+        self._pass(self._chance.uniform(0.05, 0.8))
+        drove = act == "release" or situation in ("plain", "frozen", "killed") or self._chance.random() < 0.5
+        if drove:
+            self._drive()
+            self._pass(self._chance.uniform(0.0, 0.6))
+        before = len(self.robot.obeyed())
+        if situation == "frozen":
+            os.kill(self.robot.bridge_pid, signal.SIGSTOP)
+            self._pass(self._chance.uniform(0.0, 0.4))
+        elif situation == "killed":
+            os.kill(self.robot.bridge_pid, signal.SIGKILL)
+        acts = self.console.shown["acted"][0]
+        self.console.say(f"act {act} A")
+        wait_for(lambda: self.console.shown["acted"][0] > acts, "the key")
+        from_ns: int = self.console.shown["acted"][1]
+        if situation == "frozen":
+            self._pass(self._chance.choice([0.1, 0.4, 1.5, 3.0]))
+            from_ns = time.monotonic_ns()
+            os.kill(self.robot.bridge_pid, signal.SIGCONT)
+        elif situation == "killed":
+            from_ns = time.monotonic_ns()
+            self.robot.restart_bridge()
+            started_ns = from_ns
+            from_ns = wait_for(lambda: self.robot.came_back_ns(started_ns), "it is back") or 0
+        outcome = self._judge(Outcome(number, situation, act, drove), before, from_ns)
+        self.console.say("release A")
+        self.console.say("act stop")
+        return replace(outcome, shown_wrong=self.console.shown["contradictions"][wrong:])
+
+    def _release(self) -> None:
+        """Until it may be driven; what was said while a full machine lost the link is said again."""
+
+        def released() -> bool:
+            self.console.say("clear")
+            self._pass(0.2)
+            shown = self.console.shown
+            return shown["link"] == "connected" and shown["drive_allowed"] and not shown["held"]
+
+        wait_for(released, "the emergency stop is released", timeout_s=60.0)
+
+    def _drive(self) -> None:
+        """Until the robot obeys; a busy machine may stall the window, which ends a drive."""
+        for _attempt in range(10):
+            before = len(self.robot.obeyed())
+            self.console.say("press A")
+            try:
+                wait_for(lambda: any(each.moving for each in self.robot.obeyed()[before:]), "a drive", timeout_s=3.0)  # noqa: B023
+            except AssertionError:
+                self.console.say("release A")
+            else:
+                return
+            self._release()
+        raise AssertionError(f"it never drove; last: {self.console.shown}")
+
+    def _judge(self, outcome: Outcome, before: int, from_ns: int) -> Outcome:
+        act, drove = outcome.act, outcome.drove
+
+        def zero_ns() -> int | None:
+            """When the first zero came behind the last velocity."""
+            velocities = [each for each in self.robot.obeyed()[before:] if each.moving is not None]
+            last = max((at for at, each in enumerate(velocities) if each.moving), default=-1)
+            zeros = [each.at_ns for each in velocities[last + 1 :] if last >= 0 or each.at_ns >= from_ns]
+            return zeros[0] if zeros else None
+
+        def estop_ns() -> int | None:
+            return next((each.at_ns for each in self.robot.obeyed()[before:] if each.moving is None), None)
+
+        def complete() -> bool:
+            return (zero_ns() is not None or (act == "release" and not drove)) and (act != "estop" or bool(estop_ns()))
+
+        limit_s = time.monotonic() + 15.0
+        wait_for(lambda: complete() or time.monotonic() > limit_s, "zero, and the emergency stop")
+        # Whatever comes late would have come by now.
+        self._pass(0.7)
+        zero, estop = zero_ns(), estop_ns()
+        old = sum(bool(each.moving) and each.at_ns >= from_ns for each in self.robot.obeyed()[before:])
+        return replace(
+            outcome,
+            zero_ms=None if zero is None else max(0.0, round((zero - from_ns) / MS, 1)),
+            old=old,
+            estop_ms=None if estop is None else max(0.0, round((estop - from_ns) / MS, 1)),
+        )
+
+    def run(self, count: int, targets: dict[str, str]) -> list[Outcome]:
+        situations = [SITUATIONS[number % len(SITUATIONS)] for number in range(count)]
+        self._chance.shuffle(situations)
+        outcomes = []
+        for number, situation in enumerate(situations):
+            outcomes.append(self.round(number, situation, self._chance.choice(ACTS), targets))
+            print(outcomes[-1], flush=True)
+        return outcomes
+
+
+class Simulated:
+    """The simulated robot, which queues as rosbridge of its ROS does; a client of it offers a service that hangs."""
+
+    def __init__(self, ros: int, folder: Path) -> None:
+        self._log = folder / "obeyed.jsonl"
+        (folder / "maps").mkdir()
+        self._arguments = ("--empty", "--obeyed-log", str(self._log), "--maps-folder", str(folder / "maps"))
+        self._ros = ros
+        self._robot = SimulatedRobot(*self._arguments, ros=ros)
+        self._position = 0
+        self._obeyed: list[Obeyed] = []
+        self._let_in_ns: list[int] = []
+        self._hangs: RosbridgeClient | None = None
+        profile = load_profile("simulated-ros2" if ros == 2 else "simulated")
+        trigger, fibonacci = "std_srvs/Trigger", "example_interfaces/Fibonacci"
+        controls = (
+            RobotControl("slow", "Slow", "button", CallService("/slow", trigger, {})),
+            RobotControl("never", "Never", "button", SendActionGoal("/nobody", fibonacci, {"order": 1})),
+        )
+        save_profile(replace(profile, address=self._robot.address, controls=controls), folder / "robot.yaml")
+
+    @property
+    def bridge_pid(self) -> int:
+        return self._robot.pid
+
+    def make_ready(self) -> None:
+        self._robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
+        if self._hangs is None or self._hangs.closed:
+            self._hangs = RosbridgeClient(self._robot.address)
+            kind = "std_srvs/srv/Trigger" if self._ros == 2 else "std_srvs/Trigger"
+            self._hangs.send(op="advertise_service", service="/slow", type=kind)
+
+    def restart_bridge(self) -> None:
+        self._robot.kill()
+        if self._hangs is not None:
+            self._hangs.close()
+        self._robot = SimulatedRobot(*self._arguments, ros=self._ros, port=self._robot.port)
+
+    def came_back_ns(self, since_ns: int) -> int | None:
+        self.obeyed()
+        return next((at_ns for at_ns in self._let_in_ns if at_ns >= since_ns), None)
+
+    def obeyed(self) -> list[Obeyed]:
+        if not self._log.exists():
+            return []
+        with self._log.open("rb") as stream:
+            stream.seek(self._position)
+            for raw in stream:
+                if not raw.endswith(b"\n"):
+                    break
+                self._position += len(raw)
+                line = json.loads(raw)
+                if line.get("topic") == "/cmd_vel":
+                    linear, angular = line["message"]["linear"], line["message"]["angular"]
+                    self._obeyed.append(Obeyed(line["at_ns"], any((linear["x"], linear["y"], angular["z"]))))
+                elif line.get("service") == "/emergency_stop/set" and line["request"]["data"]:
+                    self._obeyed.append(Obeyed(line["at_ns"], None))
+                elif "connected" in line:
+                    self._let_in_ns.append(line["at_ns"])
+        return self._obeyed
+
+    def close(self) -> None:
+        os.kill(self._robot.pid, signal.SIGCONT)
+        if self._hangs is not None:
+            self._hangs.close()
+        self._robot.kill()
+
+
+TARGETS = {
+    "goal": "go 3.0 4.0", "refused": "go -50 -50", "never": "use never true", "slow": "use slow true",
+    "say": "speak Hello, and welcome to our laboratory",
+}  # fmt: skip
+
+
+@pytest.fixture(params=[1, 2], ids=["ROS 1", "ROS 2"])
+def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
+    robot = Simulated(request.param, tmp_path)
+    rounds = Rounds(robot, tmp_path / "robot.yaml", tmp_path, seed=25 + request.param)
+    yield rounds
+    rounds.console.close()
+    robot.close()
+
+
+def test_a_stop_at_any_moment_is_the_last_word(rounds: Rounds) -> None:
+    outcomes = rounds.run(len(SITUATIONS), TARGETS)
+    limits = WITHIN_MS_ON_A_BUSY_MACHINE, SHOWN_WRONG_MS_ON_A_BUSY_MACHINE
+    assert not [outcome for outcome in outcomes if outcome.misses(*limits)]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_a_hundred_and_fifty_stops(rounds: Rounds) -> None:
+    outcomes = rounds.run(150, TARGETS)
+    assert not [outcome for outcome in outcomes if outcome.misses(WITHIN_MS, SHOWN_WRONG_MS)]
