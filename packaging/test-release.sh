@@ -3,6 +3,7 @@
 #
 #   bash packaging/test-release.sh            with the versions that pyproject.toml permits
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
+#   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and of the suite what pytest is told to run
 #
 # Needs root, debootstrap, some 12 GB and an hour. The package sources, certificates and proxies are this machine's. The
 # system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the next run; --fresh makes it anew.
@@ -11,12 +12,18 @@ set -euo pipefail
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 root=${CARIS_RELEASE_ROOT:-/var/tmp/caris-debian-13}
 newest=no
+of_suite=()
 for argument in "$@"; do
+  if [[ ${suite_follows:-} == yes ]]; then
+    of_suite+=("$argument")
+    continue
+  fi
   case $argument in
+    --) suite_follows=yes ;;
     --newest) newest=yes ;;
-    --fresh) rm -rf --one-file-system -- "$root" ;;
+    --fresh) if [[ ${CARIS_OWN_MOUNTS:-} != yes ]]; then rm -rf --one-file-system -- "$root"; fi ;;
     *)
-      echo "test-release.sh: unknown argument '$argument' (known: --newest, --fresh)" >&2
+      echo "test-release.sh: unknown argument '$argument' (known: --newest, --fresh, --)" >&2
       exit 2
       ;;
   esac
@@ -26,7 +33,7 @@ command -v debootstrap >/dev/null || { echo "test-release.sh: debootstrap is not
 
 # Everything from here on has mounts of its own: they are gone with this process, whatever ends it.
 if [[ ${CARIS_OWN_MOUNTS:-} != yes ]]; then
-  CARIS_OWN_MOUNTS=yes exec unshare --mount --propagation private bash "${BASH_SOURCE[0]}" "${@//--fresh/}"
+  CARIS_OWN_MOUNTS=yes exec unshare --mount --propagation private bash "${BASH_SOURCE[0]}" "$@"
 fi
 
 # --- the system ---------------------------------------------------------------------------------------------------------
@@ -80,7 +87,7 @@ status=0
 printf '\n== demo on %s\n' "$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAME"')"
 inside bash packaging/demo.sh || status=$?
 printf '\n== suite\n'
-inside bash packaging/test.sh || status=$?
+inside bash packaging/test.sh "${of_suite[@]}" || status=$?
 printf '\n== tried with\n'
 inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
 inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |
