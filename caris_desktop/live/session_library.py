@@ -29,6 +29,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.studies.query import SessionQuery
 
 if TYPE_CHECKING:
@@ -217,6 +218,7 @@ class LiveSessionLibrary(QObject):
         *,
         licence: str = "",
         with_names: bool = False,
+        csv: CsvStyle = SHOWN,
     ) -> None:
         if self._exporter is not None:
             return
@@ -230,6 +232,7 @@ class LiveSessionLibrary(QObject):
             licence=licence,
             folder_per_session=len(sessions) > 1,
             with_names=with_names,
+            csv=csv,
         )
         exporter = ChildProcess(
             ProcessBody("export", run_exports, (request,)),

@@ -15,6 +15,7 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState, LiveValue
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.scenario.model import Scenario
 
 if TYPE_CHECKING:
@@ -192,6 +193,7 @@ class SessionLibrary(Protocol):
         *,
         licence: str = "",
         with_names: bool = False,
+        csv: CsvStyle = SHOWN,
     ) -> None:
         """Export each session in each format (``recording.export.FORMATS``) in a process.
 

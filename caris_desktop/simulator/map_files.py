@@ -7,6 +7,7 @@ import io
 import re
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.pictures import PictureError, decoded
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M
 from caris_desktop.simulator.mapping import RESOLUTION_M
@@ -23,6 +25,7 @@ from caris_desktop.simulator.mapping import RESOLUTION_M
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205
 _FREE_THRESH, _OCCUPIED_THRESH = 0.25, 0.65
 _NAME = re.compile(r"/?\w[\w .-]*(/\w[\w .-]*)*")
+_PGM_HEAD = re.compile(rb"P5(?:\s|#.*\n)+(?P<width>\d{1,6})(?:\s|#.*\n)+(?P<height>\d{1,6})(?:\s|#.*\n)+255\s")
 _MOST_CHARS = 200
 _MOST_BYTES = 64 * 1024 * 1024
 
@@ -88,10 +91,10 @@ class MapFiles:
             raise MapFileError(f"{path.name} does not name its picture")
         within = path.parent.relative_to(self.folder.resolve())
         picture_path = self._path(str(within / description["image"]))
-        content = np.frombuffer(self._read(picture_path), dtype=np.uint8)
-        picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE) if len(content) else None
-        if picture is None:
-            raise MapFileError(f"{picture_path.name} is no picture")
+        try:
+            picture = _grey(self._read(picture_path))
+        except PictureError as error:
+            raise MapFileError(f"{picture_path.name} {error}") from error
         cells = np.full(picture.shape, -1, dtype=np.int8)
         darkness = 1.0 - picture[::-1].astype(np.float64) / 255.0
         # the grey of the unknown lies just below the free threshold that map_server writes, so it comes first
@@ -116,7 +119,7 @@ class MapFiles:
         try:
             with np.load(path, allow_pickle=False) as stored:
                 return stored["evidence"], stored["known"]
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
             raise MapFileError(f"{path.name} cannot be read: {error}") from error
 
     def _path(self, name: str) -> Path:
@@ -147,6 +150,18 @@ class MapFiles:
             raise NoSuchMap(f"there is no {path.name}") from error
         except OSError as error:
             raise MapFileError(f"{path.name} cannot be read: {error.strerror or error}") from error
+
+
+def _grey(content: bytes) -> NDArray[np.uint8]:
+    """A PGM, as map_server writes maps, a PNG or a JPEG: uint8, shape (height, width). Raises PictureError."""
+    head = _PGM_HEAD.match(content)
+    if head is None:
+        return np.asarray(decoded(content, cv2.IMREAD_GRAYSCALE), np.uint8)
+    width_px, height_px = int(head["width"]), int(head["height"])
+    cells = np.frombuffer(content, np.uint8, offset=head.end())
+    if width_px * height_px > len(cells):
+        raise PictureError("is no whole picture")
+    return cells[: width_px * height_px].reshape(height_px, width_px)
 
 
 def _with_ending(path: Path, ending: str) -> Path:

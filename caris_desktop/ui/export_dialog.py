@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExportStatus
 from caris_desktop.live.wizard_console import SessionLibrary
+from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.tab_order import TabAsRead
@@ -81,6 +82,16 @@ class ExportDialog(TabAsRead, QWidget):
         self._names.setToolTip(
             tr("Only for those who may know who they were. What was said is exported as it was said.")
         )
+        self._plain_csv = CheckBox(
+            theme, tr("CSV for programs: no apostrophe before text that begins like a formula"), wraps=True
+        )
+        self._plain_csv.setObjectName("export_plain_csv")
+        self._plain_csv.setToolTip(
+            tr("Not for spreadsheets, which would take text for formulas; some formulas send data elsewhere.")
+        )
+        self._csv_bom = CheckBox(theme, tr("CSV that begins with the byte order mark of UTF-8"), wraps=True)
+        self._csv_bom.setObjectName("export_csv_bom")
+        self._csv_bom.setToolTip(tr("For spreadsheets that show letters such as ü or é wrongly."))
         self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
         self._bar.setRange(0, 1000)
@@ -165,7 +176,8 @@ class ExportDialog(TabAsRead, QWidget):
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
         layout.addLayout(licence)
-        layout.addWidget(self._names)
+        for box in (self._names, self._plain_csv, self._csv_bom):
+            layout.addWidget(box)
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
@@ -238,8 +250,9 @@ class ExportDialog(TabAsRead, QWidget):
         # Move the focus off the widgets that are disabled now, or it would wander through the list.
         self._cancel.show()
         self._cancel.setFocus(Qt.FocusReason.OtherFocusReason)
+        style = CsvStyle(self._plain_csv.isChecked(), self._csv_bom.isChecked())
         self._library.start_export(
-            self._sessions, self.formats, out, licence=self.licence, with_names=self._names.isChecked()
+            self._sessions, self.formats, out, licence=self.licence, with_names=self._names.isChecked(), csv=style
         )
 
     def _open_folder(self) -> None:
@@ -259,7 +272,8 @@ class ExportDialog(TabAsRead, QWidget):
         status: ExportStatus = self._library.export.value
         running = status.state == "running"
         ended = status.state in ("done", "failed", "cancelled") and self._mine
-        for part in (*self._boxes.values(), self._folder, self._browse, self._licence, self._other, self._names):
+        choices = (*self._boxes.values(), self._names, self._plain_csv, self._csv_bom)
+        for part in (*choices, self._folder, self._browse, self._licence, self._other):
             part.setEnabled(not running)
         self._other.setVisible(self._licence.currentData() is None)
         self._bar.setVisible(running)

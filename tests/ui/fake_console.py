@@ -64,6 +64,7 @@ from caris_desktop.live.status import (
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.people.store import HistoryEntry
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.session.marks import final_marks_of, notes_among
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.layout import layout_from_data
@@ -775,8 +776,9 @@ class FakeLibrary:
         *,
         licence: str = "",
         with_names: bool = False,
+        csv: CsvStyle = SHOWN,
     ) -> None:
-        self.calls.append(("start_export", (tuple(sessions), tuple(formats), out, licence, with_names)))
+        self.calls.append(("start_export", (tuple(sessions), tuple(formats), out, licence, with_names, csv)))
         self.export.set(ExportStatus("running", 0.0, f"{sessions[0].name}: {formats[0]}"))
 
     def cancel_export(self) -> None:

@@ -19,6 +19,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.services.governor import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.recording.session.repair_words import read_loss
 from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
@@ -514,7 +515,9 @@ def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     licence.setCurrentIndex(licence.findData("CC-BY-4.0"))
     click(qtbot, find(dialog, "export_start"))
     folders = (SESSIONS[0].folder, SESSIONS[1].folder)
-    assert library.named("start_export") == [(folders, ("csv", "eaf"), Path("/exports/several"), "CC-BY-4.0", False)]
+    assert library.named("start_export") == [
+        (folders, ("csv", "eaf"), Path("/exports/several"), "CC-BY-4.0", False, SHOWN)
+    ]
     library.export.set(ExportStatus("running", 0.42, "s1: ELAN"))
     bar = find(dialog, "export_progress")
     assert isinstance(bar, QProgressBar)
@@ -524,6 +527,15 @@ def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     click(qtbot, find(dialog, "export_cancel"))
     assert library.named("cancel_export") == [None]
     assert find(dialog, "export_what").property("text") == "Cancelled. Nothing was written."
+
+
+def test_csv_files_are_written_as_chosen(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
+    for name in ("export_plain_csv", "export_csv_bom"):
+        click(qtbot, find(dialog, name))
+        assert find(dialog, name).toolTip()
+    click(qtbot, find(dialog, "export_start"))
+    assert library.named("start_export")[0][5] == CsvStyle(plain=True, byte_order_mark=True)
+    assert not find(dialog, "export_plain_csv").isEnabled(), "while it runs"
 
 
 def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:

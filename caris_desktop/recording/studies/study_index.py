@@ -1,5 +1,6 @@
 """Search index of a study's sessions: header fields and full text; it can be rebuilt from the folders."""
 
+import contextlib
 import fnmatch
 import hashlib
 import logging
@@ -354,6 +355,9 @@ class _Item:
 
 
 def _connected(path: str) -> sqlite3.Connection:
+    if path != ":memory:" and not Path(path).exists():
+        with contextlib.suppress(OSError):
+            Path(path).touch()  # SQLite's own would never be writable by the group of a shared study
     database = sqlite3.connect(path, timeout=_BUSY_MS / 1000, check_same_thread=False)
     database.create_function("fits", 2, _fits, deterministic=True)
     return database
