@@ -37,7 +37,6 @@ NOT_GUI_THREAD = {
 }
 READ_ASIDE = {
     "live/coding_desk.py: CodingDesk.start": "as a replay begins, from which nothing is driven",
-    "live/face_page.py: FacePage._answer": "the asyncio thread",
     "live/live_robots.py: _meeting_place": "slow work",
     "live/live_robots.py: _own_place": "slow work",
     "live/live_robots.py: _found_consoles": "slow work",

@@ -8,11 +8,13 @@ import asyncio
 import logging
 import os
 import signal
+import ssl
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from caris_desktop.domain.address import before_port, is_loopback_host
+from caris_desktop.domain.certificates import WrongFilesError, server_context
 
 if TYPE_CHECKING:
     from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
@@ -42,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="environment variable that holds what clients have to tell; needed when others than this computer may ask",
     )
+    parser.add_argument("--cert", metavar="FILE", type=Path, help="certificate for https://, PEM; needed then, too")
+    parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,10 +78,22 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 2
-    return asyncio.run(_serve(chosen, arguments.host, arguments.port, token, arguments.microphone))
+    try:
+        tls = server_context(arguments.cert, arguments.key)
+    except WrongFilesError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if tls is None and not is_loopback_host(arguments.host):
+        print(
+            f"At {arguments.host} others could read token and pictures on their way: give a certificate with --cert "
+            "and --key, or listen at 127.0.0.1 and use an SSH tunnel.",
+            file=sys.stderr,
+        )
+        return 2
+    return asyncio.run(_serve(chosen, arguments, token, tls))
 
 
-async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str, microphone: str | None) -> int:
+async def _serve(chosen: "ChosenCamera", arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> int:
     from caris_desktop.perception.cameras.camera_server import CameraServer
     from caris_desktop.perception.cameras.newest_frame import NewestFrame
     from caris_desktop.perception.cameras.open_camera import open_camera
@@ -87,17 +103,18 @@ async def _serve(chosen: "ChosenCamera", host: str, port: int, token: str, micro
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
     frames = NewestFrame(chosen, open_camera)
-    sound = None if microphone is None else ServedSound(LocalSound(microphone))
+    host, port = arguments.host, arguments.port
+    sound = None if arguments.microphone is None else ServedSound(LocalSound(arguments.microphone))
     server = CameraServer(frames, token=token, sound=sound)
     try:
-        listening = await server.serve(host, port)
+        listening = await server.serve(host, port, tls)
     except OSError as error:
         print(
             f"{host}:{port} cannot be listened at: {error.strerror or error}. Choose another --port.", file=sys.stderr
         )
         return 2
     at = listening.sockets[0].getsockname()
-    where = f"http://{before_port(at[0])}:{at[1]}"
+    where = f"http{'' if tls is None else 's'}://{before_port(at[0])}:{at[1]}"
     print(f"Serving {chosen.name} at {where}/video.mjpg (MJPEG) and whep+{where}/whep (WebRTC).", flush=True)
     reading = asyncio.create_task(frames.run())
     await ended.wait()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from caris_desktop.domain.address import before_port, is_loopback_host
+from caris_desktop.domain.certificates import WrongFilesError, server_context
 from caris_desktop.domain.translation import tr
 from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     token = os.environ.get(arguments.token_env, "").strip()
     try:
-        tls = _tls(arguments.cert, arguments.key)
+        tls = server_context(arguments.cert, arguments.key)
         _check(arguments, token, tls)
         own = (
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             threads=arguments.threads,
             allow_download=True,
         )
-    except _WrongError as error:
+    except (_WrongError, WrongFilesError) as error:
         print(error, file=sys.stderr)
         return 1
     except WeightsError as error:
@@ -104,19 +105,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 class _WrongError(Exception):
     """Told to whoever asked."""
-
-
-def _tls(cert: Path | None, key: Path | None) -> ssl.SSLContext | None:
-    if cert is None and key is None:
-        return None
-    if cert is None or key is None:
-        raise _WrongError("A certificate (--cert) and its key (--key) belong together.")
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    try:
-        context.load_cert_chain(cert, key)
-    except (OSError, ssl.SSLError) as error:
-        raise _WrongError(f"The certificate {cert} and the key {key} cannot be used: {error}.") from error
-    return context
 
 
 def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:

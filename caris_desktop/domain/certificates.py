@@ -44,6 +44,24 @@ def client_context(ca_file: str | None = None) -> ssl.SSLContext:
     return context
 
 
+class WrongFilesError(Exception):
+    """A server cannot prove who it is with these files; the text says why."""
+
+
+def server_context(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:
+    """For a server with these PEM files, None without any. Raises WrongFilesError."""
+    if certificate is None and key is None:
+        return None
+    if certificate is None or key is None:
+        raise WrongFilesError("A certificate (--cert) and its key (--key) belong together.")
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        context.load_cert_chain(certificate, key)
+    except OSError as error:
+        raise WrongFilesError(f"The certificate {certificate} and the key {key} cannot be used: {error}.") from error
+    return context
+
+
 def as_on_every_python(context: ssl.SSLContext) -> ssl.SSLContext:
     """The same context, with the checks of a Python before 3.13."""
     context.verify_flags = (context.verify_flags | ssl.VERIFY_X509_PARTIAL_CHAIN) & ~ssl.VERIFY_X509_STRICT

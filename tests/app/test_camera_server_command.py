@@ -3,21 +3,27 @@
 import os
 import re
 import signal
+import socket
+import ssl
 import subprocess
 import sys
 import textwrap
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 from caris_desktop.app import commands
 from caris_desktop.domain import clock
+from caris_desktop.domain.certificates import fingerprint_of
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.cameras.open_camera import open_camera
 from tests.perception.cameras.running_camera import write_video
+from tests.support.certificates import Authority
 
 pytest.importorskip("aiortc")
 TOKEN = "0123456789abcdef"
@@ -130,17 +136,70 @@ def test_it_ends_cleanly_and_has_loaded_neither_qt_nor_torch(serving: Serving) -
     assert modules - ALLOWED == set()
 
 
+def test_others_are_served_over_tls_and_the_token_goes_to_the_right_one_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A certificate of one's own, known by its fingerprint; whoever answers in its place gets no token."""
+    authority = Authority(tmp_path)
+    ours, other = authority.issue("127.0.0.1", by_itself=True), authority.issue("127.0.0.1", by_itself=True)
+    video = tmp_path / "walk.mp4"
+    write_video(video)
+    words = ["camera-server", "--source", str(video), "--port", "0", "--token-env", "CAMERA_TOKEN"]
+    monkeypatch.setenv("CAMERA_TOKEN", TOKEN)
+    files = ["--cert", str(ours.certificate), "--key", str(ours.key)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "caris_desktop", *words, "--host", "0.0.0.0", *files], stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            port = int(process.stdout.readline().split("/video.mjpg")[0].rpartition(":")[2])
+            fingerprint, wrong = (
+                fingerprint_of(ssl.PEM_cert_to_DER_cert(one.certificate.read_text())) for one in (ours, other)
+            )
+            address = f"https://127.0.0.1:{port}/video.mjpg#token-env=CAMERA_TOKEN"
+            with closing(open_camera(parse_camera(f"{address}&certificate-sha256={fingerprint}"))) as camera:
+                assert camera.read() is not None
+            for confirmed, said in (
+                ("", "is not trusted"),
+                (f"&certificate-sha256={wrong}", "has another certificate"),
+            ):
+                with pytest.raises(CameraError, match=said) as refused:
+                    open_camera(parse_camera(f"{address}{confirmed}"))
+                assert bool(confirmed) or fingerprint in refused.value.advice
+            with pytest.raises(CameraError):
+                open_camera(parse_camera(f"http://127.0.0.1:{port}/video.mjpg#token-env=CAMERA_TOKEN"))
+        finally:
+            process.terminate()
+
+
+@pytest.mark.parametrize("scheme", ["http", "whep+http", "webrtc+http"])
+def test_a_token_is_not_sent_where_others_read_along(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def connected(*_arguments: object, **_more: object) -> NoReturn:
+        raise AssertionError("somebody was asked")
+
+    monkeypatch.setenv("CAMERA_TOKEN", TOKEN)
+    monkeypatch.setattr(socket, "create_connection", connected)
+    with pytest.raises(CameraError, match="is not sent: others could read it"):
+        open_camera(parse_camera(f"{scheme}://192.0.2.7:8090/whep#token-env=CAMERA_TOKEN"))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--source", "0", "--host", "0.0.0.0"], "--token-env"),
         (["--source", "0", "--token-env", "NOT_SET_AT_ALL"], "NOT_SET_AT_ALL"),
+        (["--source", "0", "--token-env", "CAMERA_TOKEN", "--host", "0.0.0.0"], "--cert and --key"),
+        (["--source", "0", "--cert", "missing.pem"], "belong together"),
+        (["--source", "0", "--cert", "missing.pem", "--key", "missing.pem"], "cannot be used"),
         (["--source", "robot"], "no camera"),
         (["--source", "missing.mp4"], "missing.mp4"),
         (["--source", "ftp://camera"], "ftp://"),
     ],
 )
-def test_what_it_cannot_begin_with_is_said(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_it_cannot_begin_with_is_said(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CAMERA_TOKEN", TOKEN)
     assert commands.run(["camera-server", *words]) == 2
     assert said in capsys.readouterr().err
 

@@ -1,13 +1,16 @@
 """The page with the face, in a real browser."""
 
+import queue
+
 import cv2
 import numpy as np
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.file import Face
 from caris_desktop.conversation.face.motion import Look
+from caris_desktop.conversation.face.page import PageOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.face_page import FacePage
+from caris_desktop.live.services.face import FacePageProcess
 from tests.support.chromium import Browser, chromium_or_skip
 from tests.support.polling import wait_for
 
@@ -18,8 +21,13 @@ UNIT = 6  # hundredths of 600 pixels
 def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_moves_it() -> None:
     chromium_or_skip()
     thread = AsyncioThread()
-    page = FacePage(lambda _pages: None)
-    address = thread.submit(page.open(network=False)).result(10)
+    told: queue.Queue[object] = queue.Queue()
+    page = FacePageProcess(
+        False, thread, on_message=lambda message, _raw: told.put(message), on_exit=lambda code: told.put(code)
+    )
+    opened = told.get(timeout=30)
+    assert isinstance(opened, PageOpened)
+    address = opened.address
     page.show(drawing_of(FACE, Look()))
     try:
         with Browser(address) as browser:
@@ -47,10 +55,10 @@ def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_m
             page.show(drawing_of(FACE, Look()))
             wait_for(lambda: browser.value("picture.hidden"), "the face again", timeout_s=5)
 
-            thread.submit(page.close()).result(10)
+            page.stop()
             wait_for(lambda: browser.value("drawing === null"), "the face to go", timeout_s=15)
             assert "lost" in browser.value("lost.textContent") and browser.value("lost.hidden") is False
             assert ink_at(eye[0], eye[1]) == "#000000"
     finally:
-        thread.submit(page.close()).result(10)
+        page.stop()
         thread.stop()

@@ -7,9 +7,9 @@ from contextlib import closing
 
 import pytest
 
+from caris_desktop.conversation.face.page import FacePage
 from caris_desktop.domain import limited_listener
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited
-from caris_desktop.live.face_page import FacePage
 from caris_desktop.perception.cameras.camera_server import CameraServer
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.newest_frame import NewestFrame

@@ -65,7 +65,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/robots_command.py": {"ROS {}": _TERMINAL, "an unknown ROS": _TERMINAL},
     "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"person {}": _PROMPT, "group {}": _PROMPT},
-    "live/face_page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
+    "conversation/face/page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
     "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},

@@ -2,10 +2,10 @@
 
 import asyncio
 import logging
+import pickle
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +26,18 @@ from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing, PlayedSound
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessBody
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.slow_work import SlowWork
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.model import Scenario
 
-if TYPE_CHECKING:  # a web server is imported on demand
-    from caris_desktop.live.face_page import FacePage
-
 _log = logging.getLogger(__name__)
 _DRAW_EVERY_MS = 40
 _PICTURE_EVERY_NS = 200_000_000
 _PICTURE_PX = 960
+_PAGE_ENDS_WITHIN_S = 2.0
 _KEPT_VOICES = 8
 _HEAD_SHARE = 0.12
 """Eye height in a person's box, as a share from its top."""
@@ -50,9 +49,9 @@ class FaceService(Service):
     Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
     """
 
-    _pages_told = Signal(int)
+    _page_told = Signal(object, object)
     _sound_told = Signal(object)
-    _page_opened = Signal(object)
+    _page_ended = Signal(object)
 
     def __init__(
         self,
@@ -82,14 +81,15 @@ class FaceService(Service):
         self._caption = ""
         self._speaking_id = ""
         self._voices: dict[str, PlayedSound] = {}
-        self._page: FacePage | None = None
+        self._page: FacePageProcess | None = None
+        self._asked_by: Actor = CONSOLE
         self._picture_ns = 0
         self._shown: Drawing | bytes | None = None
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
         self._drawing.timeout.connect(self._draw)
-        self._pages_told.connect(self._on_pages, Qt.ConnectionType.QueuedConnection)
+        self._page_told.connect(self._on_page_told, Qt.ConnectionType.QueuedConnection)
         self._sound_told.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
-        self._page_opened.connect(self._on_page_opened, Qt.ConnectionType.QueuedConnection)
+        self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
         bus.tap(lambda sound, _raw: self._sound_told.emit(sound), (PlayedSound,))
         state.people.changed.connect(self._on_people)
         state.frame.changed.connect(self._on_frame)
@@ -119,6 +119,9 @@ class FaceService(Service):
             self._use(settings.face, CONSOLE)
 
     def stop(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            page.stop()
         self._put_away()
 
     def _put_away(self) -> None:
@@ -244,39 +247,51 @@ class FaceService(Service):
             return
         if self._page is not None:
             return
-        from caris_desktop.live.face_page import FacePage
+        page = self._page = FacePageProcess(
+            self._network,
+            self._asyncio,
+            on_message=lambda message, _raw: self._page_told.emit(page, message),
+            on_exit=lambda _code: self._page_ended.emit(page),
+        )
+        self._asked_by = asked.actor
 
-        page = self._page = FacePage(self._pages_told.emit)
-        opening = self._asyncio.submit(page.open(network=self._network))
-        opening.add_done_callback(lambda opened: self._page_opened.emit((page, opened, asked.actor)))
+    def _on_page_told(self, page: "FacePageProcess", message: Any) -> None:
+        from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
 
-    def _on_page_opened(self, told: "tuple[FacePage, Future[str], Actor]") -> None:
-        page, opened, actor = told
         if page is not self._page:
             return  # no longer needed
-        failure = opened.exception()
-        if failure is not None:
-            self._page = None
-            if isinstance(failure, ToldFailure):
-                self._bus.answer(failure)
-            else:
-                _log.error("the page with the face is not served", exc_info=failure)
-            return
-        self._state.face_page.set(opened.result())
-        self._change(replace(self._state.face.value, served=True), actor)
-        if self._shown is not None:
-            page.show(self._shown)
+        match message:
+            case PageOpened(address):
+                self._state.face_page.set(address)
+                self._change(replace(self._state.face.value, served=True), self._asked_by)
+                if self._shown is not None:
+                    page.show(self._shown)
+            case PageFailed(why):
+                self._tell_not_served(tr("The page with the face cannot be served ({error}).").format(error=why))
+            case PagesOpen(pages) if pages != self._state.face.value.pages:
+                self._change(replace(self._state.face.value, pages=pages), CONSOLE)
+
+    def _on_page_ended(self, page: "FacePageProcess") -> None:
+        if page is self._page:
+            self._tell_not_served(tr("The page with the face has ended by itself."))
+
+    def _tell_not_served(self, what: str) -> None:
+        self._close_page()
+        self._bus.answer(
+            ToldFailure(
+                what,
+                tr("The face's window on this computer works."),
+                tr("Try again, or use the window."),
+                severity="warning",
+            )
+        )
 
     def _close_page(self) -> None:
         page, self._page = self._page, None
         if page is not None:
-            self._asyncio.submit(page.close())
+            self._slow_work.do(page.stop, lambda _ended: None, self._bus.answer)
             self._state.face_page.set("")
             self._state.face.set(replace(self._state.face.value, served=False, pages=0))
-
-    def _on_pages(self, pages: int) -> None:
-        if self._page is not None and pages != self._state.face.value.pages:
-            self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
     # Animation
 
@@ -344,7 +359,7 @@ class FaceService(Service):
             self._shown = None
             self._state.face_drawing.set_anew(image_bgr)
             if self._page is not None:
-                self._asyncio.submit(_show_picture(self._page, image_bgr))
+                self._page.show(image_bgr)
 
     def _move(self) -> None:
         """Start animating."""
@@ -381,8 +396,49 @@ class FaceService(Service):
                 self._page.show(shown)
 
 
-async def _show_picture(page: "FacePage", image_bgr: NDArray[np.uint8]) -> None:
-    page.show(await asyncio.to_thread(jpeg_of, image_bgr, quality=75, most_px=_PICTURE_PX))
+class FacePageProcess:
+    """Process that serves the face page. Pages show the newest of ``show``; intermediate values may be skipped."""
+
+    def __init__(
+        self,
+        network: bool,
+        asyncio_thread: AsyncioThread,
+        *,
+        on_message: Callable[[Any, bytes], None],
+        on_exit: Callable[[int | None], None],
+    ) -> None:
+        from caris_desktop.conversation.face.page import run_face_page
+
+        self._asyncio = asyncio_thread
+        body = ProcessBody("face page", run_face_page, (network,))
+        self._child = ChildProcess(body, on_message=on_message, on_exit=on_exit)
+        self._newest: Drawing | bytes | NDArray[np.uint8] | None = None
+        self._delivering = False
+        self._child.start()
+
+    def show(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+        """A drawing, or a picture, as JPEG or BGR."""
+        self._newest = shown
+        if not self._delivering:
+            self._delivering = True
+            self._asyncio.submit(self._deliver())
+
+    def stop(self) -> None:
+        """Waits for its end."""
+        self._child.stop(grace_s=_PAGE_ENDS_WITHIN_S)
+
+    async def _deliver(self) -> None:
+        while self._newest is not None:
+            shown, self._newest = self._newest, None
+            await asyncio.to_thread(self._send, shown)
+        self._delivering = False
+
+    def _send(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+        from caris_desktop.conversation.face.page import drawn
+
+        if isinstance(shown, np.ndarray):
+            shown = jpeg_of(shown, quality=75, most_px=_PICTURE_PX)
+        self._child.send_raw_waiting(pickle.dumps(shown if isinstance(shown, bytes) else drawn(shown)))
 
 
 def _voice_of(played: PlayedSound) -> SpokenLoudness:

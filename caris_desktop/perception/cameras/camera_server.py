@@ -11,6 +11,7 @@ import hmac
 import json
 import logging
 import socket
+import ssl
 import time
 import urllib.parse
 from dataclasses import field
@@ -72,10 +73,15 @@ class CameraServer:
         # Authenticated clients; strangers have few, short-lived places of their own.
         self._known: set[asyncio.StreamWriter] = set()
 
-    async def serve(self, host: str, port: int) -> asyncio.Server:
-        """Start listening. Raises OSError if the address is in use."""
-        listener = listen_limited(host, port)
-        return await asyncio.start_server(self._on_client, sock=listener, limit=_LONGEST_HEAD_BYTES)
+    async def serve(self, host: str, port: int, tls: ssl.SSLContext | None = None) -> asyncio.Server:
+        """Raises OSError where the address is not free."""
+        return await asyncio.start_server(
+            self._on_client,
+            sock=listen_limited(host, port),
+            limit=_LONGEST_HEAD_BYTES,
+            ssl=tls,
+            ssl_handshake_timeout=None if tls is None else _REQUEST_WITHIN_S,
+        )
 
     async def close(self) -> None:
         for task in tuple(self._clients):

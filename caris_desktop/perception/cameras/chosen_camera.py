@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from caris_desktop.domain.certificates import fingerprint_bytes
 from caris_desktop.domain.translation import QT_TR_NOOP, filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError
@@ -32,7 +33,7 @@ class ChosenCamera:
     """``target`` locates the camera for its kind. ``name`` is safe for file names and never contains a password.
 
     ``token_env`` names the environment variable with the camera's token, so that no file has to contain it. ``sound``:
-    use its microphone, over WebRTC.
+    use its microphone, over WebRTC. ``certificate_sha256``: the only certificate accepted, whoever signed it.
     """
 
     kind: Kind
@@ -42,6 +43,7 @@ class ChosenCamera:
     fast: bool = False
     token_env: str = ""
     sound: bool = False
+    certificate_sha256: str = ""
 
     @property
     def recorded(self) -> bool:
@@ -134,7 +136,17 @@ def _address(text: str) -> ChosenCamera:
             ),
         )
     # The fragment after # is for us and never sent.
-    token_env = urllib.parse.parse_qs(parts.fragment).get("token-env", [""])[0]
+    ours = urllib.parse.parse_qs(parts.fragment)
+    token_env = ours.get("token-env", [""])[0]
+    fingerprint = ours.get("certificate-sha256", [""])[0]
+    if fingerprint:
+        try:
+            fingerprint_bytes(fingerprint)
+        except ValueError as error:
+            raise CameraError(
+                filled(QT_TR_NOOP("The certificate-sha256 of the camera at {host} is no SHA-256."), host=host),
+                QT_TR_NOOP("Write the 64 digits that openssl prints."),
+            ) from error
     if token_env and not _TOKEN_ENV.fullmatch(token_env):
         raise CameraError(
             filled(
@@ -145,4 +157,6 @@ def _address(text: str) -> ChosenCamera:
             QT_TR_NOOP("Only those with CAMERA in their name are told to a camera: call it CAMERA_TOKEN."),
         )
     target = text.removesuffix(f"#{parts.fragment}").removeprefix("whep+").removeprefix("webrtc+")
-    return ChosenCamera(_SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env)
+    return ChosenCamera(
+        _SCHEMES[parts.scheme], target, safe_name(host), token_env=token_env, certificate_sha256=fingerprint
+    )

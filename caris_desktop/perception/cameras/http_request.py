@@ -1,11 +1,23 @@
 """HTTP requests to network cameras, with authentication."""
 
 import base64
+import contextlib
 import http.client
+import ssl
 import urllib.parse
 from collections.abc import Mapping
 
-from caris_desktop.perception.cameras.camera_source import OPEN_TIMEOUT_S, SILENCE_S, cannot_be_reached
+from caris_desktop.domain.address import is_encrypted_or_local
+from caris_desktop.domain.certificates import (
+    OtherCertificateError,
+    certificate_of,
+    client_context,
+    confirmed_context,
+    fingerprint_of,
+    why_refused,
+)
+from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.perception.cameras.camera_source import OPEN_TIMEOUT_S, SILENCE_S, CameraError, cannot_be_reached
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token
 
 _LONGEST_ANSWER_BYTES = 1_000_000
@@ -15,12 +27,17 @@ class CameraConnection:
     """Connection to a camera's host for sequential requests. Use as a context, or close it."""
 
     def __init__(self, chosen: ChosenCamera) -> None:
-        """Raises CameraError if the token is missing."""
+        """Raises CameraError if the token is missing or would be sent unencrypted, or the certificate is another."""
         self._chosen = chosen
         self._parts = urllib.parse.urlsplit(chosen.target)
         self._head = _authorization(chosen, self._parts)
-        kind = http.client.HTTPSConnection if self._parts.scheme == "https" else http.client.HTTPConnection
-        self._connection = kind(self._parts.hostname or "", self._parts.port, timeout=OPEN_TIMEOUT_S)
+        host, port = self._parts.hostname or "", self._parts.port
+        if self._parts.scheme == "https":
+            self._connection: http.client.HTTPConnection = http.client.HTTPSConnection(
+                host, port, timeout=OPEN_TIMEOUT_S, context=self._trusted(host, port or 443)
+            )
+        else:
+            self._connection = http.client.HTTPConnection(host, port, timeout=OPEN_TIMEOUT_S)
 
     def __enter__(self) -> "CameraConnection":
         return self
@@ -44,7 +61,36 @@ class CameraConnection:
             return self._connection.getresponse()
         except (OSError, http.client.HTTPException) as error:
             self.close()
-            raise cannot_be_reached(self._chosen.name) from error
+            raise self._not_reached(error) from error
+
+    def _trusted(self, host: str, port: int) -> ssl.SSLContext:
+        confirmed = self._chosen.certificate_sha256
+        try:
+            return confirmed_context(confirmed, host, port) if confirmed else client_context()
+        except OSError as error:
+            raise self._not_reached(error) from error
+
+    def _not_reached(self, error: Exception) -> CameraError:
+        name = self._chosen.name
+        if isinstance(error, OtherCertificateError):
+            other = QT_TR_NOOP("The camera at {name} has another certificate than the one that its address names.")
+            return CameraError(
+                filled(other, name=name),
+                QT_TR_NOOP("Find out why on its computer. Do not use it before: somebody may be in between."),
+            )
+        if isinstance(error, ssl.SSLError):
+            host, certificate = self._parts.hostname or "", None
+            with contextlib.suppress(OSError, ValueError):
+                certificate = certificate_of(host, self._parts.port or 443)
+            why, advice = why_refused(error, host, certificate)
+            if certificate is not None:
+                confirm = QT_TR_NOOP(
+                    "If it is the right one, put its SHA-256 fingerprint behind the address: "
+                    "#certificate-sha256={fingerprint}"
+                )
+                advice = (*advice, filled(confirm, fingerprint=fingerprint_of(certificate)))
+            return CameraError(joined(why), joined(advice))
+        return cannot_be_reached(name)
 
     def ask(
         self, method: str, path: str = "", body: bytes | None = None, head: Mapping[str, str] | None = None
@@ -60,6 +106,14 @@ class CameraConnection:
 
 def _authorization(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dict[str, str]:
     token = camera_token(chosen)
+    if token and not is_encrypted_or_local(chosen.target):
+        raise CameraError(
+            filled(
+                QT_TR_NOOP("The token of the camera at {name} is not sent: others could read it on its way."),
+                name=chosen.name,
+            ),
+            QT_TR_NOOP("Start its camera server with --cert and --key and use https://, or use an SSH tunnel."),
+        )
     if token:
         return {"Authorization": f"Bearer {token}"}
     if parts.username is None:

@@ -1,5 +1,6 @@
 """What the robot's face shows, and what moves it."""
 
+import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +9,11 @@ from typing import Any
 import cv2
 import httpx
 import numpy as np
+import psutil
 import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
+from websockets.asyncio.client import connect
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
@@ -206,6 +209,44 @@ def test_the_page_is_there_while_it_is_served_and_who_looks_is_counted(bench: Be
     bench.do(intents.ServeFace(on=False))
     assert (bench.state.face_page.value, bench.state.face.value.served) == ("", False)
     bench.until(lambda: _gone(address))
+
+
+@pytest.mark.logs(r"face page ended by itself")
+def test_what_strangers_reach_is_another_process_and_its_end_is_told(bench: Bench) -> None:
+    bench.do(intents.ServeFace(on=True))
+    address = bench.until(lambda: bench.state.face_page.value)
+    port = httpx.URL(address).port
+    (child,) = (one for one in psutil.Process().children() if _listens(one, port))
+    assert not _listens(psutil.Process(), port)
+    child.kill()
+    problem = bench.until(lambda: next((one for one in bench.happened if isinstance(one, Problem)), None))
+    assert "ended by itself" in problem.what
+    assert (bench.state.face_page.value, bench.state.face.value.served) == ("", False)
+    bench.do(intents.ServeFace(on=True))
+    assert httpx.get(bench.until(lambda: bench.state.face_page.value)).status_code == 200
+
+
+def _listens(process: psutil.Process, port: int | None) -> bool:
+    return any(one.laddr.port == port and one.status == "LISTEN" for one in process.net_connections("tcp"))
+
+
+def test_a_face_that_moves_fast_ends_as_the_newest(bench: Bench) -> None:
+    """Each is handed to the page's process in turn, and the last is never left out."""
+    bench.do(intents.ServeFace(on=True))
+    address = bench.until(lambda: bench.state.face_page.value)
+    page = bench.service._page
+    assert page is not None
+    for number in range(300):
+        page.show(f"picture {number}".encode())
+    page.show(b"the last")
+
+    async def seen() -> bytes | str:
+        async with asyncio.timeout(20), connect(f"{address.replace('http', 'ws')}face") as socket:
+            while (told := await socket.recv()) != b"the last":
+                pass
+            return told
+
+    assert asyncio.run(seen()) == b"the last"
 
 
 def _gone(address: str) -> bool:

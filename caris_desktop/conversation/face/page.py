@@ -1,6 +1,10 @@
-"""Web page of the robot's face for phones and tablets, updated over a websocket."""
+"""Web page of the robot's face for phones and tablets, updated over a websocket.
+
+It runs in a process of its own, since strangers can reach it if the scenario opens it to a network.
+"""
 
 import asyncio
+import contextlib
 import hmac
 import json
 import logging
@@ -8,6 +12,7 @@ import secrets
 import socket
 from collections.abc import Callable
 from http import HTTPStatus
+from multiprocessing.connection import Connection
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -15,10 +20,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from caris_desktop.conversation.face.drawing import Drawing
-from caris_desktop.domain.failure import ToldFailure
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
+from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
 TOLD_AT_LEAST_EVERY_S = 1.0
@@ -27,40 +32,81 @@ _MOST_PAGES = 8
 _CLOSES_WITHIN_S = 1.0
 # Time for a request, before the connection is dropped.
 _OPENS_WITHIN_S = 3.0
+# The window comes before work that strangers cause.
+_NICENESS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class PageOpened:
+    """The page is served at this secret address."""
+
+    address: str
+
+
+@dataclass(frozen=True, slots=True)
+class PageFailed:
+    """The page cannot be served; the process ends."""
+
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class PagesOpen:
+    """Number of open pages."""
+
+    pages: int
+
+
+def run_face_page(connection: Connection, network: bool) -> None:
+    """Process body: serve what arrives, a drawing's text or a JPEG, until the connection ends."""
+    step_back(_NICENESS)
+    asyncio.run(_serve_what_comes(connection, network))
+
+
+async def _serve_what_comes(connection: Connection, network: bool) -> None:
+    def tell(message: PageOpened | PageFailed | PagesOpen) -> None:
+        with contextlib.suppress(OSError):  # the console is gone, which ends this, too
+            connection.send(message)
+
+    page = FacePage(lambda pages: tell(PagesOpen(pages)))
+    try:
+        tell(PageOpened(await page.open(network=network)))
+    except OSError as error:
+        tell(PageFailed(error.strerror or str(error)))
+        return
+    try:
+        while True:
+            page.show(await asyncio.to_thread(connection.recv))
+    except (EOFError, OSError):
+        await page.close()
+
+
+def drawn(shown: Drawing) -> str:
+    """The message of a drawing to the page."""
+    return json.dumps({"drawing": shown.plain()})
 
 
 class FacePage:
     """Serves the face page. Pages show the newest of ``show``; a slow one skips intermediate values.
 
-    Everything but ``show`` runs on the asyncio thread's loop. The address contains a secret token. ``told`` is called
-    there with the number of open pages.
+    The address contains a secret token. ``told`` is called with the number of open pages.
     """
 
     def __init__(self, told: Callable[[int], None]) -> None:
         self._told = told
         self._token = secrets.token_urlsafe(12)
         self._server: Server | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._newest: str | bytes = b""
         self._pages: set[asyncio.Event] = set()
 
     async def open(self, *, network: bool) -> str:
-        """Start the server; returns the address for a browser. Raises ToldFailure."""
-        self._loop = asyncio.get_running_loop()
+        """Start the server; returns the address for a browser. Raises OSError."""
         host = "0.0.0.0" if network else "127.0.0.1"  # noqa: S104 - the scenario asks for it
-        try:
-            self._server = await serve(
-                self._serve, sock=listen_limited(host, 0), process_request=self._answer, max_size=4096,
-                compression=None, server_header=None, open_timeout=_OPENS_WITHIN_S, close_timeout=_CLOSES_WITHIN_S,
-                logger=quiet_handshakes(__name__),
-            )  # fmt: skip
-        except OSError as error:
-            raise ToldFailure(
-                tr("The page with the face cannot be served ({error}).").format(error=error.strerror or error),
-                tr("The face's window on this computer works."),
-                tr("Try again, or use the window."),
-                severity="warning",
-            ) from error
+        self._server = await serve(
+            self._serve, sock=listen_limited(host, 0), process_request=self._answer, max_size=4096,
+            compression=None, server_header=None, open_timeout=_OPENS_WITHIN_S, close_timeout=_CLOSES_WITHIN_S,
+            logger=quiet_handshakes(__name__),
+        )  # fmt: skip
         port = next(iter(self._server.sockets)).getsockname()[1]
         return f"http://{_address_in_network() if network else '127.0.0.1'}:{port}/{self._token}/"
 
@@ -70,14 +116,8 @@ class FacePage:
             await self._server.wait_closed()
             self._server = None
 
-    def show(self, shown: Drawing | bytes) -> None:
-        """Show a drawing or JPEG data. Any thread."""
-        newest = shown if isinstance(shown, bytes) else json.dumps({"drawing": shown.plain()})
-        loop = self._loop
-        if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self._take, newest)
-
-    def _take(self, newest: str | bytes) -> None:
+    def show(self, newest: str | bytes) -> None:
+        """Show a drawing as :func:`drawn` gives it, or JPEG data."""
         self._newest = newest
         for page in self._pages:
             page.set()
