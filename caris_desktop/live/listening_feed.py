@@ -40,7 +40,7 @@ class ListeningFeed:
             self._changed.notify()
 
     def end(self) -> None:
-        """Stop writing. The recogniser was told to end before, so that nothing blocks."""
+        """Stop writing. The recogniser was asked to end before, so that nothing blocks."""
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -27,7 +27,7 @@ from caris_desktop.live.status import MicrophoneStatus
 
 # The audio library may hang its process, which therefore sends a sign of life each second.
 _STUCK_AFTER_MS, _STARTS_WITHIN_MS = 6000, 30_000
-# After working this long, the restart limit starts anew.
+# After working this long, the restart limit is reset.
 _WELL_AFTER_MS = 60_000
 
 

@@ -218,7 +218,9 @@ class ModelClient(QObject):
             _log.info("the language model was not warmed up: %s", error.what)
 
     def _slot(self, purpose: Purpose) -> int | None:
-        """Slot of the embedded server: a free one with the longest matching prompt."""
+        """Slot of the embedded server: a fixed one for replies, whose prompt it has read; for questions the least busy
+        other one.
+        """
         if not self.embedded:
             return None
         if purpose != "question":

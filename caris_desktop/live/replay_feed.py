@@ -39,9 +39,9 @@ _STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQ
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """How everything stood at one moment: state values, what holds, the newest frame of each camera, and what had
-    happened, oldest first. ``standing`` is in the order of arrival. ``generation`` counts the jumps. What came over a
-    link before that was lost is left out: it was no longer on show.
+    """State at one time: state values, persistent events, the newest frame of each camera, and past events, oldest
+    first. ``standing`` is in order of arrival. ``generation`` counts the seeks. Values received over a link before its
+    loss are left out: they were no longer shown.
     """
 
     generation: int
@@ -168,7 +168,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
     }
 
     def newest(arrivals: Iterable[tuple[int, Any]]) -> dict[str, Any]:
-        """By when they came: a picture from before a loss may have been looked through only after it."""
+        """Newest value per key by arrival, as a frame from before a loss may be processed only after it."""
         return {
             BY_TYPE[type(value)].key_of(value): value
             for arrived_ns, value in arrivals
@@ -194,6 +194,6 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
 
 
 def _was_lost(value: Any, arrived_ns: int, lost_ns: dict[str, int]) -> bool:
-    """Whether the link that brings values of this stream was gone after this one."""
+    """Whether the link of this stream was lost after the value."""
     name = BY_TYPE[type(value)].name
     return any(arrived_ns < at_ns and name in STREAMS_OF_LINK.get(link, ()) for link, at_ns in lost_ns.items())

@@ -162,7 +162,7 @@ def _value_of(name: str, kind: Any, content: Any) -> Any:
 
 
 def _for_the_record(value: Any) -> Any:
-    """Names of people stay in the study's database, and paths on this computer."""
+    """Value without names of people, which stay in the study's database, and without local paths."""
     if isinstance(value, RecordingStatus):
         return replace(value, folder=None)
     if isinstance(value, DriveStatus):

@@ -136,7 +136,7 @@ class DockHost(DockArea):
                 self._leaving.append(self._docks.pop(name))
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
-        """Create a hidden panel for the next layout, or put it in the area that a former panel of this name left."""
+        """Create a hidden dock for the next layout, or replace the placeholder of this panel."""
         old = self._docks.pop(name, None)
         dock = self._docks[name] = self._make_dock(name, panel)
         if old is None:

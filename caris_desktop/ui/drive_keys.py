@@ -277,7 +277,9 @@ class HoldToDrive(QObject):
         return True
 
     def _filter_focus(self, watched: QWidget, reason: Qt.FocusReason) -> bool:
-        """Handle a focus change: a window that comes to the front without focus would focus its first button."""
+        """Move the focus from a bar's button to the window on activation, since Qt focuses the first button of a window
+        without focus; returns whether it did.
+        """
         bar = bar_of(watched)
         if bar is None:
             if key_place_of(watched) is not None:

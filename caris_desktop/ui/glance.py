@@ -127,7 +127,9 @@ class GlanceSigns(QWidget):
         self._on_changed()
 
     def _moves_now(self) -> bool | None:
-        """Motion from odometry; None if stale. Without odometry a commanded robot counts as moving, else as unknown."""
+        """Motion from odometry; None if that is lost. Without any odometry a commanded robot counts as moving, else as
+        unknown.
+        """
         drive: DriveStatus = self._state.drive.value
         odometry: Odometry | None = self._state.odometry.value
         if odometry is not None and self._state.odometry.freshness in ("fresh", "stale"):

@@ -510,7 +510,7 @@ def _read_scenario(path: Path) -> Scenario | None:
 
 
 def _ends_of_recording(before: Scenario, after: Scenario) -> list[str]:
-    """What is recorded now and would not be afterwards; empty unless video or sound ends."""
+    """Data recorded now but not with the other scenario; empty unless video or sound ends."""
     was, will_be = before.permissions, after.permissions
     ends = [tr("video")] if was.video_recording and not will_be.video_recording else []
     ends += [tr("sound")] if was.audio_recording and not will_be.audio_recording else []

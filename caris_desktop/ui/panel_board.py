@@ -358,7 +358,7 @@ class PanelBoard(QObject):
         return panel
 
     def _open_scenario(self, scenario: Scenario) -> None:
-        """Apply the panel settings of the scenario file once when it is opened; later changes of the file do not
+        """Apply the file's panel settings when it is opened or when they change; other changes of the file do not
         override the wizard.
         """
         if (scenario.path, scenario.panels) != self._opened:

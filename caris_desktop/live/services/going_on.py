@@ -265,7 +265,7 @@ class GoingOnService(Service):
 
 
 def _keeps(scenario: Scenario) -> tuple[object, ...]:
-    """What a scenario permits to record, and to give to a model."""
+    """Permissions to record, and to pass data to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
 
 

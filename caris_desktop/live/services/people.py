@@ -32,7 +32,7 @@ _ENDS_WITHIN_MS = 5000
 _PORTRAITS: dict[BlurWho, PortraitsOf] = {
     "nobody": "everybody", "everybody": "nobody", "without_consent": "consenting",
 }  # fmt: skip
-"""Whose portraits are saved, by blur setting."""
+"""Whom to save portraits of, by blur setting."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -178,7 +178,7 @@ class SuggestionsService(Service):
     # Callbacks of Rounds
 
     def ask(self, begun: Round) -> None:
-        """Rounds: a cycle begins."""
+        """Callback of the rounds: a cycle begins."""
         self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
         self._asked = asked = self._question(begun)
@@ -215,13 +215,13 @@ class SuggestionsService(Service):
         return self._question(Round("", 0, "", 0)).messages
 
     def drop(self, why: str) -> None:
-        """Rounds: these replies are no longer needed."""
+        """Callback of the rounds: these replies are no longer needed."""
         asking, self._asking = self._asking, None
         if asking is not None:
             asking.cancel(why)
 
     def tell(self, event: SuggestionChanged) -> None:
-        """Rounds: a reply was shown, or its outcome is known."""
+        """Callback of the rounds: a reply was shown, or its outcome is known."""
         self._bus.publish(event)
 
     def _question(self, begun: Round) -> _Asked:

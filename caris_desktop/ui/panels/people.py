@@ -29,7 +29,7 @@ from caris_desktop.ui.widgets.enter_field import EnterField
 from caris_desktop.ui.widgets.told_rows import ToldRows
 
 _LATE_S = 1.5
-"""Whoever came since is not told of yet where people are recognised later than this."""
+"""Detection delay in s from which the panel shows it, as recent arrivals are missing."""
 
 
 class PeoplePanel(Panel):
@@ -277,9 +277,7 @@ class PeoplePanel(Panel):
             self.theme.color_text(self._empty, "dim")
 
     def _late_s(self) -> float:
-        """How long after a picture of the camera on show it may take until it is known who is in it; zero where that
-        does not count.
-        """
+        """Detection delay in s for the camera on display; zero if negligible."""
         perception: PerceptionStatus = self.state.perception.value
         if perception.state != "ready":
             return 0.0

@@ -83,7 +83,7 @@ class PreflightList(QScrollArea):
             self._rows[check.id].show_check(check)
 
     def _build(self, checks: tuple[PreflightCheck, ...]) -> None:
-        """Create the rows, open checks first."""
+        """Create the rows, manual checks first."""
         for row in self._rows.values():
             self._column.removeWidget(row)
             row.hide()

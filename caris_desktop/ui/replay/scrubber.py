@@ -306,7 +306,7 @@ class MomentBubble(QWidget):
 
     @property
     def text(self) -> str:
-        """What was said or marked at that time."""
+        """Text of the speech or mark at that time."""
         return self._text
 
     @property
