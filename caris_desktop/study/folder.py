@@ -1,4 +1,4 @@
-"""The study folder: where sessions and the people database of one study lie."""
+"""Study folder: location of one study's sessions and people database."""
 
 import json
 import logging
@@ -28,12 +28,12 @@ _MAX_DETAIL_CHARACTERS = 200
 
 
 class StudyFolderError(ToldFailure):
-    """The study folder cannot be used. In English, with its values apart for whoever tells it."""
+    """Unusable study folder. English text with separate values, for translation."""
 
 
 @dataclass(frozen=True, slots=True)
 class StudyFolder:
-    """The places inside one study folder. ``narrowed`` files and folders in it were open to other users so far."""
+    """Paths inside one study folder. ``narrowed`` counts files and folders that were readable by other users."""
 
     path: Path
     narrowed: int = 0
@@ -52,14 +52,14 @@ class StudyFolder:
 
 
 def default_study_path() -> Path:
-    """``CARIS Desktop/default study`` under the user's documents, or under the data folder where there are none."""
+    """``CARIS Desktop/default study`` under the user's documents, or under the data folder without one."""
     documents = Path(platformdirs.user_documents_dir())
     home = documents if documents.is_dir() else Path(platformdirs.user_data_dir("caris-desktop", appauthor=False))
     return home / "CARIS Desktop" / "default study"
 
 
 def open_study_folder(path: Path | None = None) -> StudyFolder:
-    """The study folder at ``path`` (or the default one), made if it is not there, and checked by writing to it.
+    """Study folder at ``path`` (or the default), created if missing, and tested for writing.
 
     Raises
     ------
@@ -74,13 +74,13 @@ def open_study_folder(path: Path | None = None) -> StudyFolder:
             probe.flush()
     except OSError as error:
         raise _unusable(folder.path, error) from error
-    # Its own alone: a study may lie in a folder with much else in it.
+    # Only the study's own: its folder may contain much else.
     own = [folder.path / name for name in ("sessions", "photos", "forgotten", "models", folder.last_details.name)]
     return replace(folder, narrowed=narrow([*own, *folder.path.glob("*.sqlite*")]))
 
 
 def free_bytes(folder: StudyFolder) -> int | None:
-    """What is free where the study lies; None where that cannot be told."""
+    """Free bytes on the study's disk; None if unknown."""
     try:
         return shutil.disk_usage(folder.path).free
     except OSError as error:
@@ -95,7 +95,7 @@ def new_session_folder(
     now: datetime | None = None,
     min_free_bytes: int = MIN_FREE_BYTES,
 ) -> Path:
-    """Make and return an empty folder such as ``sessions/2026-11-21_10-14-02_P07``, local time; never an existing one.
+    """Create an empty folder such as ``sessions/2026-11-21_10-14-02_P07``, local time; never an existing one.
 
     Raises
     ------
@@ -140,13 +140,13 @@ def new_session_folder(
 
 
 def file_name_part(text: str) -> str:
-    """``text`` as a harmless part of a file name: ASCII letters, digits, ``-`` and ``_``, at most 40; may be empty."""
+    """``text`` as a safe part of a file name: ASCII letters, digits, ``-`` and ``_``, at most 40; may be empty."""
     ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9_-]+", "-", ascii_text).strip("-_")[:40].strip("-_")
 
 
 def load_last_details(folder: StudyFolder) -> TrialDetails:
-    """What the start dialog was last told in this study; empty where nothing usable is remembered."""
+    """Last answers of the start dialog in this study; empty if there are none."""
     try:
         with folder.last_details.open("rb") as file:
             data = parse_json(file.read(_MAX_DETAILS_BYTES))
@@ -169,7 +169,7 @@ def load_last_details(folder: StudyFolder) -> TrialDetails:
 
 
 def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
-    """Remember ``details`` for the next start dialog. Raises StudyFolderError when that is not possible."""
+    """Save ``details`` for the next start dialog. Raises StudyFolderError on failure."""
     text = json.dumps(asdict(details), indent=2, ensure_ascii=False)
     try:
         replace_file(folder.last_details, text.encode("utf-8", "replace"), durable=True)

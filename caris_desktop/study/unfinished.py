@@ -1,8 +1,8 @@
-"""Which trial was being recorded, so that after an end that nobody wanted the next run can offer to go on with it.
+"""Interrupted trials, so that the next run can offer to resume one.
 
-One small file for each running program, written while it records and gone when the recording or the program ends in
-order, or as soon as it is told to end. What is left of a program that runs no more tells of a crash or a power cut,
-also where the computer was started anew since: whoever shuts it down tells its programs before.
+One small file per running program, written while it records and removed when the recording or the program ends
+properly, or on a termination signal. A file of a program that no longer runs means a crash or a power failure, even
+after a reboot: a shutdown signals programs first.
 """
 
 import json
@@ -23,10 +23,10 @@ _MOST_PEOPLE = 100
 
 @dataclass(frozen=True, slots=True)
 class UnfinishedTrial:
-    """What was under way: the session folder, what it was recorded with, and who was there.
+    """Interrupted trial: its session folder, settings, and people present.
 
-    ``scenario`` is the path of its file, empty where it has none; ``robot`` the name of its profile. ``attended`` is
-    the id of whom the wizard meant, ``step`` that of the protocol's step that was under way.
+    ``scenario`` is the path of its file, empty without one; ``robot`` the name of its profile. ``attended`` is the id
+    of the attended person, ``step`` that of the protocol step.
     """
 
     session: Path
@@ -38,8 +38,8 @@ class UnfinishedTrial:
 
 
 def keep(folder: Path, trial: UnfinishedTrial) -> None:
-    """Write down that this program records ``trial``. Raises OSError."""
-    import psutil  # neither the first window nor a program that records nothing needs it
+    """Note that this program records ``trial``. Raises OSError."""
+    import psutil  # not needed by the first window or without a recording
 
     own = psutil.Process()
     data = {
@@ -53,14 +53,14 @@ def keep(folder: Path, trial: UnfinishedTrial) -> None:
 
 
 def forget(folder: Path, pid: int | None = None) -> None:
-    """This program (or ``pid``) ended its recording in order. Raises OSError."""
+    """Note that this program (or ``pid``) ended its recording properly. Raises OSError."""
     (folder / f"{os.getpid() if pid is None else pid}.json").unlink(missing_ok=True)
 
 
 def take_newest(folder: Path, study: Path) -> UnfinishedTrial | None:
-    """The trial of ``study`` that broke off last, if any; each is told of once, as its file goes.
+    """Most recently interrupted trial of ``study``, if any; each is reported once, and its file removed.
 
-    Those of programs that still run, and of another study, stay. Raises OSError.
+    Trials of running programs and other studies stay. Raises OSError.
     """
     if not folder.is_dir():
         return None
@@ -92,7 +92,7 @@ def _read(path: Path) -> tuple[Mapping[str, Any] | None, float]:
 
 
 def _runs(pid: str, began: object) -> bool:
-    """Whether the program that wrote this still runs, and not another one that has its number now."""
+    """True if the program that wrote the file still runs, checked against reuse of its process id."""
     if not pid.isdecimal() or not isinstance(began, (int, float)):
         return False
     import psutil
