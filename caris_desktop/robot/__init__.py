@@ -1,1 +1,1 @@
-"""Localization Module: robot link, profiles, motion lease, navigation."""
+"""Robot: rosbridge link, profiles, motion lease, obstacle guard, localization, navigation."""

@@ -1,4 +1,4 @@
-"""Goals of any action: actionlib's topics in ROS 1, rosbridge's goal operations in ROS 2."""
+"""Action clients: actionlib's topics in ROS 1, rosbridge's goal operations in ROS 2."""
 
 import logging
 import time
@@ -50,10 +50,9 @@ _ENDED_WITHOUT_REASON: dict[Ending, str] = {
 
 
 class GoalListener(Protocol):
-    """What an action server reports. ``wire_id`` says of which goal; goals of others are reported too.
+    """Receiver of an action server's reports. ``wire_id`` identifies the goal; goals of other clients are reported too.
 
-    A lost link ends no goal. What became of it while nobody listened is reported when the link is back, where the robot
-    still tells it.
+    A lost link ends no goal. Its outcome in the meantime is reported after reconnection, if the robot still tells it.
     """
 
     def goal_pending(self, wire_id: str) -> None: ...
@@ -66,30 +65,30 @@ class GoalListener(Protocol):
 
 
 class ActionClient(Protocol):
-    """How goals reach the robot. None of the calls waits, and none of them is kept for later."""
+    """Interface for sending goals. No call waits, and nothing is queued for later."""
 
     def send(self, goal_id: str, goal: Message) -> str | None:
-        """Ask for a goal. Its name on the robot, or None when it could not be sent."""
+        """Send a goal; return its id on the robot, or None if it could not be sent."""
 
     def cancel(self, wire_id: str) -> None:
         """Cancel one goal."""
 
     def give_up(self, wire_id: str) -> None:
-        """Cancel one goal of which nothing is heard, and await nothing of it any more."""
+        """Cancel one goal without any response, and expect none."""
 
     def cancel_all(self) -> None:
-        """Cancel whatever goal the action server has, whoever asked for it."""
+        """Cancel all goals of the action server, whoever sent them."""
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
 
 
 def make_action_client(
     ros: SafeRos, dialect: Dialect, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
 ) -> ActionClient:
-    """A client of the action server ``name``; ``action_type`` may be spelled as in either dialect.
+    """Client of the action server ``name``; ``action_type`` may be spelled as in either dialect.
 
-    ``motion``: goals that are topics go over the websocket that carries nothing which can wait, as their cancels do.
+    ``motion``: goals that are topics go over the motion websocket, which has no slow operations, like their cancels.
     """
     package, type_ = action_package_and_name(action_type)
     if dialect is Dialect.ROS1:
@@ -100,7 +99,7 @@ def make_action_client(
 
 
 class ActionlibClient:
-    """actionlib's topics. Subscriptions stand, so goals are followed without polling."""
+    """actionlib's topics, permanently subscribed, so that goals need no polling."""
 
     def __init__(
         self, ros: SafeRos, name: str, package: str, type_: str, listener: GoalListener, *, motion: bool
@@ -124,7 +123,7 @@ class ActionlibClient:
 
     def send(self, goal_id: str, goal: Message) -> str | None:
         wire_id = f"{goal_id}-{uuid4().hex[:8]}"
-        # Stamp zero: the robot's clock may differ from ours, and actionlib drops goals that seem too old.
+        # Stamp zero: the clocks may differ, and actionlib drops goals that seem too old.
         return wire_id if self._goal.publish(encode_action_goal(wire_id, goal, stamp_ns=0)) else None
 
     def cancel(self, wire_id: str) -> None:
@@ -165,13 +164,12 @@ class ActionlibClient:
 
 
 class BridgedActionClient:
-    """An action of ROS 2 through rosbridge's send_action_goal.
+    """ROS 2 action through rosbridge's send_action_goal.
 
-    rosbridge does not tell when a goal is accepted, nor under which UUID; the action's own status topic does. Nor does
-    it let us choose one: it cannot load the types of the services and topics below an action, which rosidl does not
-    export. So a goal that turns up on the status topic is ours only if nothing else can be, which with
-    ``proven_by_feedback`` takes feedback of ours as well: without, ours may have been refused, and the goal be
-    another's.
+    rosbridge reports neither acceptance nor UUID of a goal; the action's own status topic does. Nor can we choose the
+    UUID: rosbridge cannot load the types of an action's services and topics, which rosidl does not export. So a goal
+    on the status topic counts as ours only if no other goal can be; with ``proven_by_feedback`` only after feedback
+    for ours, since ours may have been refused and the listed goal be another client's.
     """
 
     def __init__(
@@ -183,17 +181,17 @@ class BridgedActionClient:
         self._client = roslibpy.ActionClient(ros, name, action_type)
         self._known_uuids: set[str] = set()
         self._uuid_of: dict[str, str] = {}
-        # The goal whose UUID is not known yet, and when it was sent.
+        # Goal whose UUID is not known yet, and its sending time.
         self._unknown: str | None = None
         self._sent_s = 0.0
         self._adopted: str | None = None
         self._proven_by_feedback = proven_by_feedback
         self._with_feedback: str | None = None
-        # What turned up, and may be ours.
+        # Newly listed goal that may be ours.
         self._uuid_without_proof: tuple[str, str] | None = None
-        # Their answers went down with the link that they were asked over.
+        # Their answers were lost with the link that they were requested over.
         self._unanswered: set[str] = set()
-        # A cancel that came before the goal was taken had nothing to cancel.
+        # A cancel before the goal was accepted had no effect.
         self._cancelled: dict[str, None] = {}
         ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
         status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
@@ -212,7 +210,7 @@ class BridgedActionClient:
 
         def ended(results: Mapping[str, Any], *, worked: bool) -> None:
             if self._unknown == wire_ids[0]:
-                self._unknown = None  # refused, or over before it turned up: no later goal is ours
+                self._unknown = None  # refused, or over before it was listed: later goals are not ours
             if not self._ros.is_connected:
                 self._unanswered.add(wire_ids[0])
                 return
@@ -220,7 +218,7 @@ class BridgedActionClient:
             try:
                 result = decode_ros2_result(operation)
             except MessageError as error:
-                # However it is told, the goal is over.
+                # Whatever the answer, the goal is over.
                 logger.info("%s: %s", self._name, error)
                 self._listener.goal_ended(wire_ids[0], "failed", QT_TR_NOOP("the robot's answer cannot be read"))
                 return
@@ -246,7 +244,7 @@ class BridgedActionClient:
             del self._cancelled[next(iter(self._cancelled))]
         uuid_hex = self._uuid_of.get(wire_id)
         if uuid_hex is not None:
-            # Versions of rosbridge before 2.1 take the operation above and do nothing.
+            # rosbridge before 2.1 accepts the operation above without effect.
             self._call_cancel(encode_cancel_goal(uuid_hex))
 
     def give_up(self, wire_id: str) -> None:
@@ -254,7 +252,7 @@ class BridgedActionClient:
         self._ros.factory.give_up_goal(wire_id)
 
     def cancel_all(self) -> None:
-        # rosbridge cancels only what this very connection asked for. The action's own service knows every goal.
+        # rosbridge cancels only goals of this connection. The action's own service knows every goal.
         self._call_cancel(encode_cancel_every_goal())
 
     def close(self) -> None:
@@ -280,26 +278,26 @@ class BridgedActionClient:
             if time.monotonic() - self._sent_s > _ADOPTED_WITHIN_S:
                 self._unknown = self._adopted = None
             if self._adopted is not None:
-                # A second one: either may be ours. Without its name ours is cancelled by rosbridge alone.
+                # A second goal: either may be ours. Without its UUID, only rosbridge can cancel ours.
                 self._uuid_of.pop(self._adopted, None)
                 self._adopted = self._uuid_without_proof = None
             wire_id = self._unknown
             if wire_id is not None:
-                # The first goal that turns up after ours was sent.
+                # First goal listed after ours was sent.
                 self._unknown, self._adopted = None, wire_id
                 self._uuid_without_proof = wire_id, uuid_hex
                 self._name_proven()
                 self._listener.goal_active(wire_id)
 
     def _name_proven(self) -> None:
-        """The goal that turned up is ours, if feedback of ours has come where that is needed."""
+        """Accept the newly listed goal as ours once the required feedback has arrived."""
         if self._uuid_without_proof is None:
             return
         wire_id, uuid_hex = self._uuid_without_proof
         if self._proven_by_feedback and self._with_feedback != wire_id:
             return
         self._uuid_without_proof = None
-        # Kept when it seems to have ended: after a lost link it goes on, and is known by this name only.
+        # Retained although it seems to have ended: after a lost link it continues, identified by this UUID only.
         self._uuid_of[wire_id] = uuid_hex
         while len(self._uuid_of) > _REMEMBERED_GOALS:
             del self._uuid_of[next(iter(self._uuid_of))]

@@ -1,4 +1,4 @@
-"""A robot that is asked to speak: by a service, or by the web interface (HTTP) that it has."""
+"""Robot speech on request: by a ROS service, or by the robot's web interface (HTTP)."""
 
 import asyncio
 import logging
@@ -27,29 +27,29 @@ _CONNECTS_WITHIN_S = 3.0
 
 
 class NotSaidError(Exception):
-    """The robot does not say it; the text says why, for the wizard."""
+    """The robot refuses or fails to speak; the reason is for the wizard."""
 
 
 class Speaker(Protocol):
-    """Asks the robot."""
+    """Speech backend of the robot."""
 
     can_stop: bool
     needs_link: bool
 
     async def say(self, text: str, *, within_s: float) -> None:
-        """Returns when the robot answers. Raises NotSaidError."""
+        """Speak; returns when the robot answers. Raises NotSaidError."""
 
     async def stop(self) -> None:
-        """Be quiet. Raises NotSaidError."""
+        """Stop speaking. Raises NotSaidError."""
 
     async def close(self) -> None:
-        """Ask nothing more."""
+        """Close the backend."""
 
 
 class AskedVoice:
-    """One utterance after the other: who asks twice may be heard twice at once. ``emit`` as of other voices.
+    """Speaks one utterance at a time: repeated requests might be spoken twice at once. ``emit`` as of other voices.
 
-    By the robot's ``speaking`` topic where it has one, else by its answer, else by an estimate.
+    The end is known from the robot's ``speaking`` topic if there is one, else from its answer, else estimated.
     """
 
     def __init__(
@@ -100,14 +100,14 @@ class AskedVoice:
         return not self._waiting
 
     def link_lost(self) -> None:
-        """The robot goes on speaking. Where it tells when it has ended, that is waited for no longer than usual."""
+        """The robot continues to speak. Its reported end is awaited with the usual timeout."""
         self._linked = False
         self._speaking.clear()
         if self._follows and self._worker is not None:
             self._wait_for_fate()
 
     def link_connected(self) -> None:
-        """Nothing is asked twice."""
+        """Nothing is requested twice."""
         self._linked = True
         self._stop_if_due()
         if self._fate is not None:
@@ -178,7 +178,7 @@ class AskedVoice:
                 await self._followed(command, answer)
             finally:
                 answer.cancel()
-                # One that fails while the robot speaks, as with the link, says nothing of what is heard.
+                # A failure during speech, as with the link, does not show what was audible.
                 answer.add_done_callback(lambda done: done.cancelled() or done.exception())
         elif self._answers_at_end:
             tell_utterance(self._emit, command, "started", estimated=True)
@@ -191,7 +191,7 @@ class AskedVoice:
             tell_utterance(self._emit, command, "finished", estimated=True)
 
     async def _followed(self, command: Say, answer: "asyncio.Future[Any]") -> None:
-        # It says something already: what it was asked to say follows in the same breath, or behind it.
+        # The robot is already speaking: the new text follows immediately, or after it.
         already = self._speaking.is_set()
         if already:
             await answer
@@ -214,7 +214,7 @@ class AskedVoice:
             async with asyncio.timeout(STARTS_WITHIN_S) as self._start_due:
                 await asyncio.wait({started, answer}, return_when=asyncio.FIRST_COMPLETED)
                 if answer.done():
-                    # A refusal, or the answer before the word that it speaks.
+                    # A refusal, or an answer before the robot reports that it speaks.
                     answer.result()
                 await started
         except TimeoutError:
@@ -238,12 +238,12 @@ class AskedVoice:
         self._speaking.clear()
         self._quiet.set()
         if self._start_due is not None and self._start_due.when() is not None:
-            # It was speaking when the link came back, which nobody told.
+            # It was speaking when the link came back, which was not reported.
             self._start_due.reschedule(asyncio.get_running_loop().time() + STARTS_WITHIN_S)
 
 
 class ServiceSpeaker:
-    """Asks a service of the robot."""
+    """Backend that calls a ROS service."""
 
     needs_link = True
 
@@ -276,7 +276,7 @@ class ServiceSpeaker:
 
 
 class WebSpeaker:
-    """Asks a web interface, at the address of the profile and no other: redirects and proxies are not followed."""
+    """Backend that calls a web interface, only at the profile's address, without redirects or proxies."""
 
     needs_link = False
 
@@ -301,7 +301,7 @@ class WebSpeaker:
             await self._client.aclose()
 
     async def _ask(self, method: str, url: str, within_s: float, **content: Any) -> None:
-        # Only the robots that have one need it, and it takes a tenth of a second.
+        # Late import, as few robots need it, and it takes 0.1 s.
         import httpx
 
         if self._client is None:
@@ -310,7 +310,7 @@ class WebSpeaker:
         try:
             async with (
                 asyncio.timeout(within_s + _CONNECTS_WITHIN_S),
-                # What it answers with is not read: it may be long.
+                # The response body is not read: it may be long.
                 self._client.stream(method, url, timeout=within_s, **content) as response,
             ):
                 if not response.is_success:

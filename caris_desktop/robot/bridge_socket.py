@@ -1,4 +1,4 @@
-"""One websocket to a rosbridge server: its operations, the answers awaited on it, and who is let in."""
+"""Websocket to a rosbridge server: operations, pending answers, and authentication."""
 
 import asyncio
 import logging
@@ -20,7 +20,7 @@ from caris_desktop.robot.security import SecurityError, auth_operation
 from caris_desktop.robot.wire import Wire, open_wire
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 
-if TYPE_CHECKING:  # it makes these
+if TYPE_CHECKING:  # its factory creates instances of this
     from caris_desktop.robot.transport import SafeFactory
 
 logger = logging.getLogger(__name__)
@@ -38,14 +38,14 @@ _ADMISSION_SERVICE = "/rosapi/get_time"
 
 
 class NoAnswer(str):
-    """Why a call has failed without the robot having answered."""
+    """Reason for a failed call without the robot's answer."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class LargeAnswer:
-    """An answer that is too large to be read; ``tail`` is its end, as it came."""
+    """Answer too large to decode; ``tail`` is its raw end."""
 
     size_bytes: int
     tail: bytes
@@ -55,7 +55,7 @@ class LargeAnswer:
 
 
 class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
-    """The rosbridge operations of one websocket."""
+    """rosbridge operations of one websocket."""
 
     _pending_service_requests: dict[str, tuple[Callback | None, Callback | None]]
     _pending_action_requests: dict[str, tuple[Callback | None, Callback | None, Callback | None]]
@@ -72,11 +72,11 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
 
     @property
     def waits(self) -> bool:
-        """Whether a call or a goal of this websocket is not answered yet."""
+        """True while a call or goal of this websocket is unanswered."""
         return bool(self._pending_service_requests or self._pending_action_requests)
 
     def has_goal(self, goal_id: str | None = None) -> bool:
-        """Whether this goal, or any, was sent here and has not ended yet."""
+        """True if this goal, or any, was sent here and has not ended."""
         goals = self._pending_action_requests
         return bool(goals) if goal_id is None else goal_id in goals
 
@@ -94,7 +94,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
                     )
                 )
             return
-        # Some servers send either in either kind of frame. A CBOR map begins above 0x80, and JSON never does.
+        # Some servers mix up frame types. A CBOR map begins above 0x80, and JSON never does.
         binary = payload[:1] >= b"\x80"
         try:
             operation = decode_cbor(payload) if binary else decode_json(str(payload, "utf-8"))
@@ -109,7 +109,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         self._handle(operation)
 
     def _take_large_answer(self, payload: bytes) -> bool:
-        """Whether it answers a call, which fails then: not even its end is awaited by decoding all of it."""
+        """True if it answers a call, which fails then: the whole message is never decoded."""
         ends = payload[:HEAD_BYTES], payload[-_TAIL_BYTES:]
         if not any(_JSON_ANSWER.search(end) for end in ends):
             return False
@@ -131,7 +131,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         try:
             handler(operation)
         except Exception as error:
-            # Callbacks are guarded one by one, so what fails here is the operation's own form.
+            # Callbacks are guarded one by one: an error here means a malformed operation.
             self.factory.refuse(
                 filled(
                     QT_TR_NOOP("a malformed {operation}: {name}: {error}"),
@@ -142,7 +142,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             )
 
     def send_message(self, payload: bytes) -> bool:
-        """Hand one encoded operation to the socket. Any thread; False when it was not sent by this very call."""
+        """Send one encoded operation. Any thread; False if it was not sent by this call itself."""
         if threading.get_ident() == self.factory.manager.thread_id:
             return self.wire.send_text(payload)
         self.factory.manager.loop.call_soon_threadsafe(self.wire.send_text, payload)
@@ -180,7 +180,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         self._pending_action_requests.pop(goal_id, None)
 
     def fail_everything(self, reason: str) -> None:
-        """The connection is over: everything under way fails now."""
+        """Fail all pending operations, as the connection is over."""
         services, self._pending_service_requests = self._pending_service_requests, {}
         actions, self._pending_action_requests = self._pending_action_requests, {}
         for _, errback in services.values():
@@ -237,7 +237,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         level = levels.get(str(message.get("level")), logging.INFO)
         logger.log(level, "rosbridge says: %.500s", message.get("msg"))
         if level == logging.ERROR:
-            # Some servers answer a call that they cannot carry out in this way only.
+            # Some servers report a failed call only in this way.
             request_id = str(message.get("id"))
             _, errback = self._pending_service_requests.pop(request_id, (None, None))
             self.factory.run_safely(errback, str(message.get("msg"))[:_LONGEST_REASON])
@@ -253,7 +253,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
 
 @dataclass(frozen=True, slots=True)
 class WaitingOperation:
-    """An operation for a websocket that is being opened."""
+    """Operation for a websocket that is being opened."""
 
     id: str
     send: Callable[[SafeProtocol], None]
@@ -282,11 +282,11 @@ class BridgeSocket:
 
     @property
     def is_free(self) -> bool:
-        """Whether nothing that was sent over it, or will be, is still to be answered."""
+        """True if no operation is queued or pending."""
         return not self.waiting and (self.protocol is None or not self.protocol.waits)
 
     async def open(self, *, ask_first: bool) -> None:
-        """Connect. Raises what ``open_wire`` does, and SecurityError when the server does not let us in."""
+        """Connect. Raises what ``open_wire`` does, and SecurityError if the server refuses access."""
         factory = self._factory
         self._wire = await open_wire(
             factory.url,
@@ -299,7 +299,7 @@ class BridgeSocket:
             await self._ask_for_admission(self._wire)
 
     def begin(self) -> bool:
-        """What is sent goes out from now on. False where the connection has ended meanwhile."""
+        """Start sending. False if the connection has ended meanwhile."""
         self.silent = False
         if self._wire is not None and self._wire.is_open:
             self.protocol = SafeProtocol(self._factory, self._wire)
@@ -314,14 +314,14 @@ class BridgeSocket:
             self._wire.close()
 
     def take_protocol(self) -> SafeProtocol | None:
-        """The protocol, which is over."""
+        """Return and clear the finished protocol."""
         protocol, self.protocol = self.protocol, None
         return protocol
 
     async def _ask_for_admission(self, wire: Wire) -> None:
-        """Prove who we are, where the profile says so, and wait until the server answers anything at all.
+        """Authenticate if the profile says so, and wait for any answer of the server.
 
-        A rosbridge that demands rosauth says nothing when it accepts and closes the connection when it does not.
+        A rosbridge with rosauth is silent on success and closes the connection on failure.
 
         Raises
         ------

@@ -1,9 +1,9 @@
-"""The robot's clock against the session clock: pure arithmetic on samples, no sockets.
+"""Clock offset estimate between robot and session: pure arithmetic on samples, no sockets.
 
-Each sample bounds the offset without any assumption on how the delay is split: a robot that read its clock somewhere
-between question and answer has an offset between ``reading - answered`` and ``reading - asked``. Samples of a window
-are put together under one unknown, bounded rate of drift; what fits all of them is the estimate. That is NTP's
-minimum delay filter with a hard error bound: a late answer widens its own sample only, whichever way it was late.
+Each sample bounds the offset without assuming how the delay is split: if the robot read its clock between question and
+answer, the offset is between ``reading - answered`` and ``reading - asked``. Samples of a window are combined under an
+unknown, bounded drift; what fits all of them is the estimate. That is NTP's minimum delay filter with a hard error
+bound: a late answer widens only its own sample.
 """
 
 import math
@@ -16,15 +16,15 @@ from caris_desktop.domain.value_class import dataclass
 
 WINDOW_S = 60.0
 MOST_SAMPLES = 128
-# Far above any crystal; what a clock that is being slewed by NTP may do on top.
+# Far above any crystal; includes slewing by NTP.
 DRIFT_LIMIT = 1e-3
-# How fast the rate itself may change: crystals warm up, NTP slews.
+# Change of the rate itself: crystals warm up, NTP slews.
 WANDER_PER_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class OffsetEstimate:
-    """Robot clock minus session clock at one moment; the truth lies within ``uncertainty_ns`` of ``offset_ns``."""
+    """Robot clock minus session clock at one time, true within ``uncertainty_ns`` of ``offset_ns``."""
 
     offset_ns: int
     uncertainty_ns: int
@@ -39,7 +39,7 @@ class OffsetEstimate:
 
 
 class ClockOffset:
-    """Estimates the offset of one robot clock from samples that may come at any time.
+    """Estimates the offset of one robot clock from samples at any times.
 
     Parameters
     ----------
@@ -59,31 +59,31 @@ class ClockOffset:
 
     @classmethod
     def of_simulation_time(cls) -> "ClockOffset":
-        """For a clock that a simulator drives: it may run at half speed, or stand still."""
+        """For a simulated clock, which may run slower or stop."""
         return cls(drift_limit=1.0, window_s=3.0)
 
     def add_exchange(self, *, asked_ns: int, answered_ns: int, robot_ns: int) -> None:
-        """The robot read its clock as ``robot_ns`` somewhere between these two moments of the session clock."""
+        """Add an exchange: the robot's clock read ``robot_ns`` between these two session times."""
         if answered_ns < asked_ns:
             raise ValueError("an answer comes after its question")
         self._exchanges.append((answered_ns, robot_ns - answered_ns, robot_ns - asked_ns))
         self._refit(answered_ns)
 
     def add_stamp(self, *, robot_stamp_ns: int, arrival_ns: int) -> None:
-        """A message that the robot stamped before it sent it: the offset is no less than stamp minus arrival.
+        """Add a stamp made before sending: the offset is at least stamp minus arrival.
 
-        Only for stamps that are never ahead of the robot's clock (transforms often are).
+        Only for stamps never ahead of the robot's clock (transforms often are).
         """
         bound_ns = robot_stamp_ns - arrival_ns
         if self._stamped and arrival_ns - self._stamped[-1][0] < 250_000_000:
-            # Of a burst the best one is enough.
+            # The best of a burst is enough.
             if bound_ns <= self._stamped[-1][1]:
                 return
             self._stamped.pop()
         self._stamped.append((arrival_ns, bound_ns))
 
     def at(self, session_ns: int) -> OffsetEstimate | None:
-        """The estimate for a moment at or after the last sample; None before any exchange."""
+        """Estimate for a time at or after the last sample; None before any exchange."""
         return None if self._fit is None else self._fit.at(session_ns)
 
     def _refit(self, now_ns: int) -> None:
@@ -93,11 +93,11 @@ class ClockOffset:
             self._stamped.popleft()
         fit = _fit(list(self._exchanges), list(self._stamped), self._drift_limit)
         if fit is None:
-            # Somebody stamps with a clock that is not this one.
+            # The stamps are from another clock.
             self._stamped.clear()
             fit = _fit(list(self._exchanges), [], self._drift_limit)
         while fit is None:
-            # The clock was set: what was measured before that contradicts the newest samples.
+            # The clock was set: older samples contradict the newest.
             self._exchanges.popleft()
             fit = _fit(list(self._exchanges), [], self._drift_limit)
         self._fit = fit
@@ -105,7 +105,7 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Bounds of the offset, and of its rate, that agree with all samples. Times relative to ``origin_ns``."""
+    """Bounds of offset and rate that agree with all samples. Times relative to ``origin_ns``."""
 
     origin_ns: int
     base_ns: int
@@ -119,7 +119,7 @@ class _Fit:
         later_s = (session_ns - self.origin_ns) / 1e9
         age_s = self.age_s + later_s
         wander_ns = 0.5e9 * WANDER_PER_S * age_s**2
-        # For a given rate every bound moves the same way with age, so the extremes are at the extreme rates.
+        # For a given rate all bounds shift equally with age, so the extremes are at the extreme rates.
         upper_ns = float(np.min(self.upper_ns + self.fastest * 1e9 * age_s + wander_ns))
         lower_ns = float(np.max(self.lower_ns + self.slowest * 1e9 * age_s - wander_ns))
         middle_ns, half_ns = (upper_ns + lower_ns) / 2.0, max(0.0, upper_ns - lower_ns) / 2.0
@@ -127,16 +127,16 @@ class _Fit:
 
 
 def _fit(exchanges: list[tuple[int, int, int]], stamped: list[tuple[int, int]], drift_limit: float) -> _Fit | None:
-    """None when no constant rate within the limit agrees with everything."""
+    """Fit; None if no constant rate within the limit agrees with all samples."""
     origin_ns, base_ns, _ = exchanges[-1]
-    # Relative to the newest, so that nanoseconds since 1970 keep their last digits in a float.
+    # Relative to the newest, since nanoseconds since 1970 exceed a float's precision.
     samples = [(at, lower - base_ns, float(upper - base_ns)) for at, lower, upper in exchanges]
     samples += [(at, bound - base_ns, math.inf) for at, bound in stamped]
     age_s = np.array([(origin_ns - at) / 1e9 for at, _, _ in samples])
     lower_ns = np.array([lower for _, lower, _ in samples], dtype=np.float64)
     upper_ns = np.array([upper for _, _, upper in samples], dtype=np.float64)
     wander_ns = 0.5e9 * WANDER_PER_S * age_s**2
-    # A rate fits when, for every pair, the bounds of the older one moved to the younger one still overlap.
+    # A rate fits if, for every pair, the older bounds moved to the younger time still overlap.
     apart_s = age_s[:, None] - age_s[None, :]
     widening_ns = wander_ns[:, None] + wander_ns[None, :]
     with np.errstate(divide="ignore", invalid="ignore"):

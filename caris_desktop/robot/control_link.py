@@ -1,4 +1,4 @@
-"""The control link: motion, navigation, voice, emergency stop and the small sensor streams."""
+"""Control link: motion, navigation, speech, emergency stop and small sensor streams."""
 
 import asyncio
 import itertools
@@ -50,10 +50,10 @@ from caris_desktop.ros.messages import decode_twist, decode_twist_stamped, encod
 
 logger = logging.getLogger(__name__)
 
-# A rosbridge that has just been started reaches the base only when both have found one another, up to two seconds after
-# it has taken the first zeros: tried with Fast DDS.
+# A newly started rosbridge reaches the base only after DDS discovery, up to 2 s after it has accepted the first zeros
+# (measured with Fast DDS).
 ZERO_AGAIN_S = tuple(tenth / 10 for tenth in range(6, 31))
-# On a busy computer that takes longer; then the odometry tells that it still moves.
+# On a busy computer that takes longer; then the odometry shows the motion.
 ZERO_WHILE_MOVING_S = tuple(float(second) for second in range(3, 11))
 _STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
 _ODOMETRY_COUNTS_S = 1.0
@@ -67,11 +67,11 @@ INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
 
 
 class ControlLink:
-    """Everything of the robot that must not wait for pictures. Lives on one asyncio loop; a ``link_process.Link``."""
+    """Everything that must not wait for images. Lives on one asyncio loop; a ``link_process.Link``."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, *, follows_crash: bool = False) -> None:
         self._profile = profile
-        # Goals of the process before, of navigation and of controls.
+        # Goals of the previous process, of navigation and of controls.
         self._goals_left = self._control_goals_left = follows_crash
         self._dialect = Dialect(profile.ros)
         self._loop = asyncio.get_running_loop()
@@ -90,7 +90,7 @@ class ControlLink:
         self._guard_news = GuardNews()
         self._movement = MovementCheck(profile)
         self._movement_told = MovementChanged(0, "unknown")
-        # From Stop until the robot has stood, or is driven from here again.
+        # From Stop until the robot stands still, or is driven from here again.
         self._stopping = False
         self._stop_ns = 0
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)
@@ -98,7 +98,7 @@ class ControlLink:
         # The last velocity on this connection.
         self._told = ZERO_TWIST
         self._zeros_again: list[asyncio.TimerHandle] = []
-        # Who held or let go last, who stopped, and who switched the guard.
+        # Last holder of the lease, who stopped, and who switched the guard.
         self._driver: Actor = CONSOLE
         self._drive_id = 0
         self._stopper: Actor = CONSOLE
@@ -117,7 +117,7 @@ class ControlLink:
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
         self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
-        # Whoever else commands the base is heard there, and what was sent from here comes back.
+        # Receives other publishers' velocities, and our own echoes.
         self._velocities = SafeTopic(
             self._ros, profile.velocity.topic, velocity_type, queue_length=20, every_message=True
         )
@@ -186,19 +186,19 @@ class ControlLink:
         self._in_background(self._watch_handling())
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
-        """Obey them in order, then send what is due: one Twist for a whole batch, in this very call."""
+        """Execute commands in order, then send what is due: one Twist per batch, within this call."""
         held_by = [c.stamp_ns for c in received if isinstance(c, (commands.Drive, commands.RenewLease))]
         newest_s = min(max(held_by, default=0) / 1e9, self._loop.time())
         for command in received:
             try:
                 self._obey(command, newest_s)
             except Exception:
-                # The lease must go on whatever a single command does.
+                # A single failed command must not stop the lease.
                 logger.exception("The command %r failed", command)
         self._move()
 
     async def finish(self) -> None:
-        """Stop the robot and say goodbye."""
+        """Stop the robot and disconnect."""
         moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
         self._controls.cancel_goals(QT_TR_NOOP("the console closed"))
         if self._connected and moving:
@@ -206,7 +206,7 @@ class ControlLink:
             self._stopper = CONSOLE
             self._lease.stop(self._loop.time())
             self._move()
-            # The timer goes on sending the zeros meanwhile.
+            # The timer keeps sending zeros meanwhile.
             await asyncio.sleep(ZERO_REPEAT_S)
         await self._goal_speed.restore()
         self._closing = True
@@ -223,9 +223,9 @@ class ControlLink:
     # Commands
 
     def _obey(self, command: commands.RobotCommand, newest_s: float) -> None:
-        """``newest_s`` is when the console last said that it holds the lease, as far as is known now."""
+        """``newest_s`` is the newest known time at which the console held the lease."""
         now_s = self._loop.time()
-        # A stamp from the future would keep a lease beyond its time.
+        # A stamp from the future would extend a lease.
         given_s = min(command.stamp_ns / 1e9, now_s)
         match command:
             case commands.Drive():
@@ -303,14 +303,14 @@ class ControlLink:
         if refusal:
             self._lease.end(self._loop.time())
             if self._lease.latched:
-                # Something tries to move against the emergency stop: say zero once more.
+                # A motion request during the emergency stop: send zero once more.
                 self._lease.drive(command.target, command.source, self._loop.time())
             self._put(DriveEnded(now_ns(), refusal, CONSOLE, command.drive_id))
             return
         self._driver, self._drive_id = command.actor, command.drive_id
         self._stopping = False
         if command.target.moving:
-            # Taking the wheel takes it from the navigation.
+            # Manual driving cancels navigation.
             who = filled(in_words(command.actor))
             self._navigator.cancel(filled(QT_TR_NOOP("{who} drives"), who=who), command.actor)
         self._lease.drive(command.target, command.source, given_s)
@@ -347,18 +347,18 @@ class ControlLink:
         if self._lease.end(self._loop.time()):
             self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor, self._drive_id))
         self._stopping = False
-        # First, so that the goal begins with it; whoever else set the speed meanwhile does not count.
+        # First, so that it applies from the start; overrides speeds set by others.
         self._goal_speed.apply()
         self._navigator.go(command)
 
     # Motion
 
     def _move(self) -> None:
-        """Send whatever velocity is due, and come back when the next one is."""
+        """Send all due velocities, and schedule the next call."""
         while (leased := self._lease.next_twist(self._loop.time())) is not None:
             self._pass_on(leased)
         if self._told.moving and self._unread.late(self._loop.time()):
-            # If it has been stopped, this is the last that it reads of us when it wakes up.
+            # If it was suspended, this is the last message that it reads on waking up.
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.told(ZERO_TWIST)
         if self._lease.take_expired():
@@ -374,19 +374,19 @@ class ControlLink:
             self._timer = self._loop.call_at(due_s, self._move)
 
     def _pass_on(self, leased: LeasedTwist) -> None:
-        """Send a velocity that is due, unless it would only lie behind others that the robot has not read."""
+        """Send a due velocity, unless it would only queue behind others that the robot has not read."""
         full = self._unread.full(self._loop.time())
         if leased.twist.moving and self._ros.unsent_bytes > 0:
-            # What the network does not take now it would deliver late.
+            # What the network does not accept now would arrive late.
             self._end_drive(QT_TR_NOOP("The network does not take the commands"))
         elif full and leased.twist.moving:
             self._lease.told(self._told)
         elif not full or self._told.moving:
-            # The first zero goes out in any case; more of them would pile up as velocities do.
+            # The first zero is always sent; more would queue up like velocities.
             self._send_twist(leased.twist, leased.source)
 
     def _say_first(self) -> None:
-        """The first words on a connection: whoever drove before may have died in the midst of it."""
+        """First messages on a connection: the previous driver may have died while driving."""
         if not self._unread.settled:
             self._stop_what_moves()
             for delay_s in ZERO_AGAIN_S:
@@ -395,9 +395,9 @@ class ControlLink:
                 self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while_moving))
 
     def _stop_what_moves(self) -> None:
-        """Zero, unless the robot is known to have read one after our last velocity.
+        """Send zero, unless the robot is known to have read one after our last velocity.
 
-        For half a second: more would fight navigation.
+        For half a second: more would conflict with navigation.
         """
         if not self._unread.settled:
             self._lease.stop(self._loop.time(), "lease")
@@ -418,13 +418,13 @@ class ControlLink:
         if self._connected:
             self._move()
         else:
-            # Nothing of now may go out after a reconnect.
+            # Nothing may be sent after a reconnection.
             self._lease.forget()
 
     def _send_twist(self, twist: Twist2D, source: CommandSource) -> None:
         velocity = self._profile.velocity
         if velocity.type == "TwistStamped":
-            # The robot's own time, as far as it is known; zero says "not stamped".
+            # Robot time as far as known; zero means unstamped.
             at_ns = now_ns()
             offset = self._measurement.offset_at(at_ns)
             stamp_ns = 0 if offset is None else at_ns + offset.offset_ns
@@ -441,7 +441,7 @@ class ControlLink:
             self._put(CommandSent(now_ns(), self._sequence, twist, source, self._actor_of(source)))
 
     def _actor_of(self, source: CommandSource) -> Actor:
-        """Whose velocity it is; those that only the lease wants are the console's."""
+        """Actor of a velocity; those of the lease alone are the console's."""
         return self._stopper if source == "stop" else CONSOLE if source == "lease" else self._driver
 
     def _forget_zeros(self) -> None:
@@ -453,7 +453,7 @@ class ControlLink:
         self._unread.answered(round_trip_s, self._loop.time())
 
     async def _watch_handling(self) -> None:
-        """Find out when what is sent lies unhandled at the robot, also while nothing moves."""
+        """Detect unhandled messages at the robot, also while nothing moves."""
         while True:
             await asyncio.sleep(HANDLING_WATCHED_EVERY_S)
             if not self._connected:
@@ -497,11 +497,11 @@ class ControlLink:
     # The obstacle guard
 
     def _allow(self, twist: Twist2D, now_s: float) -> float:
-        """What fraction of a velocity may go to the robot."""
+        """Fraction of a velocity that may be sent."""
         try:
             limit = self._guard.limit(twist, now_s)
         except Exception:
-            # The lease must go on, and what the guard cannot judge is not driven.
+            # A failing guard must not stop the lease, and nothing is driven unchecked.
             logger.exception("The obstacle guard failed on %r", twist)
             limit = GuardLimit(0.0, "blocked", detail=QT_TR_NOOP("the guard failed; its log tells why"))
         self._tell_guard(limit, now_s)
@@ -515,7 +515,7 @@ class ControlLink:
                 self._guard_switcher = CONSOLE
 
     async def _watch_guard(self) -> None:
-        """Tell the state also while nothing is driven and no scan comes."""
+        """Report the state also without driving and without scans."""
         while True:
             await asyncio.sleep(GUARD_WATCHED_EVERY_S)
             self._check_movement()
@@ -523,7 +523,7 @@ class ControlLink:
                 now_s = self._loop.time()
                 self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
 
-    # Whether the robot does what is commanded, and only that
+    # Supervision of the actual motion
 
     def _check_movement(self) -> None:
         if not self._connected:
@@ -541,7 +541,7 @@ class ControlLink:
             if state in ("uncommanded", "commanded_elsewhere") and told.state != state:
                 self._in_background(self._find_publishers())
         if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
-            # Against whoever else drives: zero for as long as that lasts.
+            # Against another publisher: zero while it lasts.
             self._lease.stop(now_s, "stop")
             self._move()
 
@@ -572,7 +572,7 @@ class ControlLink:
         if self._lease.latched or self._stopping:
             self._check_movement()
 
-    # What the emergency stop acts on
+    # Stoppable parts of the emergency stop
 
     def hold_still(self, held: bool, actor: Actor) -> None:
         self._lease.emergency(held, self._loop.time())
@@ -615,7 +615,7 @@ class ControlLink:
     def link_silent(self) -> None:
         self._silent = True
         if self._lease.due_s() < float("inf"):
-            # One zero has gone out behind the last velocity, or does so now; it is said again when the robot is heard.
+            # One zero was or is sent after the last velocity; it is repeated when the robot responds again.
             self._end_drive(QT_TR_NOOP("The robot has not been heard for a moment"))
             self._move()
             self._lease.forget()
@@ -671,10 +671,10 @@ class ControlLink:
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
 
-    # What the robot tells
+    # Sensor data
 
     def _scan_taken(self, scan: LaserScan, delay_s: float) -> None:
-        """A scan, before the console gets it: what it forbids is corrected at once."""
+        """Process a scan before the console gets it, and apply new restrictions at once."""
         self._guard.take_scan(scan, delay_s=delay_s)
         self._lease.reconsider(self._loop.time())
         self._move()
@@ -694,7 +694,7 @@ class ControlLink:
             self._sensors.clear_path()
 
     async def _look_around(self) -> None:
-        """Learn what the robot offers, and say what it lacks of its profile; ask again while something is missing."""
+        """Take the robot's inventory and report missing parts of the profile; repeat while something is missing."""
         for pause_s in itertools.chain(INVENTORY_AGAIN_S, itertools.repeat(INVENTORY_AGAIN_S[-1])):
             try:
                 inventory = await take_inventory(self._ros)

@@ -1,4 +1,4 @@
-"""The controls of the Robot panel: what the wizard uses is published, called or sent as a goal; readings come back."""
+"""Robot panel controls: publish, call or send goals on use; readings are sent back."""
 
 import asyncio
 import logging
@@ -40,9 +40,9 @@ from caris_desktop.ros.fields import Message, MessageError, message_of
 logger = logging.getLogger(__name__)
 
 READINGS_EVERY_S = 0.2
-# A gesture may take its time to begin; a server that is not there never does.
+# A gesture may start late; a missing server never does.
 NO_ANSWER_S = 4.0
-# A publisher that was just advertised reaches its subscribers only after a moment.
+# A newly advertised publisher reaches its subscribers with a delay.
 CANCEL_AGAIN_S = (0.0, 0.3, 1.0)
 SERVICE_WAIT_S = 20.0
 LONGEST_TEXT_SHOWN = 500
@@ -53,7 +53,7 @@ Path = tuple[str | int, ...]
 
 
 def parse_path(text: str) -> Path:
-    """``status[0].level`` as ("status", 0, "level").
+    """Parse ``status[0].level`` to ("status", 0, "level").
 
     Raises
     ------
@@ -71,7 +71,7 @@ def parse_path(text: str) -> Path:
 
 
 def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
-    """What of a message is shown; None where the robot tells no finite value.
+    """Displayed value of a message; None if it is not finite.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
 
 @dataclass(slots=True)
 class _Goal:
-    """A goal that a control has sent."""
+    """Goal sent by a control."""
 
     command: UseControl
     heard: bool = False
@@ -114,7 +114,7 @@ class _Goal:
 
 @dataclass(slots=True)
 class _Server:
-    """An action server that controls use, and the goals that it has from us. A ``GoalListener``."""
+    """Action server used by controls, with our goals. A ``GoalListener``."""
 
     tell: Callable[[UseControl, RequestState, str], None]
     client: ActionClient | None = None
@@ -126,7 +126,7 @@ class _Server:
             self.client.cancel(wire_id)
 
     def goal_pending(self, wire_id: str) -> None:
-        """It is told when it begins."""
+        """Reported when it begins."""
 
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
@@ -143,10 +143,10 @@ class _Server:
 
 
 class RobotControls:
-    """Obeys UseControl for the profile's controls and those that the scenario offers.
+    """Executes UseControl for the profile's controls and the scenario's.
 
-    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times a second. ``unusable`` is
-    called with a control's title and a reason when a message does not hold what the control wants to show.
+    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times per second. ``unusable``
+    is called with a control's title and a reason if a message lacks its value.
     """
 
     def __init__(
@@ -184,27 +184,27 @@ class RobotControls:
         self._driving_permitted = True
         self.offer(())
 
-    # What there is
+    # Inventory
 
     def offer(self, controls: tuple[RobotControl, ...], *, driving_permitted: bool = True) -> None:
-        """These of the scenario from now on, beside the profile's own; one of the same id takes its place."""
+        """Set the scenario's controls in addition to the profile's; equal ids replace these."""
         self._driving_permitted = driving_permitted
         if not driving_permitted:
             self.cancel_goals(QT_TR_NOOP("the scenario does not drive"))
         offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
         if offered == self._controls:
-            # Who offers the same again has forgotten what it was told.
+            # A repeated offer comes from a receiver that lost the values.
             self._tell_values_soon()
             return
         self._controls = offered
         self._listen()
-        # A velocity topic is not even advertised: it would be with a type of the control's choice.
+        # Velocity topics are not even advertised: that would set a type chosen by the control.
         wanted = [control.effect for control in offered.values() if not self._sends_velocity(control)]
         topics = {(effect.topic, effect.type) for effect in wanted if isinstance(effect, PublishMessage)}
         for key in [key for key in self._publishers if key not in topics]:
             self._publishers.pop(key).unadvertise()
         for topic, type_ in topics - self._publishers.keys():
-            # Now and not at the first use: a publisher reaches its subscribers only after a moment.
+            # In advance: a publisher reaches its subscribers with a delay.
             publisher = SafeTopic(self._ros, topic, self._spelled(type_))
             publisher.advertise()
             self._publishers[topic, type_] = publisher
@@ -222,7 +222,7 @@ class RobotControls:
     def link_connected(self) -> None:
         self._learn_types()
         for server in self._servers.values():
-            # What was begun before the gap does not go on after it.
+            # Earlier goals do not continue after the gap.
             lost, server.lost = server.lost, ()
             for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
@@ -243,18 +243,18 @@ class RobotControls:
             self._timer.cancel()
 
     def hold_still(self, held: bool) -> None:
-        """The emergency stop: what the robot does by itself is cancelled, and nothing is sent that could move it."""
+        """Emergency stop: cancel the robot's own activity, and send nothing that could move it."""
         self._held = held
         if held:
             self.cancel_goals(QT_TR_NOOP("the emergency stop was set"))
 
     def cancel_goals(self, reason: str) -> None:
-        """Cancel what controls have the robot do by itself."""
+        """Cancel the goals of controls."""
         for server in self._servers.values():
             self._fail_goals(server, reason, cancel=True)
 
     def cancel_left_goals(self) -> None:
-        """Cancel what the robot may still do for controls of a process that ended without a goodbye."""
+        """Cancel goals left by a process that crashed."""
         for server in self._servers.values():
             if server.client is not None:
                 for delay_s in CANCEL_AGAIN_S:
@@ -280,7 +280,7 @@ class RobotControls:
     # Uses
 
     def use(self, command: UseControl) -> None:
-        """Begin to do what the wizard asked for."""
+        """Start a use of a control."""
         self._tell(command, "requested", "")
         control = self._controls.get(command.control)
         if control is None or control.effect is None:
@@ -294,20 +294,20 @@ class RobotControls:
             self._in_background(self._learn_and_do(command, control, control.effect))
 
     def may_move(self, control_id: str) -> bool:
-        """Whether the robot moves on behalf of this control, if it does."""
+        """True if the robot may move because of this control."""
         control = self._controls.get(control_id)
         return control is not None and control.is_motion and not self._refusal(control)
 
     async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         await self._types.definition(*_kind_and_type(effect))
-        # Asking took a while, in which the link may have been lost or the emergency stop set.
+        # Meanwhile the link may have been lost or the emergency stop set.
         if refusal := self._refusal(control):
             self._tell(command, "failed", refusal)
         else:
             self._check_and_do(command, control, effect)
 
     def _refusal(self, control: RobotControl) -> str:
-        """Why this control must send nothing now; empty when it may."""
+        """Reason why this control must not send anything now; empty if it may."""
         if self._sends_velocity(control):
             return QT_TR_NOOP("it publishes velocities, and only driving may send those")
         if control.releases_stop:
@@ -347,7 +347,7 @@ class RobotControls:
 
     async def _call(self, command: UseControl, control: RobotControl, effect: CallService, request: Message) -> None:
         if refusal := self._refusal(control):
-            # The emergency stop came in the same breath.
+            # The emergency stop came at the same time.
             self._tell(command, "failed", refusal)
             return
         package, _, name = plain_name(effect.type).partition("/")
@@ -357,7 +357,7 @@ class RobotControls:
         except ServiceCallError as error:
             self._tell(command, "failed", str(error))
             return
-        # What Trigger, SetBool and most of their kin answer.
+        # Field of Trigger, SetBool and similar services.
         succeeded = answer.get("success", True) is not False
         said = answer.get("message")
         detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
@@ -372,7 +372,7 @@ class RobotControls:
             self._tell(command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         server.goals[wire_id] = _Goal(command)
-        # A goal that nobody takes is silence; through rosbridge also one of ROS 2 that is refused.
+        # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
         self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
@@ -443,7 +443,7 @@ def _reader(
     take: Callable[[str, ControlValue | None], None],
     unusable: Callable[[str, str], None],
 ) -> Callable[[Any], None]:
-    """What takes the messages of one topic for the controls that show something of it."""
+    """Message handler of one topic for all controls with readings from it."""
     paths = [
         (control, parse_path(control.reading.field), control.reading.scale)
         for control in controls

@@ -1,4 +1,4 @@
-"""The latched emergency stop: the console's own, and the robot's where it has one."""
+"""Latched emergency stop: the console's own, and the robot's if it has one."""
 
 import asyncio
 import logging
@@ -19,30 +19,30 @@ from caris_desktop.ros.messages import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")
-# A rosbridge that has just been started does not know the robot's services yet.
+# A newly started rosbridge does not know the robot's services yet.
 TRIED_AGAIN_AFTER_S, OFTEN_WITHIN_S = 0.1, 3.0
 _LOOKED_FOR_EVERY_S = 2.0
 _TRIED_AGAIN_EVERY_S = 30.0
 
 
 class StoppedByIt(Protocol):
-    """What the emergency stop acts on. Called on the loop."""
+    """Part that the emergency stop acts on. Called on the loop."""
 
     def hold_still(self, held: bool, actor: Actor) -> None:
-        """Nothing may move from now on, or it may again. Comes again with every latch, also when held already."""
+        """Forbid or allow motion. Repeated with every latch, even if already held."""
 
     def cancel_goals(self, reason: str, actor: Actor) -> None:
-        """Cancel whatever the robot does by itself."""
+        """Cancel the robot's own activity."""
 
 
 class EmergencyStop:
     """Two latches, the wizard's and the robot's; the stop is set while either is.
 
-    A stop that the wizard has latched and that the robot did not take, since what takes it is not there or does not
-    answer, is sent again until the robot takes it or the wizard clears it.
+    A wizard's stop that did not reach the robot, because its receiver is missing or does not answer, is repeated until
+    it does or the wizard clears it.
 
-    ``emit`` gets an EmergencyStopChanged for each change but the one that the wizard asked for by latching it, and a
-    Problem where the robot does not follow.
+    ``emit`` gets an EmergencyStopChanged for each change except the wizard's own latching, and a Problem if the robot
+    does not follow.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class EmergencyStop:
         self._robot_latched = False
         self._asked = 0
         self._asked_by: Actor = ""
-        # None while the robot has not told them.
+        # None before the robot has listed them.
         self._services: frozenset[str] | None = None
         self._reached = False
         self._told_unreached = False
@@ -77,10 +77,10 @@ class EmergencyStop:
         bool_type = type_name(dialect, "std_msgs", "Bool")
         if self._interface.topic is not None:
             state = SafeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
-            # Robots tell it when it changes: what they told before this console was there counts too.
+            # Robots publish changes only: a state published before this console connected counts too.
             watched.subscribe(state, self._take_state)
         if self._interface.command_topic is not None:
-            # Latched: who subscribes a moment later must learn of it too.
+            # Latched, for late subscribers.
             self._command = SafeTopic(
                 ros, self._interface.command_topic, bool_type, latch=True, queue_size=1, motion=True
             )
@@ -94,14 +94,14 @@ class EmergencyStop:
         return self._wizard_latched or self._robot_latched
 
     def set(self, command: SetEmergencyStop) -> None:
-        """The wizard latches or clears it."""
+        """Latch or clear by the wizard."""
         self._asked += 1
         self._asked_by = command.actor
         if command.latched:
             self._reached = self._told_unreached = False
             self._latch(wizard=True, by="wizard")
             self._stopped.cancel_goals("emergency stop", command.actor)
-            # Said again on every request: the wizard must see that it is set.
+            # Reported for every request: the wizard must see that it is set.
             if self._ros.is_connected:
                 self._tell_robot(latched=True)
             else:
@@ -138,7 +138,7 @@ class EmergencyStop:
             self._tell_robot(latched=False)
 
     def link_connected(self) -> None:
-        """A robot that comes back is told again what the wizard wants."""
+        """Repeat the wizard's state to a reconnected robot."""
         self._connected_s = asyncio.get_running_loop().time()
         if self._wizard_latched:
             self._tell_robot(latched=True)
@@ -149,7 +149,7 @@ class EmergencyStop:
         self._try_no_more()
 
     def learn(self, inventory: RobotInventory) -> None:
-        """Services that the robot does not have are not asked for, until it has them."""
+        """Missing services are not called until the robot has them."""
         self._services = inventory.services
         if self._again is not None:
             self._try_no_more()
@@ -169,7 +169,7 @@ class EmergencyStop:
             loop = asyncio.get_running_loop()
             self._again = loop.call_later(self._again_after_s, self._try_again)
             if loop.time() - self._connected_s > OFTEN_WITHIN_S:
-                # A service that does not answer holds a part of rosbridge each time.
+                # Each unanswered service call occupies a part of rosbridge.
                 self._again_after_s = min(2.0 * self._again_after_s, _TRIED_AGAIN_EVERY_S)
 
     def _try_no_more(self) -> None:
@@ -184,7 +184,7 @@ class EmergencyStop:
             self._in_background(self._look_and_tell() if self._command is None else self._look_who_listens(again=True))
 
     async def _look_and_tell(self) -> None:
-        """Call the service that takes the latched stop, if it is there by now."""
+        """Call the stop service, if it is available by now."""
         if self._services is not None:
             try:
                 answer = await self._ros.ask("/rosapi/services", "rosapi/Services")
@@ -197,14 +197,14 @@ class EmergencyStop:
             self._tell_robot(latched=True)
 
     async def _look_who_listens(self, *, again: bool) -> None:
-        """Find out whether anybody takes the command topic; ``again`` publishes the latched stop to who does."""
+        """Check for subscribers of the command topic; ``again`` publishes the latched stop to them."""
         command = self._command
         if command is None:
             return
         try:
             answer = await self._ros.ask("/rosapi/subscribers", "rosapi/Subscribers", {"topic": command.name})
         except ServiceCallError as error:
-            # Without rosapi it is not known.
+            # Unknown without rosapi.
             logger.info("Emergency stop: %s", error)
             return
         if not self._wizard_latched or self._reached:
@@ -217,7 +217,7 @@ class EmergencyStop:
             command.publish(encode_bool(True))
 
     def _not_reached(self, name: str) -> None:
-        """Nothing on the robot takes the latched stop."""
+        """No receiver on the robot accepts the latched stop."""
         self._try_again_later()
         if self._told_unreached:
             return
@@ -241,11 +241,11 @@ class EmergencyStop:
         before = self.latched
         self._wizard_latched = self._wizard_latched if wizard is None else wizard
         self._robot_latched = self._robot_latched if robot is None else robot
-        # A robot only says again what the wizard latched.
+        # The robot only repeats what the wizard latched.
         actor = self._asked_by if by == "wizard" or self._wizard_latched else ""
         if self.latched or before:
             self._stopped.hold_still(self.latched, actor)
-        # That the wizard latched it is told where it was pressed, with a link or without.
+        # The wizard's latching is reported where it was pressed, with or without a link.
         if self.latched != before and not (self.latched and by == "wizard"):
             self._emit(EmergencyStopChanged(now_ns(), self.latched, by, actor))
 
@@ -264,7 +264,7 @@ class EmergencyStop:
                     cause="emergency_stop",
                 )
             )
-            # Who asked may show it as cleared already.
+            # The requester may already show it as cleared.
             self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
 
     def _tell_robot(self, *, latched: bool) -> None:
@@ -278,7 +278,7 @@ class EmergencyStop:
                 self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
             return
         wanted = interface.service or (interface.set_service if latched else interface.clear_service)
-        # What rosapi told may be old by now: the stop is called in any case.
+        # rosapi's list may be outdated: the stop service is called in any case.
         service = wanted if latched or self._reached else self._offered(wanted)
         if service is not None and interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
@@ -300,7 +300,7 @@ class EmergencyStop:
             reason, unanswered = "" if answer.get("success", True) else str(answer.get("message") or _REFUSED), False
         except ServiceCallError as error:
             reason, unanswered = str(error), True
-        # The wizard may have changed her mind while the robot thought about it; the last word counts.
+        # The wizard may have changed the state in the meantime; the last request counts.
         if asked != self._asked:
             return
         if latched and unanswered and self._offered(service) is None:
@@ -344,11 +344,11 @@ class EmergencyStop:
                     cause="emergency_stop",
                 )
             )
-            # Who asked may show it as cleared already.
+            # The requester may already show it as cleared.
             self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
         elif not latched:
             self._try_no_more()
-            # Its topic will say the same a moment later; the wizard need not wait for it.
+            # Its topic will follow a moment later; the wizard need not wait for it.
             self._latch(wizard=False, robot=False, by="wizard")
 
     def _take_state(self, message: Any) -> None:

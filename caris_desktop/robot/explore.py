@@ -1,8 +1,8 @@
-"""Looks at an unknown robot: what it offers, which profile fits it, and whether what a profile names really comes.
+"""Robot discovery: what an unknown robot offers, which profile fits, and whether a profile's streams arrive.
 
-Everything here is asyncio and opens connections of its own; ``*_blocking`` functions are for where no loop runs.
+Everything is asyncio with connections of its own; ``*_blocking`` functions are for callers without a loop.
 
-Long because looking and listening share their connections.
+Long because inventory and stream checks share their connections.
 """
 
 import asyncio
@@ -60,7 +60,7 @@ _MOST_ASKED = 60
 _INVENTORY_WITHIN_S = 8.0
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
-# In ROS 2 others hear of a publisher after a moment.
+# In ROS 2 a new publisher becomes visible with a delay.
 _BRIDGE = "rosbridge"  # its node's name begins so wherever nobody has renamed it
 _ADVERTISED_WITHIN, _ADVERTISED_AGAIN_S = 8, 0.25
 _RESEMBLES = 0.7
@@ -74,12 +74,12 @@ StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
 
 
 class ExploreError(ToldFailure):
-    """The robot cannot be asked."""
+    """The robot cannot be queried."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resemblance:
-    """A profile of the list that this robot may be: ``share`` of the names in it are there with the right type."""
+    """Similar profile of the list: ``share`` of its names exist with the right type."""
 
     name: str
     title: str
@@ -88,7 +88,7 @@ class Resemblance:
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """What was found at an address. ``resembles`` comes best first and may be empty."""
+    """Result for an address. ``resembles`` is sorted best first and may be empty."""
 
     address: str
     offer: RobotOffer
@@ -98,11 +98,11 @@ class Exploration:
 
 @dataclass(frozen=True, slots=True)
 class StreamCheck:
-    """One stream of a profile after listening for a moment.
+    """Check of one stream of a profile.
 
-    ``state``: good; slow (comes, but more rarely than the console needs); quiet (nothing came, and need not: it comes
-    only at times); nothing (nothing came, and should have); wrong (what came is not what the profile says).
-    ``rate_hz`` is None for fewer than two messages, ``age_s`` (since the last one) for none. ``detail`` is a sentence.
+    ``state``: good; slow (rate below the console's need); quiet (no message, but it is only occasional); nothing (no
+    message, though expected); wrong (contradicts the profile). ``rate_hz`` is None for fewer than two messages,
+    ``age_s`` (since the last one) for none. ``detail`` is a sentence.
     """
 
     field: str
@@ -117,7 +117,7 @@ class StreamCheck:
 async def detect_dialect(
     address: str, *, security: SecuritySettings | None = None, timeout_s: float = 3.0
 ) -> Dialect | None:
-    """Which ROS the robot runs; None where it does not tell (no rosapi, no topics).
+    """ROS version of the robot; None if unknown (no rosapi, no topics).
 
     Raises
     ------
@@ -129,10 +129,10 @@ async def detect_dialect(
 
 
 def load_profile_blocking(name_or_path_or_url: str, *, timeout_s: float = 2.0) -> RobotProfile:
-    """``load_profile``, which for an address that leaves the ROS version open asks the robot first.
+    """``load_profile``, asking the robot first if the address leaves the ROS version open.
 
-    A robot that does not answer in time is taken for ROS 1; the link's own check says so when it comes and is not.
-    Must not be called from a running asyncio loop. Raises ProfileError.
+    A robot that does not answer in time counts as ROS 1; the link's check reports a mismatch later. Must not be called
+    from a running asyncio loop. Raises ProfileError.
     """
     profile = load_profile(name_or_path_or_url)
     if not leaves_ros_open(name_or_path_or_url):
@@ -152,7 +152,7 @@ async def explore_robot(
     timeout_s: float = 10.0,
     on_progress: Callable[[str], None] | None = None,
 ) -> Exploration:
-    """Ask the robot what it has, and propose a mapping. ``on_progress`` gets a few words for each step.
+    """Query the robot's inventory and propose a mapping. ``on_progress`` gets a short text for each step.
 
     Raises
     ------
@@ -175,23 +175,23 @@ async def explore_robot(
 
 
 async def take_offer(ros: SafeRos) -> RobotOffer:
-    """Ask rosapi about everything that a proposal needs. Raises ServiceCallError."""
+    """Query rosapi for the input of a proposal. Raises ServiceCallError."""
     inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
     services = dict.fromkeys(sorted(inventory.services), "")
-    # In ROS 1 each question about a type is a connection to the node that has the service, so only few are asked.
+    # In ROS 1 each query of a service type connects to its node, so they are limited.
     for name in [name for name in services if may_stop(name)][:_MOST_ASKED]:
         services[name] = await _type_of(ros, "service_type", "ServiceType", service=name)
     actions = _actionlib_servers(inventory.topics)
     for name in sorted(inventory.actions or ())[:_MOST_ASKED]:
         if name not in actions:
             actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
-    # The most telling types first: a large robot has hundreds of topics, and each is two questions.
+    # Most informative types first: a large robot has hundreds of topics, with two queries each.
     ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
     asked = [topic for _rank, topic in ranked[:_MOST_ASKED]]
     publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
-    # A topic without either is one whose nodes the robot does not tell.
+    # A topic with neither has nodes unknown to rosapi.
     told = [topic for topic in asked if publishers[topic] or subscribers[topic]]
     return RobotOffer(
         inventory.topics,
@@ -211,11 +211,10 @@ async def check_streams(
     seconds: float = 3.0,
     on_check: Callable[[StreamCheck], None] | None = None,
 ) -> tuple[StreamCheck, ...]:
-    """Listen to everything that the profile names, all at once, for ``seconds``, and say how it comes.
+    """Listen to all streams of the profile at once for ``seconds``, and rate them.
 
-    What the robot listens to is advertised and not sent; its services and its actions are looked up and never used.
-    Where rosapi does not tell what there is, the streams alone are listened to. ``on_check`` gets each line as soon as
-    it is known.
+    Topics that the robot subscribes to are advertised without sending; services and actions are looked up and never
+    used. Without rosapi only the streams are checked. ``on_check`` gets each result at once.
 
     Raises
     ------
@@ -291,7 +290,7 @@ async def check_streams(
 
 @contextlib.asynccontextmanager
 async def _connected(address: str, security: SecuritySettings | None, timeout_s: float) -> AsyncIterator[SafeRos]:
-    """A connection of its own, or ExploreError."""
+    """Separate connection. Raises ExploreError."""
     probe = LinkProbe()
     ros = SafeRos(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
     ros.connect()
@@ -308,7 +307,7 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
         try:
             yield ros
         except ExploreError as error:
-            if probe.broke_off:  # then nothing was answered, whatever was asked
+            if probe.broke_off:  # then nothing was answered, whatever the query
                 raise _broken_off(security) from error
             raise
     finally:
@@ -317,7 +316,7 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
 
 def _broken_off(security: SecuritySettings | None) -> ExploreError:
     if security is None or security.rosauth_secret_env is None:
-        # A rosbridge that demands a secret lets everybody in, and closes with the first question.
+        # A rosbridge with rosauth accepts every connection, and closes it at the first query.
         advice = QT_TR_NOOP(
             "If it demands a secret (rosauth), name the environment variable that holds it under Security. "
             "Else see that rosbridge still runs there, and look again."
@@ -343,7 +342,7 @@ def _no_rosapi(error: Exception) -> ExploreError:
 
 
 async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:
-    """As the robot itself says; (None, "") where it is too old to."""
+    """ROS version and distribution as reported; (None, "") from old robots."""
     try:
         answer = await ros.ask("/rosapi/get_ros_version", "rosapi/GetROSVersion")
     except ServiceCallError:
@@ -361,7 +360,7 @@ async def _dialect_of_topics(ros: SafeRos) -> Dialect | None:
 
 
 async def _names(ros: SafeRos, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
-    """A list of names from rosapi; empty where it does not know the question."""
+    """List of names from rosapi; empty if it does not know the query."""
     try:
         answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
     except ServiceCallError as error:
@@ -377,7 +376,7 @@ async def _count_nodes(ros: SafeRos, topics: list[str], service: str, kind: str)
 
 
 def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
-    """The actions of ROS 1, by the topics of their goals."""
+    """Actions of ROS 1, by their goal topics."""
     ending = "ActionGoal"
     return {
         topic.removesuffix("/goal"): kind.removesuffix("Goal")
@@ -387,7 +386,7 @@ def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
 
 
 async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -> str:
-    """The type of a service or action as rosapi tells it; empty where it does not."""
+    """Type of a service or action from rosapi; empty if unknown."""
     try:
         found = (await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)).get("type")
     except ServiceCallError as error:
@@ -397,7 +396,7 @@ async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -
 
 
 def _interest(kind: str) -> int | None:
-    """The rank of a type among those whose publishers and subscribers matter; None where they do not."""
+    """Rank of a type whose publishers and subscribers matter; None for others."""
     return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
 
 
@@ -441,12 +440,14 @@ def _resemblances(offer: RobotOffer) -> tuple[Resemblance, ...]:
         share = round(sum(hits) / len(hits), 3)
         if share >= _RESEMBLES and offer.dialect in (None, Dialect(profile.ros)):
             found.append((share, len(hits), Resemblance(listed.name, profile.title, share)))
-    # Of two that fit as well, the one that says more.
+    # Of two equal fits, the one with more names.
     return tuple(each for _share, _names, each in sorted(found, key=lambda one: (-one[0], -one[1], one[2].name)))
 
 
 def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
-    """For each name in the profile, whether the robot has it with the right type. Controls come and go: not counted."""
+    """For each name in the profile, whether the robot has it with the right type. Controls do not
+    count, as they vary.
+    """
     hits = [
         any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types)
         for named in named_in(profile)
@@ -459,7 +460,7 @@ def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
 
 
 class _Ear:
-    """Listens to one stream of a profile. The transforms that come fill ``tree``."""
+    """Listener to one stream of a profile. Received transforms fill ``tree``."""
 
     def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree) -> None:
         self._named = named
@@ -522,7 +523,7 @@ class _Ear:
         return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
 
     def _late_s(self, offset_ns: int | None) -> float | None:
-        """How old the last message was on arrival, by the robot's own clock."""
+        """Age of the last message on arrival, by the robot's clock."""
         header = self._message.get("header") if isinstance(self._message, dict) else None
         if offset_ns is None or not isinstance(header, dict):
             return None
@@ -534,7 +535,7 @@ class _Ear:
 
 
 async def _clock_offset_ns(ros: SafeRos) -> int | None:
-    """What to add to this machine's clock to get the robot's; good to half a round trip."""
+    """Robot clock minus this computer's clock, accurate to half a round trip."""
     asked_ns = time.time_ns()
     try:
         robot_ns = decode_time((await ros.ask("/rosapi/get_time", "rosapi/GetTime")).get("time"))
@@ -547,7 +548,7 @@ _HAS_SERVICE = QT_TR_NOOP("The robot has this service.")
 
 
 def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> Iterator[StreamCheck]:
-    """The services and actions of the profile."""
+    """Checks of the profile's services and actions."""
     if inventory is None:
         for key, label, name in (*services_of(profile), *actions_of(profile)):
             yield _unknown(key, label, name)
@@ -581,7 +582,7 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
 
 
 async def _bridge_is_told(ros: SafeRos, ears: list[_Ear]) -> bool:
-    """Whether the robot names rosbridge among those who subscribe to what is heard through it."""
+    """True if the robot lists rosbridge among the subscribers of received topics."""
     for ear in ears:
         if ear.heard:
             names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=ear.topic)
@@ -598,7 +599,7 @@ async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_tol
     if speakers and not listeners:
         return verdict("nothing", filled(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers)))
     if not listeners:
-        # A topic without either is one whose nodes the robot does not tell.
+        # A topic with neither has nodes unknown to rosapi.
         return verdict("good", QT_TR_NOOP("The robot has this topic."))
     if bridge_told and not await _lets_through(ros, named.topic, kind, set(speakers)):
         refused = QT_TR_NOOP(
@@ -609,9 +610,9 @@ async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_tol
 
 
 async def _lets_through(ros: SafeRos, topic: str, kind: str, before: set[str]) -> bool:
-    """Whether rosbridge becomes a publisher of the topic when it is asked to, as ROS itself tells. Nothing is sent.
+    """True if rosbridge becomes a publisher of the topic on request, as ROS reports. Nothing is sent.
 
-    rosbridge drops what its ``topics_glob`` does not name without a word.
+    rosbridge silently ignores topics outside of its ``topics_glob``.
     """
     publisher = SafeTopic(ros, topic, kind)
     publisher.advertise()
@@ -643,7 +644,7 @@ def _short(names: Iterable[str]) -> str:
 
 
 def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTree) -> Callable[[Any], str]:
-    """What to say of a message; raises MessageError or ValueError where the console could not use it."""
+    """Description of a message; raises MessageError or ValueError if the console could not use it."""
     if named.field == "head.joint_states" and profile.head is not None:
         joints = (profile.head.pan_joint, profile.head.tilt_joint)
         return lambda message: _joints(message, joints)
@@ -662,7 +663,7 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
 def _joints(message: Any, wanted: tuple[str, str]) -> str:
     known = joint_messages.decode_joint_state(message).positions
     lacking = [joint for joint in wanted if joint not in known]
-    # A robot may tell its joints in several messages, so one without them proves nothing.
+    # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
         return QT_TR_NOOP("Both joints of the head are told.")
     return filled(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
@@ -678,7 +679,7 @@ def _scan(message: Any) -> str:
 
 
 def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
-    """How the LIDAR is mounted. Raises MessageError where it is tilted."""
+    """Mounting of the LIDAR. Raises MessageError if it is tilted."""
     frame = messages.decode_laser_scan(message, stamp_ns=0).frame_id.lstrip("/")
     pose = tree.lookup_in_space(profile.frames.base.lstrip("/"), frame)
     if profile.laser.mounting is not None:
@@ -787,7 +788,7 @@ _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
 
 
 def value_at(message: Any, path: str) -> bool | float | str:
-    """The value at a path such as ``status[0].level``. Raises ValueError where there is none."""
+    """Value at a path such as ``status[0].level``. Raises ValueError if there is none."""
     found = message
     for step in re.findall(r"[A-Za-z_][A-Za-z0-9_]*|\[[0-9]+\]", path):
         try:

@@ -1,4 +1,4 @@
-"""The robot's outline on the floor, and when it meets points while it moves along an arc. Plain geometry."""
+"""Robot footprint, and its time to contact with points along an arc. Plain geometry."""
 
 import math
 from collections.abc import Sequence
@@ -11,17 +11,17 @@ from caris_desktop.robot.profile import RobotProfile
 
 Array = NDArray[np.float64]
 
-# A motion whose turn shifts the outline by less than a thousandth of the way is straight.
+# A rotation that shifts the outline by less than a thousandth of the path counts as straight.
 _STRAIGHT = 1e-3
-# What slides along the outline, up to this sine of the angle, does not go deeper into it.
+# Maximum sine of the angle at which sliding along the outline does not count as going deeper.
 _SLIDING = 0.05
 
 
 class Footprint:
-    """A disc around the robot's origin, or a convex polygon (of another outline its hull, which is on the safe side).
+    """Disc around the robot's origin, or a convex polygon (other outlines become their hull, which is safe).
 
-    Points are float64, shape (n, 2), in the robot frame. A margin makes the footprint larger all around (a polygon's
-    corners stay pointed).
+    Points are float64, shape (n, 2), in the robot frame. A margin enlarges the footprint on all sides (polygon corners
+    stay pointed).
     """
 
     def __init__(self, *, radius_m: float, corners_m: Sequence[tuple[float, float]] = ()) -> None:
@@ -56,8 +56,8 @@ class Footprint:
         return self._outline
 
     def gap_m(self, points: Array) -> Array:
-        """How far each point is outside, negative inside; shape (n,). Beside a polygon's corner it is less than the
-        distance, as its corners stay pointed when it is made larger.
+        """Distance of each point outside the footprint, negative inside; shape (n,). Near a polygon's corner it is
+        underestimated, as corners stay pointed when enlarged.
         """
         if self._disc_m is not None:
             return np.hypot(points[:, 0], points[:, 1]) - self._disc_m
@@ -65,10 +65,10 @@ class Footprint:
         return beyond
 
     def contact_s(self, points: Array, twist: Twist2D, *, margin_m: float = 0.0) -> Array:
-        """Seconds until the footprint, moving with ``twist``, reaches each point; ``inf`` where it never does.
+        """Seconds until the footprint, moving with ``twist``, reaches each point; ``inf`` if never.
 
-        A point that is inside already counts as reached (0) where the motion takes it deeper, and as never reached
-        where it takes it out or along the outline: the robot must be able to leave what it touches.
+        A point inside counts as reached (0) if the motion goes deeper, and as never reached if it leaves or slides
+        along: the robot must be able to move away from contact.
         """
         contact_s = np.full(len(points), np.inf)
         if not twist.moving or not len(points):
@@ -84,7 +84,7 @@ class Footprint:
         return contact_s
 
     def outline_after(self, twist: Twist2D, times_s: Array) -> Array:
-        """Where the outline is after each of the times, in the present robot frame; shape (times * outline, 2)."""
+        """Outline after each of the times, in the present robot frame; shape (times * outline, 2)."""
         moved = [moved_by(twist, float(time_s)) for time_s in times_s]
         return np.concatenate([transformed(pose, self._outline) for pose in moved])
 
@@ -101,7 +101,7 @@ class Footprint:
         return deeper
 
     def _straight_contact_s(self, points: Array, twist: Twist2D, margin_m: float) -> Array:
-        # In the robot frame the points come towards the footprint.
+        # In the robot frame the points move towards the footprint.
         velocity = np.array([-twist.forward_mps, -twist.left_mps])
         if self._disc_m is not None:
             radius_m = self._disc_m + margin_m
@@ -121,7 +121,7 @@ class Footprint:
         return np.where((enter < leave) & (enter >= 0.0) & ~beside, enter, np.inf)
 
     def _arc_contact_s(self, points: Array, twist: Twist2D, margin_m: float) -> Array:
-        # In the robot frame each point runs on a circle around the centre of the turn, against the turn.
+        # In the robot frame each point circles around the centre of rotation, against the turn.
         turn = twist.turn_radps
         centre = np.array([-twist.left_mps / turn, twist.forward_mps / turn])
         relative = points - centre
@@ -155,7 +155,7 @@ class Footprint:
         return first / abs(turn)
 
     def _side_ends(self, margin_m: float) -> tuple[Array, Array]:
-        """Where each side of the polygon made larger begins and ends, along its tangent."""
+        """Ends of each side of the enlarged polygon, along its tangent."""
         before, after = np.roll(self._normals, 1, axis=0), np.roll(self._normals, -1, axis=0)
         offsets = self._offsets + margin_m
         return (
@@ -165,7 +165,7 @@ class Footprint:
 
 
 def convex_hull(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The hull's corners, counter-clockwise, none of them on a straight side."""
+    """Corners of the hull, counter-clockwise, without collinear ones."""
     ordered = sorted(set(points))
 
     def chain(run: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -183,7 +183,7 @@ def convex_hull(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, flo
 
 
 def transformed(pose: Pose2D, points: Array) -> Array:
-    """Points of the frame that ``pose`` is of, in the frame that ``pose`` is in."""
+    """Transform points by ``pose`` to its parent frame."""
     cos, sin = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
     turned: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([pose.x_m, pose.y_m])
     return turned

@@ -1,7 +1,7 @@
-"""The obstacle guard: how much of a velocity the LIDAR allows. Pure logic, time comes in as an argument.
+"""Obstacle guard: the fraction of a velocity that the LIDAR permits. Pure logic; time is an argument.
 
-What it takes for granted: obstacles stand still for the moment that the robot needs to stop, and the LIDAR sees them.
-What is above or below its plane it does not know.
+Assumptions: obstacles do not move while the robot stops, and the LIDAR sees them. What is above or below its plane is
+unknown.
 """
 
 import math
@@ -30,10 +30,10 @@ MEMORY_S = 10.0
 _STALE_AFTER_S, _STALE_PERIODS = 0.5, 3.0
 _REPORTED_M = 2.0
 _REMEMBERED_WITHIN_M = 3.0
-# Below the first speed the robot stops; it starts again once the second one is allowed, so that noise moves nothing.
+# Below the first speed the robot stops; it restarts once the second is permitted, so that noise causes no motion.
 _CREEP_MPS, _START_MPS = 0.03, 0.07
 _LEGS_WIDE_M, _STANDS_FREE_M, _ROUND, _FEWEST_BEAMS = 0.45, 0.12, 0.12, 4
-# No thing to touch can be this deep inside the robot; the robot's own parts can.
+# Only the robot's own parts can be this deep inside it.
 _DEEP_M, _DEEP_OWN_AFTER_S, _OWN_AFTER_M, _SAME_RANGE_M = 0.05, 1.0, 0.3, 0.03
 _NEAR_FIELD_M = 0.5
 _UNSEEN_WIDTH_M = 0.1
@@ -49,7 +49,7 @@ _UNSEEN_WORDS = QT_TR_NOOP("the LIDAR does not see there")
 
 @dataclass(frozen=True, slots=True)
 class GuardLimit:
-    """``fraction`` of the velocity is allowed, on the same arc; ``distance_m`` is the free way along it."""
+    """``fraction`` of the velocity is permitted, on the same arc; ``distance_m`` is the clearance along it."""
 
     fraction: float
     state: GuardState
@@ -59,7 +59,7 @@ class GuardLimit:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What one scan covered: from where, and for each beam how far it is in angle to one that measures."""
+    """Coverage of one scan: its pose, and each beam's angle to the nearest measuring one."""
 
     stamp_s: float
     odom_from_laser: Pose2D
@@ -71,7 +71,7 @@ class _View:
     whole: bool
 
     def knows(self, points_in_odom: Array, *, seen: bool) -> NDArray[np.bool_]:
-        """Whether beams look towards the points; ``seen``: and nothing stood in between."""
+        """True for points within the beams' coverage; ``seen``: and without an obstacle in between."""
         x, y = transformed(self.odom_from_laser.inverse(), points_in_odom).T
         distance = np.hypot(x, y)
         last = len(self.ranges_m) - 1
@@ -90,20 +90,20 @@ class _View:
 
 
 class ObstacleGuard:
-    """Limits direct driving so that the footprint touches nothing that the LIDAR sees.
+    """Limits manual driving so that the footprint touches nothing that the LIDAR sees.
 
-    For each velocity it finds how far the footprint can go along that very arc (ahead, back, sideways, turning on the
-    spot) before it reaches a scanned point, and allows the fraction of the velocity from which the robot still stops,
-    after ``reaction_s`` and the braking of the profile, with ``stop_distance_m`` left. The arc stays the same, and
-    away from an obstacle the robot may always go. Obstacles that the LIDAR sees no more because the robot turned stay
-    remembered in the odometry frame for 10 s; where none of its beams looks or looked, the robot crawls.
+    For each velocity it computes how far the footprint can go along that arc (forward, back, sideways, turning in
+    place) before it reaches a scanned point, and permits the fraction from which the robot can stop, after
+    ``reaction_s`` and the profile's braking, with ``stop_distance_m`` left. The arc is preserved, and moving away from
+    an obstacle is always permitted. Obstacles that leave the view by rotation are remembered in the odometry frame for
+    10 s; outside of the coverage the robot crawls.
 
-    The robot's own body: points inside the footprint are its own once they kept their place there for 1 s (if they
-    are deeper inside than an obstacle can be) or while the robot moved 0.3 m (near the outline). Until then they
-    block the motion that takes them deeper. Beams that end on the own body count as not looking.
+    Points inside the footprint belong to the robot's own body once they kept their position relative to it for 1 s (if
+    deeper inside than an obstacle can be) or over 0.3 m of motion (near the outline). Until then they block motion that
+    goes deeper. Beams that end on the robot's body do not count as coverage.
 
-    The motion of the robot since a scan is made up for with odometry, or without it with the velocities sent. Times
-    are seconds on the session clock.
+    Motion since a scan is compensated with odometry, or without it with the velocities sent. Times are seconds on the
+    session clock.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -123,11 +123,11 @@ class ObstacleGuard:
         return self._on
 
     def switch(self, *, on: bool) -> None:
-        """On, or off on the wizard's own responsibility. The cap without a fresh scan stays."""
+        """Switch on, or off on the wizard's own responsibility. The speed limit without a fresh scan remains."""
         self._on = on
 
     def forget(self) -> None:
-        """The link is new: nothing is known of the surroundings, and the profile says whether the guard is on."""
+        """Reset for a new link: unknown surroundings, and the profile's default state."""
         self._on = self._settings.on
         self._odometry: deque[tuple[int, Odometry]] = deque(maxlen=64)
         self._sent = ZERO_TWIST
@@ -143,10 +143,10 @@ class ObstacleGuard:
         self._own_since_m = np.zeros(_BINS)
         self._forget_surroundings()
 
-    # What is known
+    # Measurements
 
     def take_round_trip(self, round_trip_s: float) -> None:
-        """What the network takes for a scan to come and a command to go; it adds to ``reaction_s``."""
+        """Set the network round trip, which adds to ``reaction_s``."""
         self._round_trip_s = max(min(round_trip_s, 1.0), 0.8 * self._round_trip_s)
 
     def take_odometry(self, odometry: Odometry) -> None:
@@ -155,25 +155,25 @@ class ObstacleGuard:
         self._reckon(now_s)
         jump = self._odom_from_robot.inverse() @ odometry.pose_in_odom
         if previous is None or math.hypot(jump.x_m, jump.y_m) > 0.5 or abs(jump.heading_rad) > 0.8:
-            # Another frame from now on, or the robot was set elsewhere: no known point is where it was.
+            # A new odometry frame, or the robot was moved: no remembered point is valid.
             self._forget_surroundings()
             self._odometry.clear()
         else:
             self._note_travelled(previous.pose_in_odom.inverse() @ odometry.pose_in_odom)
         stamp_ns = odometry.robot_stamp_ns if odometry.robot_stamp_ns is not None else odometry.stamp_ns
         self._odometry.append((stamp_ns, odometry))
-        # From when it arrived: it may have waited for its turn.
+        # From its arrival: it may have been queued.
         self._odom_from_robot, self._reckoned_s = odometry.pose_in_odom, now_s
 
     def note_sent(self, twist: Twist2D, now_s: float) -> None:
-        """A velocity went to the robot."""
+        """Note a velocity that was sent."""
         self._reckon(now_s)
         self._sent = twist
 
     def take_scan(self, scan: LaserScan, *, delay_s: float = 0.0) -> None:
-        """A scan that tells nothing, such as that of a covered LIDAR or of one mounted nobody knows where, is none.
+        """Add a scan; ignored without information, as of a covered LIDAR or one with an unknown mounting.
 
-        ``delay_s`` is how long it was under way, as far as that is known.
+        ``delay_s`` is its transmission time, as far as known.
         """
         if scan.robot_from_laser is None:
             return
@@ -184,7 +184,7 @@ class ObstacleGuard:
             ranges_m = ranges_m[::-1]
             angle_min_rad, increment_rad = angle_min_rad + (len(ranges_m) - 1) * increment_rad, -increment_rad
         with np.errstate(invalid="ignore"):
-            # A beam without an answer reads inf, 0 or beyond the range; one that never looks reads nan or less than 0.
+            # A beam without an echo reads inf, 0 or beyond the range; one that never measures reads nan or less than 0.
             looks = ranges_m >= 0.0
             measured = (ranges_m >= max(scan.range_min_m, 1e-3)) & (ranges_m <= scan.range_max_m)
         measured &= np.isfinite(ranges_m)
@@ -222,10 +222,10 @@ class ObstacleGuard:
         self._points_in_odom = transformed(odom_from_robot, points_in_robot[obstacle])
         self._legs = legs[obstacle]
 
-    # What is allowed
+    # Limits
 
     def limit(self, twist: Twist2D, now_s: float) -> GuardLimit:
-        """How much of ``twist`` is allowed now. Anything but a moving twist only tells the state."""
+        """Permitted fraction of ``twist``. Without motion it only reports the state."""
         if not self._present:
             return GuardLimit(1.0, "absent")
         stale = self.stale(now_s)
@@ -247,7 +247,7 @@ class ObstacleGuard:
         return found
 
     def stale(self, now_s: float) -> bool:
-        """Whether the newest scan is too old to be the truth (or there is none)."""
+        """True if the newest scan is too old (or missing)."""
         if self._scan_s is None:
             return True
         return now_s - self._scan_s + self._delay_s > max(_STALE_AFTER_S, _STALE_PERIODS * self._period_s)
@@ -272,7 +272,7 @@ class ObstacleGuard:
             if not len(kind):
                 continue
             gaps_m = self._footprint.gap_m(kind)
-            # Where less room is left than the margin, it is kept as it is: the robot may go along a wall.
+            # With less clearance than the margin, the present one is preserved: the robot may drive along a wall.
             margin_m = min(max(float(gaps_m.min()) - _NOISE_M, 0.0), wanted_m)
             contact_s = self._footprint.contact_s(kind, twist, margin_m=margin_m)
             reached = contact_s < horizon_s
@@ -325,7 +325,7 @@ class ObstacleGuard:
         return min(1.0, _share(CRAWL_MPS, speed_mps), _share(CRAWL_MPS, twist.turn_radps * self._footprint.radius_m))
 
     def _sees_the_way(self, twist: Twist2D, now_s: float) -> bool:
-        """Whether beams look, or looked not long ago, wherever the footprint goes before it could stop."""
+        """True if beams cover, or recently covered, the footprint's path before it could stop."""
         view = self._view
         if view is None:
             return False
@@ -346,10 +346,10 @@ class ObstacleGuard:
             unknown = unknown[~earlier.knows(unknown, seen=True)]
         return not len(unknown)
 
-    # Where the robot is
+    # Pose
 
     def _reckon(self, now_s: float) -> None:
-        """Carry the pose on from the last odometry with the velocity measured then, or the one sent since."""
+        """Extrapolate the pose from the last odometry with its velocity, or the one sent since."""
         before_s, self._reckoned_s = self._reckoned_s, now_s
         if before_s is None or now_s <= before_s:
             self._reckoned_s = before_s if before_s is not None else now_s
@@ -366,7 +366,7 @@ class ObstacleGuard:
         self._travelled_m += math.hypot(step.x_m, step.y_m) + abs(step.heading_rad) * self._footprint.radius_m
 
     def _pose_at(self, scan: LaserScan) -> Pose2D:
-        """Where the robot was when it took the scan: by its own stamps where scan and odometry both carry them."""
+        """Pose at the time of the scan: by robot stamps if scan and odometry both have them."""
         if not self._odometry:
             return self._odom_from_robot
         by_robot = scan.robot_stamp_ns is not None and self._odometry[-1][1].robot_stamp_ns is not None
@@ -380,10 +380,10 @@ class ObstacleGuard:
         for at_ns, odometry in reversed(self._odometry):
             if at_ns <= stamp_ns:
                 return odometry.pose_in_odom @ moved_by(odometry.twist, (stamp_ns - at_ns) / 1e9)
-        # Older than all that is known of the motion, or stamped by another clock.
+        # Older than all known motion, or stamped by another clock.
         return self._odom_from_robot
 
-    # What is remembered
+    # Memory
 
     def _forget_surroundings(self) -> None:
         self._points_in_odom = np.empty((0, 2))
@@ -395,8 +395,8 @@ class ObstacleGuard:
         self._views.clear()
 
     def _remember_what_left_the_view(self, view: _View, looks: NDArray[np.bool_], own: NDArray[np.bool_]) -> None:
-        """Of the points before this scan keep those where it does not look, and those too near for it to answer; but
-        not those that turn out to be the robot's own body.
+        """Remember earlier points outside of the new coverage or below its minimum range, except those on the robot's
+        body.
         """
         if self._view is not None:
             before = np.full(len(self._points_in_odom), self._view.stamp_s)
@@ -426,7 +426,7 @@ class ObstacleGuard:
         if view.whole:
             return
         if self._views:
-            # Against where the last one began, or a slow motion would take it along for ever.
+            # Relative to the start of the last one, else slow motion would carry it along forever.
             moved = self._views_anchor.inverse() @ view.odom_from_robot
             way_m, turned_rad = math.hypot(moved.x_m, moved.y_m), abs(moved.heading_rad)
             if way_m < _SAME_VIEW and turned_rad < _SAME_VIEW:
@@ -447,7 +447,7 @@ class ObstacleGuard:
     ) -> NDArray[np.bool_]:
         gaps_m = self._footprint.gap_m(points_in_robot)
         inside = measured & (gaps_m < 0.0)
-        # By angle, as some LIDARs give a beam more or less from scan to scan.
+        # By angle, as some LIDARs vary in the number of beams.
         bins = np.floor(angles / (2.0 * math.pi) * _BINS).astype(np.intp) % _BINS
         current_m = np.full(_BINS, np.nan)
         current_m[bins[inside]] = ranges_m[inside]
@@ -463,7 +463,7 @@ class ObstacleGuard:
 
 
 class GuardNews:
-    """Decides which limits are worth an event: each change for the worse at once, all others now and then."""
+    """Decides which limits are worth an event: each deterioration at once, others at intervals."""
 
     EVERY_S = 0.2
     BETTER_AFTER_S = 0.4
@@ -475,7 +475,7 @@ class GuardNews:
         self._better_since_s: float | None = None
 
     def forget(self) -> None:
-        """The next limit is told whatever it is."""
+        """Report the next limit in any case."""
         self._told = None
         self._told_s = -math.inf
         self._better_since_s = None
@@ -487,7 +487,7 @@ class GuardNews:
                 worse = self._ORDER.index(limit.state) > self._ORDER.index(told.state)
                 switched = "overridden" in (limit.state, told.state)
                 if not (worse or switched):
-                    # Noise makes a limit come and go; the wizard is told once it stays away.
+                    # Noise makes a limit flicker; its end is reported once it lasts.
                     if self._better_since_s is None:
                         self._better_since_s = now_s
                     if now_s - self._better_since_s < self.BETTER_AFTER_S:
@@ -503,7 +503,7 @@ class GuardNews:
 
 
 def _stopping_fraction(room_s: float, reaction_s: float, braking_s: float) -> float:
-    """The fraction k of a velocity with k * reaction + k^2 * braking / 2 = room, all in seconds at full velocity."""
+    """Fraction k of a velocity with k * reaction + k^2 * braking / 2 = room, in seconds at full velocity."""
     if room_s <= 0.0:
         return 0.0
     if braking_s <= 1e-9:
@@ -524,7 +524,7 @@ def _alike(limit: GuardLimit, told: GuardLimit) -> bool:
 
 
 def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: bool) -> Array:
-    """For each beam the angle to the nearest one that looks; ``inf`` where none does."""
+    """Angle of each beam to the nearest measuring one; ``inf`` if there is none."""
     count = len(looks)
     if looks.all():
         return np.zeros(count)
@@ -543,16 +543,16 @@ def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: 
 def _stands_free(
     points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, whole: bool
 ) -> NDArray[np.bool_]:
-    """Which points belong to something round that stands free before what is behind it and is no wider than a person.
+    """Points on a round, free-standing object no wider than a person.
 
-    The end of a wall beside a door stands free as well, but it is flat.
+    The end of a wall at a door is free-standing as well, but flat.
     """
     count = len(ranges_m)
     free = np.zeros(count, dtype=bool)
     depth = np.where(measured, ranges_m, np.inf)
     with np.errstate(invalid="ignore"):
         rise = np.diff(depth, append=depth[:1])
-    # inf - inf is nan: no thing begins or ends between two beams that end nowhere.
+    # inf - inf is nan: no object begins or ends between two beams without an echo.
     ends = np.flatnonzero(np.abs(np.nan_to_num(rise, nan=0.0, posinf=1e9, neginf=-1e9)) > _STANDS_FREE_M)
     if len(ends) < 2:
         return free
@@ -568,7 +568,7 @@ def _stands_free(
     for index in np.flatnonzero(nearer & many & near & (widths_m <= _LEGS_WIDE_M)):
         beams = np.arange(firsts[index], lasts[index] + 1)
         across = points_in_laser[beams] - points_in_laser[firsts[index]]
-        # The beams run counter-clockwise, so that what bulges towards the LIDAR lies to the left of the chord.
+        # The beams run counter-clockwise, so that bulges towards the LIDAR are left of the chord.
         bulge = chords[index, 0] * across[:, 1] - chords[index, 1] * across[:, 0]
         if float(bulge.mean()) > _ROUND * float(widths_m[index]) ** 2:
             free[beams] = True

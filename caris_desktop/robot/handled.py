@@ -1,4 +1,4 @@
-"""Proof that rosbridge handles what it reads on the websocket that moves the robot."""
+"""Detection of a stalled rosbridge queue on the motion websocket."""
 
 import asyncio
 import itertools
@@ -12,7 +12,7 @@ from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import message_of, text
 
 HANDLED_TOPIC = "/caris_desktop/handled"
-# No such service: it is refused in the queue, without a wait for anybody.
+# A nonexistent service is refused in the queue, without waiting.
 NO_SERVICE = "/caris_desktop/no_such_service"
 UNHANDLED_AFTER_S = 1.0
 _CONFIRMED_AFTER_S = 0.3
@@ -23,15 +23,15 @@ _MOST_UNHANDLED = 4
 
 
 class HandledOperations:
-    """Asks, behind the commands, for a sign that everything before has been handled.
+    """Requests, behind the commands, a sign that everything before was handled.
 
-    rosbridge answers a ping as soon as it reads it, while operations may wait in the queue of their websocket. A
-    message of our own on a topic that the same websocket has subscribed comes back when its turn has come. Until the
-    first has come back, and where one is late, a service that nobody offers is called as well: rosbridge refuses that
-    in the same queue, but writes an error to its log each time, and its topics may be restricted where services are
-    not. A server that gives neither sign (both restricted) is taken by its pings alone, which :attr:`unproven` tells.
+    rosbridge answers a ping as soon as it is read, while operations may wait in their websocket's queue. A message of
+    our own on a topic that the same websocket subscribes comes back in order. Before the first one, and when one is
+    late, a nonexistent service is called as well: rosbridge refuses it in the same queue, but logs an error each time,
+    and topics may be restricted where services are not. A server that gives neither sign (both restricted) is judged by
+    pings alone, see :attr:`unproven`.
 
-    ``handled`` gets the time since the question went out, in seconds.
+    ``handled`` gets the time since the request, in seconds.
     """
 
     def __init__(self, ros: SafeRos, dialect: Dialect, *, handled: Callable[[float], None]) -> None:
@@ -57,12 +57,12 @@ class HandledOperations:
 
     @property
     def counts(self) -> bool:
-        """Whether this server gives such a sign; until it has done so once, pings have to do."""
+        """True if this server has given such a sign; until then pings count."""
         return self._proven_once
 
     @property
     def unproven(self) -> bool:
-        """Whether it should have given one by now."""
+        """True if the first sign is overdue."""
         return not self._proven_once and self._loop.time() - self._connected_s >= _WAITED_FOR_AT_MOST_S
 
     def link_connected(self) -> None:
@@ -77,11 +77,11 @@ class HandledOperations:
         self._unhandled_since_s = None
 
     def read(self, round_trip_s: float) -> None:
-        """A ping came back: what was sent before it has been read."""
+        """A ping came back: everything sent before has been read."""
         self._read_to_s = max(self._read_to_s, self._loop.time() - round_trip_s)
 
     def ask(self) -> None:
-        """Behind what was sent just now."""
+        """Send a request behind the latest commands."""
         now_s = self._last_asked_s = self._loop.time()
         late = any(now_s - asked_s > _SECOND_QUESTION_AFTER_S for asked_s in self._asked_s.values())
         number = next(self._numbers)
@@ -99,19 +99,19 @@ class HandledOperations:
             protocol.send_ros_service_request(question, answer, answer, _WAITED_FOR_AT_MOST_S)
 
     def ask_now_and_then(self) -> None:
-        """So that it is known before the next command."""
+        """Send periodic requests, so that the state is known before the next command."""
         if self._loop.time() - self._last_asked_s >= _ASKED_EVERY_S and len(self._asked_s) < _MOST_UNHANDLED:
             self.ask()
 
     def stuck(self) -> bool:
-        """Whether rosbridge goes on reading, and has not handled what it read a while ago."""
+        """True if rosbridge reads messages but has not handled older ones."""
         now_s = self._loop.time()
         oldest_s = next(iter(self._asked_s.values()), now_s)
         if not self._proven_once or self._read_to_s - oldest_s < UNHANDLED_AFTER_S:
             self._unhandled_since_s = None
             return False
         if self._unhandled_since_s is None:
-            # A server that was stopped answers all pings first when it wakes up.
+            # A suspended server answers all pings first when it wakes up.
             self._unhandled_since_s = now_s
         return now_s - self._unhandled_since_s >= _CONFIRMED_AFTER_S
 

@@ -1,4 +1,4 @@
-"""The robot's head: how it is turned, and where the wizard turns it."""
+"""Robot head: joint state, and commands to turn it."""
 
 import asyncio
 import math
@@ -21,19 +21,19 @@ from caris_desktop.ros.joint_messages import (
     encode_joint_trajectory,
 )
 
-# A controller that gets a new goal before it has begun the last one never moves smoothly.
+# A controller that gets a new goal before starting the last one never moves smoothly.
 SEND_EVERY_S = 0.05
 SHORTEST_MOVE_S = 0.1
-# Joints may come in messages of several nodes, so each message is looked at, but not every one is passed on.
+# Joints may come from several nodes, so each message is processed, but not all are passed on.
 TELL_EVERY_NS = 90_000_000
-# HeadYaw and HeadPitch of NAO and Pepper turn at about 8 rad/s; naoqi wants a fraction of that.
+# HeadYaw and HeadPitch of NAO and Pepper turn at about 8 rad/s; naoqi expects a fraction of that.
 NAOQI_FASTEST_RADPS = 8.0
 
 
 class RobotHead:
-    """Turns the head within its range and no faster than it may; newer wishes replace older ones.
+    """Turns the head within its range and speed limit; newer targets replace older ones.
 
-    ``emit`` gets a HeadState while the robot tells how the head is turned, and a HeadMoved for each command sent.
+    ``emit`` gets a HeadState from the robot's joint states, and a HeadMoved for each command sent.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class RobotHead:
         watched.subscribe(states, self._take_joints)
 
     def move(self, command: MoveHead) -> str:
-        """Turn the head. Why it is refused, or an empty text."""
+        """Turn the head; return the reason for a refusal, or an empty text."""
         if self._head is None:
             return QT_TR_NOOP("this robot's profile names no head")
         if not self._ros.is_connected:
@@ -95,7 +95,7 @@ class RobotHead:
         return ""
 
     def hold_still(self, held: bool) -> None:
-        """The emergency stop: the head stays where it is now, and refuses to move until it is cleared."""
+        """Emergency stop: the head stays as it is and refuses commands until cleared."""
         began = held and not self._held
         self._held = held
         if not began:
@@ -103,11 +103,11 @@ class RobotHead:
         self._drop_next()
         here = self._at or self._target
         if self._head is not None and here is not None and self._ros.is_connected:
-            # Only a new goal makes a trajectory controller give up the one that it follows.
+            # Only a new goal makes a trajectory controller abandon the present one.
             self._publish(here, SHORTEST_MOVE_S)
 
     def link_lost(self) -> None:
-        """Nothing of now may go out later."""
+        """Drop pending commands, which must not be sent later."""
         self._drop_next()
         self._at = self._target = None
 

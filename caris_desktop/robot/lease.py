@@ -1,4 +1,4 @@
-"""The motion lease: what velocity goes to the robot, and when. Pure logic, time comes in as an argument."""
+"""Motion lease: which velocity is sent to the robot, and when. Pure logic; time is an argument."""
 
 import math
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from caris_desktop.robot.profile import MotionLimits
 
 EXPIRY_S = 0.15
 ZERO_REPEAT_S = 0.5
-# A timer that fires a hair early must not make the step wait for another whole period.
+# A timer that fires slightly early must not delay the step by a whole period.
 _EARLY_S = 0.0005
 
 
@@ -23,22 +23,22 @@ class _Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class LeasedTwist:
-    """A velocity that is due now, and who is responsible for it."""
+    """Velocity due now, and its source."""
 
     twist: Twist2D
     source: CommandSource
 
 
 class MotionLease:
-    """Decides about every velocity command.
+    """Decides on every velocity command.
 
-    A Twist is sent only while something holds the lease. ``drive`` takes it, ``renew`` keeps it; 150 ms after the last
-    of them it is gone: zero at once (not ramped), repeated for 0.5 s, then silence. Endless zeros would fight
-    navigation. All times are seconds on one monotonic clock, and ``now_s`` never runs backwards by more than the age
-    of a command. After each call ask :meth:`next_twist`, and again no later than :meth:`due_s` tells.
+    A Twist is sent only while the lease is held. ``drive`` takes it, ``renew`` extends it; it expires 150 ms after the
+    last of them: zero at once (not ramped), repeated for 0.5 s, then silence, since endless zeros would conflict with
+    navigation. All times are seconds on one monotonic clock, and ``now_s`` never runs backwards by more than the age of
+    a command. After each call use :meth:`next_twist`, and again no later than :meth:`due_s`.
 
-    ``allow`` is asked before each velocity: what fraction of it the obstacle guard allows at that time. The robot is
-    slowed by it at once and speeds up again as the limits say, on the same arc.
+    ``allow`` returns the fraction of a velocity that the obstacle guard permits. It slows the robot at once; speeding
+    up again follows the limits, on the same arc.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class MotionLease:
         self._period_s = 1.0 / rate_hz
         self._phase = _Phase.IDLE
         self._target = ZERO_TWIST
-        # Where the ramp to the target has come, and what of it the guard let pass.
+        # State of the ramp, and the part of it that the guard permitted.
         self._ramped = ZERO_TWIST
         self._current = ZERO_TWIST
         self._holder: CommandSource = "none"
@@ -71,11 +71,11 @@ class MotionLease:
 
     @property
     def latched(self) -> bool:
-        """Whether the emergency stop forbids motion."""
+        """True while the emergency stop forbids motion."""
         return self._latched
 
     def drive(self, target: Twist2D, source: CommandSource, now_s: float) -> bool:
-        """Take the lease or change its target. False when the emergency stop refuses it (and zeros go out again)."""
+        """Take the lease or change its target. False if the emergency stop refuses it (and zeros are sent again)."""
         if self._latched:
             self._begin_zeros(now_s, "stop")
             return False
@@ -84,12 +84,12 @@ class MotionLease:
             self.release(now_s)
             return True
         if not self.held:
-            # The first step of the ramp goes out at once, as large as one period of it.
+            # The first ramp step is sent at once, as large as one period's.
             self._sent_s = now_s - self._period_s
             self._current = self._ramped = ZERO_TWIST
         changed = not self.held or bounded != self._target
         if changed:
-            # From what the robot was really told, however much the guard took away.
+            # From the velocity really sent, whatever the guard removed.
             self._ramped = self._current
         self._phase = _Phase.HELD
         self._expired = False
@@ -101,64 +101,64 @@ class MotionLease:
         return True
 
     def renew(self, now_s: float) -> bool:
-        """Keep the lease. False when nothing holds it, or when it had run out before this came."""
+        """Extend the lease. False if it is not held, or had expired before."""
         if not self.held or now_s - self._renewed_s > EXPIRY_S:
             return False
         self._renewed_s = max(self._renewed_s, now_s)
         return True
 
     def release(self, now_s: float) -> bool:
-        """Give the lease back: zero at once. False, and nothing is sent, when nothing held it."""
+        """Release the lease: zero at once. False, and nothing is sent, if it was not held."""
         if not self.held:
             return False
         self._begin_zeros(now_s, self._holder)
         return True
 
     def reconsider(self, now_s: float) -> None:
-        """The surroundings are known anew: what is no longer allowed is corrected now, not at the next tick."""
+        """Apply new guard limits now instead of at the next tick."""
         if self.held and self._current.moving and self._allow(self._current, now_s) < 1.0:
             self._due_s = min(self._due_s, now_s)
 
     def stop(self, now_s: float, source: CommandSource = "stop") -> None:
-        """Zero at once, whether or not anything held the lease: something else may be moving the robot."""
+        """Send zero at once, with or without a lease: something else may be moving the robot."""
         self._begin_zeros(now_s, source)
 
     def told(self, twist: Twist2D) -> None:
-        """What was due did not go out; the robot was last told this instead, and the ramp goes on from there."""
+        """Set the velocity sent instead of the due one; the ramp continues from it."""
         if self.held:
             self._current = self._ramped = twist
 
     def end(self, now_s: float) -> bool:
-        """Take the lease away for a reason of our own: zero at once. False when nothing held it."""
+        """End the lease for an internal reason: zero at once. False if it was not held."""
         if not self.held:
             return False
         self._begin_zeros(now_s, "lease")
         return True
 
     def emergency(self, latched: bool, now_s: float) -> None:
-        """Latch (zero at once, then refuse every drive) or clear. Clearing moves nothing by itself."""
+        """Latch (zero at once, then refuse every drive) or clear. Clearing alone moves nothing."""
         self._latched = latched
         if latched:
             self._begin_zeros(now_s, "stop")
 
     def forget(self) -> None:
-        """The link is down: silence, and nothing is left that could be sent later. The emergency stop stays."""
+        """Reset on link loss: silence, and nothing pending. The emergency stop stays."""
         self._phase = _Phase.IDLE
         self._current = self._ramped = ZERO_TWIST
         self._target = ZERO_TWIST
         self._due_s = math.inf
 
     def due_s(self) -> float:
-        """When :meth:`next_twist` must be asked again; ``inf`` while silent."""
+        """Time for the next :meth:`next_twist`; ``inf`` while silent."""
         return min(self._due_s, self._renewed_s + EXPIRY_S) if self.held else self._due_s
 
     def take_expired(self) -> bool:
-        """True once after the lease ran out by itself."""
+        """True once after the lease expired."""
         expired, self._expired = self._expired, False
         return expired
 
     def next_twist(self, now_s: float) -> LeasedTwist | None:
-        """The velocity to send at ``now_s``, or None when none is due. Each due one is returned once."""
+        """Velocity to send at ``now_s``, or None if none is due. Each is returned once."""
         if self.held and now_s - self._renewed_s >= EXPIRY_S - _EARLY_S:
             self._expired = True
             self._begin_zeros(now_s, "lease")
@@ -183,7 +183,7 @@ class MotionLease:
         return leased
 
     def _speeding_up(self, elapsed_s: float) -> float:
-        """The fraction of the ramped velocity that is not too sudden after the one before, which the guard had cut."""
+        """Fraction of the ramped velocity that respects the acceleration limit after a guard reduction."""
         limits = self._limits
         return min(
             _reachable(self._current.forward_mps, self._ramped.forward_mps, limits.acceleration_mps2 * elapsed_s),
@@ -192,7 +192,7 @@ class MotionLease:
         )
 
     def _next_due_s(self, now_s: float) -> float:
-        # From the planned time, so that the rate holds however late the timer was.
+        # From the planned time, so that the rate holds despite late timers.
         return max(self._due_s, now_s - self._period_s / 2.0) + self._period_s
 
     def _begin_zeros(self, now_s: float, source: CommandSource) -> None:
@@ -206,7 +206,7 @@ class MotionLease:
 
 
 def bounded_twist(target: Twist2D, limits: MotionLimits) -> Twist2D:
-    """``target`` within the robot's speed limits; anything that is not a finite number is zero."""
+    """``target`` within the robot's speed limits; values that are not finite become zero."""
     return Twist2D(
         _bounded(target.forward_mps, -limits.backward_mps, limits.forward_mps),
         _bounded(target.left_mps, -limits.left_mps, limits.left_mps),
@@ -215,7 +215,9 @@ def bounded_twist(target: Twist2D, limits: MotionLimits) -> Twist2D:
 
 
 def ramp(current: Twist2D, target: Twist2D, limits: MotionLimits, elapsed_s: float) -> Twist2D:
-    """One step from ``current`` towards ``target``: slower to speed up than to slow down, reversal through zero."""
+    """One ramp step from ``current`` towards ``target``: acceleration is slower than deceleration, reversal goes
+    through zero.
+    """
     return Twist2D(
         _ramped(current.forward_mps, target.forward_mps, limits.acceleration_mps2, limits.deceleration_mps2, elapsed_s),
         _ramped(current.left_mps, target.left_mps, limits.acceleration_mps2, limits.deceleration_mps2, elapsed_s),
@@ -239,13 +241,13 @@ def scaled(twist: Twist2D, fraction: float) -> Twist2D:
 
 
 def _reachable(current: float, wanted: float, step: float) -> float:
-    """The largest fraction (at most 1) of ``wanted`` that one step of speeding up reaches."""
+    """Largest fraction (at most 1) of ``wanted`` reachable in one acceleration step."""
     reach = (abs(current) if current * wanted > 0.0 else 0.0) + step
     return 1.0 if abs(wanted) <= reach else reach / abs(wanted)
 
 
 def _bounded(value: float, lowest: float, highest: float) -> float:
-    # Adding 0.0 turns -0.0, which a robot without side motion would get, into 0.0.
+    # Adding 0.0 turns -0.0, which a robot without sideways motion would get, into 0.0.
     return min(max(value, lowest), highest) + 0.0 if math.isfinite(value) else 0.0
 
 

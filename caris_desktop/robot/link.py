@@ -1,6 +1,6 @@
-"""The link processes: what the console starts in the children that hold the sockets to the robot.
+"""Entry points of the link processes, which hold the sockets to the robot.
 
-The console imports this module, so everything heavy is imported by the children only.
+The console imports this module, so heavy imports happen in the processes only.
 """
 
 import os
@@ -16,9 +16,9 @@ _CHECKED_WITHIN_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """What a link process is started with. ``address`` replaces the profile's own.
+    """Settings of a link process. ``address`` overrides the profile's.
 
-    ``follows_crash``: the process before ended without a goodbye, so the robot may still have its goals.
+    ``follows_crash``: the previous process crashed, so the robot may still have its goals.
     """
 
     profile: RobotProfile
@@ -27,10 +27,10 @@ class LinkSettings:
 
 
 def run_control_link(connection: Connection, settings: LinkSettings) -> None:
-    """Body of the control link process.
+    """Entry point of the control link process.
 
-    Takes ``domain.commands`` values from ``connection`` and sends ``domain`` values back. Returns after CloseLink or
-    when the other end of ``connection`` is gone; in both cases the robot is stopped first.
+    Receives ``domain.commands`` values from ``connection`` and sends ``domain`` values. Returns after CloseLink or when
+    ``connection`` closes; in both cases the robot is stopped first.
     """
     from caris_desktop.robot.control_link import ControlLink
     from caris_desktop.robot.link_process import run_link
@@ -44,11 +44,12 @@ def run_control_link(connection: Connection, settings: LinkSettings) -> None:
 
 
 def run_media_link(connection: Connection, settings: LinkSettings, frames: FrameWriter) -> None:
-    """Body of the media link process: camera frames into ``frames``, FrameRef and OccupancyGrid over ``connection``.
+    """Entry point of the media link process: camera frames into ``frames``, FrameRef and OccupancyGrid over
+    ``connection``.
 
-    The only command it takes is CloseLink.
+    Its only command is CloseLink.
     """
-    # Read by OpenCV when it is imported: a small file must not unfold into gigabytes of pixels.
+    # Read by OpenCV at import: a small file must not decode to gigabytes of pixels.
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MOST_PIXELS))
     from caris_desktop.robot.link_process import run_link
     from caris_desktop.robot.media_link import MediaLink
@@ -57,7 +58,7 @@ def run_media_link(connection: Connection, settings: LinkSettings, frames: Frame
 
 
 def check_robot(profile: RobotProfile, address: str) -> list[str]:
-    """What is wrong with the robot at ``address``, one sentence for the wizard each; empty when all is well.
+    """Problems of the robot at ``address``, one sentence each for the wizard; empty if there are none.
 
     Blocks for up to 12 s and must not be called from a running asyncio loop.
     """
@@ -69,7 +70,7 @@ def check_robot(profile: RobotProfile, address: str) -> list[str]:
 
 
 def robot_queue_advice(profile: RobotProfile, address: str) -> str:
-    """What to know of the rosbridge at ``address`` if it handles one thing after another; empty otherwise. Blocks."""
+    """Advice on a rosbridge that handles operations sequentially; else empty. Blocks."""
     import asyncio
 
     from caris_desktop.robot.preflight import queue_advice

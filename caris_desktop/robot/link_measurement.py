@@ -1,4 +1,4 @@
-"""How one link fares, told once a second: round trip, the robot's clock, and the traffic on each topic."""
+"""Link statistics, once per second: round trip, robot clock, and traffic per topic."""
 
 import asyncio
 import logging
@@ -26,10 +26,10 @@ _SIMULATION_TIME_EVERY_NS = 50_000_000
 
 
 class LostOnTheWay:
-    """Counts the messages of one topic that are missing between others, by the robot's stamps.
+    """Counts missing messages of one topic, by the robot's stamps.
 
-    rosbridge and the network tell of none that they drop. A sender that keeps its rate, as LIDARs and bases do, shows
-    them as stamps that are a whole number of periods apart. Pauses of over a second are told by the stream's age.
+    rosbridge and the network do not report drops. For a sender with a constant rate, such as a LIDAR or base, gaps
+    between stamps are whole numbers of periods. Pauses of over a second are covered by the stream's age.
     """
 
     def __init__(self) -> None:
@@ -48,14 +48,14 @@ class LostOnTheWay:
         if len(self._periods_ns) == _PERIODS:
             periods = sorted(self._periods_ns)
             usual_ns = periods[_PERIODS // 2]
-            # One that keeps no rate, or is thinned by a throttle that does not fit it, shows nothing.
+            # Without a constant rate, or with an unsuitable throttle, drops cannot be detected.
             steady = periods[_PERIODS * 9 // 10] < 1.3 * usual_ns
             if steady and apart_ns > 1.7 * usual_ns:
                 self._count += round(apart_ns / usual_ns) - 1
         self._periods_ns.append(apart_ns)
 
     def take(self, *, overtaken: int) -> int:
-        """How many are missing since the last call, apart from those that are known to have been ``overtaken``."""
+        """Missing messages since the last call, except known ``overtaken`` ones."""
         self._overtaken += overtaken
         known = min(self._count, self._overtaken)
         lost, self._count = self._count - known, 0
@@ -64,7 +64,7 @@ class LostOnTheWay:
 
 
 class LinkMeasurement:
-    """Asks the robot for its time once a second and reports what was measured. Lives on the link's loop.
+    """Queries the robot's time once per second and reports measurements. Lives on the link's loop.
 
     Parameters
     ----------
@@ -98,40 +98,40 @@ class LinkMeasurement:
         self._lost = {topic: LostOnTheWay() for topic in streams}
 
     def offset_at(self, session_ns: int) -> OffsetEstimate | None:
-        """Robot clock minus session clock at a moment that is not before the last sample."""
+        """Robot clock minus session clock at a time not before the last sample."""
         return self._clock.at(session_ns)
 
     def take_round_trip(self, round_trip_s: float) -> None:
-        """A ping came back."""
+        """Add a ping's round trip."""
         self._round_trips_s.append(round_trip_s)
 
     def take_message(self, topic: str, robot_stamp_ns: int | None) -> None:
-        """A message of one of the ``streams``, with the robot's stamp."""
+        """Add a message of one of the ``streams``, with the robot's stamp."""
         self._lost[topic].add(robot_stamp_ns)
 
     def take_stamp(self, robot_stamp_ns: int | None) -> None:
-        """The stamp of the message that is being handled, where it is never ahead of the robot's clock."""
+        """Add the stamp of the present message, if it is never ahead of the robot's clock."""
         if robot_stamp_ns is not None and not self._simulation_time:
             self._clock.add_stamp(robot_stamp_ns=robot_stamp_ns, arrival_ns=self._ros.arrival_ns)
 
     def take_simulation_time(self, robot_ns: int) -> None:
-        """A message of ``/clock``. What the network took of it is not known better than by the pings."""
+        """Add a message of ``/clock``. Its network delay is only known from the pings."""
         arrival_ns = self._ros.arrival_ns
         if arrival_ns - self._simulation_time_ns < _SIMULATION_TIME_EVERY_NS:
-            # Gazebo tells it a thousand times a second.
+            # Gazebo publishes it a thousand times per second.
             return
         self._simulation_time_ns = arrival_ns
         delay_s = max(self._round_trips_s, default=_UNKNOWN_DELAY_S)
         self._clock.add_exchange(asked_ns=arrival_ns - int(delay_s * 1e9), answered_ns=arrival_ns, robot_ns=robot_ns)
 
     def link_lost(self) -> None:
-        """What was measured of the round trip is no longer true; the clock goes on by itself."""
+        """Drop round trips; the clock estimate continues."""
         self._round_trips_s.clear()
         self._lost = {topic: LostOnTheWay() for topic in self._streams}
 
     async def run(self) -> None:
         """Measure until cancelled."""
-        # A robot that does not answer must not hold up what is told without it.
+        # An unresponsive robot must not delay other reports.
         await asyncio.gather(self._report(), self._follow_clock())
 
     async def _report(self) -> None:
@@ -142,7 +142,7 @@ class LinkMeasurement:
             for topic, stream in self._streams.items():
                 if count := overtaken.get(topic, 0):
                     self._put(Gap(at_ns, stream, count, OVERTAKEN))
-                # What gave way here is missing among the stamps as well.
+                # Values dropped here are missing among the stamps as well.
                 if lost := self._lost[topic].take(overtaken=count):
                     self._put(Gap(at_ns, stream, lost, LOST_ON_THE_WAY))
             if not self._ros.is_connected:

@@ -1,4 +1,4 @@
-"""What both link processes share: the loop, the connection to the console, and how a link reports its state."""
+"""Common part of the link processes: loop, connection to the console, and state reports."""
 
 import asyncio
 import gc
@@ -32,13 +32,13 @@ UNREACHABLE_MEANING = QT_TR_NOOP(
 
 
 class Link(Protocol):
-    """What runs in a link process. All calls come on its loop."""
+    """Content of a link process. All calls are on its loop."""
 
     def start(self) -> None:
-        """Connect, and keep connecting."""
+        """Connect, and reconnect."""
 
     def take_commands(self, received: list[commands.RobotCommand]) -> None:
-        """Obey what the console sent, in order. Never raises."""
+        """Execute the console's commands in order. Never raises."""
 
     async def finish(self) -> None:
         """Leave the robot safe, then disconnect."""
@@ -46,7 +46,7 @@ class Link(Protocol):
 
 def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:
     """Run a link until CloseLink, the end of ``connection`` or SIGTERM."""
-    # Ctrl-C in a terminal reaches the whole process group; when to end is the console's decision.
+    # Ctrl-C in a terminal reaches the whole process group; the console decides when to exit.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # The loop must not wait 5 ms for the interpreter lock while the outbox pickles a scan.
     sys.setswitchinterval(0.0005)
@@ -65,7 +65,7 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
         try:
             received = reader.read()
         except (EOFError, OSError, pickle.UnpicklingError):
-            # The console died or closed its end. Nothing that it said last is obeyed any more.
+            # The console died or closed its end. Pending commands are dropped.
             received = [commands.CloseLink(now_ns())]
         if any(isinstance(command, commands.CloseLink) for command in received):
             loop.remove_reader(connection.fileno())
@@ -75,7 +75,7 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
 
     loop.add_reader(connection.fileno(), take_commands)
     link.start()
-    # What the imports left behind need not be walked through while the robot drives.
+    # Exclude the imports' objects from garbage collection, which would cause pauses while driving.
     gc.freeze()
     await ended.wait()
     await link.finish()
@@ -83,10 +83,10 @@ async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None
 
 
 class CommandReader:
-    """Reads what has come from a ``multiprocessing`` connection, and never waits for the rest of a message.
+    """Non-blocking reader of a ``multiprocessing`` connection.
 
-    ``Connection.recv`` does: a console that is stopped while it writes a message that the pipe does not take whole
-    would stop the loop, and the motion lease with it. A message is its length in four bytes, then its pickle.
+    ``Connection.recv`` blocks on incomplete messages: a console suspended while writing would stop the loop, and the
+    motion lease with it. A message is its length in four bytes, then its pickle.
     """
 
     _LENGTH = struct.Struct("!i")
@@ -96,7 +96,7 @@ class CommandReader:
         self._received = bytearray()
 
     def read(self) -> list[Any]:
-        """The messages that are complete by now, oldest first.
+        """Messages that are complete by now, oldest first.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class CommandReader:
         return messages
 
     def _end_of_first(self) -> int:
-        """Where the first message ends, or would at least."""
+        """End of the first message, present or expected."""
         if len(self._received) < self._LENGTH.size:
             return self._LENGTH.size
         (length,) = self._LENGTH.unpack_from(self._received)
@@ -125,7 +125,7 @@ class CommandReader:
 
 
 class LinkReporter:
-    """Tells the console how one link fares: LinkChanged for each change, one Problem for each spell of bad luck."""
+    """Reports a link to the console: LinkChanged for each change, one Problem per outage."""
 
     def __init__(self, link: Literal["control", "media"], address: str, outbox: Outbox) -> None:
         self._link = link
@@ -146,9 +146,9 @@ class LinkReporter:
         if self._told_unreachable:
             return
         self._told_unreachable = True
-        # A robot that was there and is away stays lost until it is back; the detail says why.
+        # A robot that was connected before stays "lost" until it is back; the detail is the reason.
         self.changed("lost" if self._was_connected else "connecting", what)
-        # One Problem is enough for a robot that is away; the control link speaks for both.
+        # One Problem suffices for an absent robot; the control link reports for both.
         if self._link == "control":
             self._put(Problem(now_ns(), "error", what, UNREACHABLE_MEANING, advice, until="connected"))
 

@@ -1,4 +1,6 @@
-"""Where the robot is and was in the map, from its transforms, or from a pose topic carried on by odometry."""
+"""Localization: the robot's present and past pose in the map, from transforms, or from a pose topic extended by
+odometry.
+"""
 
 import bisect
 from collections.abc import Iterable
@@ -10,7 +12,7 @@ from caris_desktop.robot.profile import TransformFrames
 from caris_desktop.ros.messages import Transform
 
 HISTORY_NS = 10_000_000_000
-# A scan is often here before the transform of its moment; for that long a motion is taken to go on.
+# A scan often precedes the transform of its time; motion is extrapolated for this long.
 AHEAD_NS = 200_000_000
 MOST_FRAMES = 2_000
 _LONGEST_CHAIN = 32
@@ -23,10 +25,10 @@ AT_ORIGIN = Pose3D.on_floor(Pose2D(0.0, 0.0, 0.0))
 
 
 class PoseHistory:
-    """One moving pose over the last 10 s of the robot's clock, and between its samples."""
+    """Moving pose over the last 10 s of robot time, interpolated between samples."""
 
     def __init__(self) -> None:
-        # The stamp of the sample before, where that came behind the newest.
+        # Stamp of the previous sample, if it was older than the newest.
         self._behind_ns: int | None = None
         self._stamps_ns: list[int] = []
         self._poses: list[Pose3D] = []
@@ -44,8 +46,8 @@ class PoseHistory:
         if self._stamps_ns and stamp_ns < self._stamps_ns[-1]:
             self._behind_ns = stamp_ns
             if before_ns is not None and before_ns < stamp_ns:
-                # One that came out of order is not followed by the next: the robot's clock was set back (NTP), its
-                # simulation began again, or a stray stamp was ahead. What is ahead of the present clock is void.
+                # An out-of-order sample not followed by the next in order: the robot's clock was set back (NTP), the
+                # simulation restarted, or a stray stamp was ahead. What is ahead of the present clock is void.
                 ahead = bisect.bisect_right(self._stamps_ns, before_ns)
                 del self._stamps_ns[ahead:]
                 del self._poses[ahead:]
@@ -59,14 +61,14 @@ class PoseHistory:
         old = bisect.bisect_left(self._stamps_ns, self._stamps_ns[-1] - HISTORY_NS)
         old = max(old, len(self._stamps_ns) - _MOST_SAMPLES)
         if old > 64:
-            # In blocks: to shift the list for each sample would cost more than to keep a few.
+            # In groups: shifting the list for each sample would cost more than retaining a few.
             del self._stamps_ns[:old]
             del self._poses[:old]
 
     def at(self, stamp_ns: int, *, goes_on: bool = False) -> Pose3D | None:
-        """The pose at a moment, as tf2 interpolates; None before the history.
+        """Pose at a time, interpolated as in tf2; None before the history.
 
-        After its end the newest pose holds, or with ``goes_on`` its motion lasts for another 0.2 s.
+        After its end the newest pose holds, or with ``goes_on`` its motion is extrapolated for 0.2 s.
         """
         stamps, poses = self._stamps_ns, self._poses
         if stamp_ns < stamps[0]:
@@ -79,14 +81,14 @@ class PoseHistory:
         return poses[-1]
 
     def _between(self, after: int, stamp_ns: int) -> Pose3D:
-        """On the line through the samples ``after - 1`` and ``after``."""
+        """Interpolation on the line through samples ``after - 1`` and ``after``."""
         begin_ns, end_ns = self._stamps_ns[after - 1], self._stamps_ns[after]
         share = (stamp_ns - begin_ns) / (end_ns - begin_ns)
         return self._poses[after - 1].towards(self._poses[after], share)
 
 
 class _Edge:
-    """A frame's place in its parent frame; ``history`` is None for one that never moves."""
+    """Frame in its parent frame; ``history`` is None for a static one."""
 
     __slots__ = ("history", "newest", "parent_frame")
 
@@ -97,9 +99,9 @@ class _Edge:
 
 
 class TransformTree:
-    """The frames of the robot in space, with their last 10 s; the part of tf2 that this program needs.
+    """Reference frames of the robot with their last 10 s; the part of tf2 that this program needs.
 
-    Frames may hang together in any way: what leads in a circle or nowhere is not found, and that is all.
+    Cycles and disconnected frames simply yield no result.
     """
 
     def __init__(self) -> None:
@@ -107,11 +109,11 @@ class TransformTree:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The names of all frames that were told of."""
+        """Names of all known frames."""
         return tuple(dict.fromkeys([*self._edges, *(edge.parent_frame for edge in self._edges.values())]))
 
     def add(self, transforms: Iterable[Transform], *, static: bool = False) -> set[str]:
-        """Remember them; returns the child frames that were told. ``static`` ones hold at every moment."""
+        """Add transforms; return their child frames. ``static`` ones hold at all times."""
         told = set()
         for transform in transforms:
             child = transform.child_frame
@@ -134,12 +136,12 @@ class TransformTree:
         return told
 
     def depends_on(self, parent: str, child: str, told: set[str]) -> bool:
-        """Whether the way from ``child`` to ``parent`` leads over one of the frames ``told``."""
+        """True if the path from ``child`` to ``parent`` uses one of the frames ``told``."""
         ways = self._ways(parent, child)
         return ways is not None and any(frame in told for way in ways for frame in way)
 
     def newest_stamp_ns(self, parent: str, child: str) -> int | None:
-        """The newest stamp on the way; None where nothing on it moves, or there is none."""
+        """Newest stamp on the path; None if nothing on it moves, or there is none."""
         ways = self._ways(parent, child)
         histories = [self._edges[frame].history for way in ways or () for frame in way]
         return max((history.newest_ns for history in histories if history is not None), default=None)
@@ -147,17 +149,16 @@ class TransformTree:
     def lookup(
         self, parent: str, child: str, at_ns: int | None = None, *, goes_on: frozenset[str] = frozenset()
     ) -> Pose2D | None:
-        """:meth:`lookup_in_space` as seen from above."""
+        """:meth:`lookup_in_space`, projected to the floor."""
         pose = self.lookup_in_space(parent, child, at_ns, goes_on=goes_on)
         return None if pose is None else pose.floor
 
     def lookup_in_space(
         self, parent: str, child: str, at_ns: int | None = None, *, goes_on: frozenset[str] = frozenset()
     ) -> Pose3D | None:
-        """``parent_from_child``, or None when the frames are not connected, or were not at ``at_ns``.
+        """``parent_from_child``, or None if the frames are not connected, or were not at ``at_ns``.
 
-        ``at_ns`` is on the robot's clock, None means the newest. The motion of the frames ``goes_on`` in their parents
-        is taken to go on for 0.2 s after what was told.
+        ``at_ns`` is robot time, None: the newest. The motion of the frames ``goes_on`` is extrapolated for 0.2 s.
         """
         ways = self._ways(parent, child)
         if ways is None:
@@ -168,7 +169,7 @@ class TransformTree:
         return down.inverse() @ up
 
     def _ways(self, parent: str, child: str) -> tuple[list[str], list[str]] | None:
-        """The frames from ``child`` and from ``parent`` up to the first ancestor that they share, without it."""
+        """Frames from ``child`` and from ``parent`` up to their common ancestor (exclusive)."""
         from_child, from_parent = self._ancestors(child), self._ancestors(parent)
         if from_child is None or from_parent is None:
             return None
@@ -200,10 +201,10 @@ class TransformTree:
 
 
 class PoseTracker:
-    """Gives the robot's pose in the map whenever there is news of it, at most about 20 times a second.
+    """Computes the robot's pose in the map on news, at most about 20 times per second.
 
-    Transforms win while they come. Without them a pose topic is carried on by odometry: a localizer such as amcl
-    tells the pose only when the robot has moved.
+    Transforms take precedence while they arrive. Without them a pose topic is extended by odometry: localizers such as
+    amcl publish the pose only when the robot has moved.
     """
 
     def __init__(self, frames: TransformFrames) -> None:
@@ -255,9 +256,9 @@ class PoseTracker:
         return RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, self._map_from_odom @ odometry.pose_in_odom)
 
     def map_from_base(self, *, robot_stamp_ns: int | None, now_ns: int) -> Pose2D | None:
-        """Where the robot was in the map at a moment of its own clock; None where that is not known.
+        """Robot pose in the map at a robot time; None if unknown.
 
-        ``now_ns`` is the session clock, which tells whether the transforms still come.
+        ``now_ns`` is session time, to check whether transforms still arrive.
         """
         if self._transforms_are_live(now_ns):
             return self.tree.lookup(self._frames.map, self._frames.base, robot_stamp_ns, goes_on=self._goes_on)
@@ -270,20 +271,20 @@ class PoseTracker:
         return None if pose is None else self._map_from_odom @ pose
 
     def base_from(self, frame: str, robot_stamp_ns: int | None) -> Pose3D | None:
-        """Where a sensor is mounted, or was at that moment; None where the transforms do not tell."""
+        """Mounting pose of a sensor at that time; None if the transforms lack it."""
         return self.tree.lookup_in_space(
             self._frames.base, frame.lstrip("/"), robot_stamp_ns
         ) or self.tree.lookup_in_space(self._frames.base, frame.lstrip("/"))
 
     def map_from(self, frame: str, robot_stamp_ns: int | None) -> Pose2D | None:
-        """A frame in the map at that moment, or else the newest; an empty name means the map itself."""
+        """Frame in the map at that time, or else the newest; an empty name means the map itself."""
         name = frame.lstrip("/")
         if name in ("", self._frames.map):
             return Pose2D(0.0, 0.0, 0.0)
         return self.tree.lookup(self._frames.map, name, robot_stamp_ns) or self.tree.lookup(self._frames.map, name)
 
     def unknown_frame(self, frame: str) -> str:
-        """Why nothing is known of ``frame``, for the wizard, and what it may have been meant to be. No full stop."""
+        """Reason why ``frame`` is unknown, with similar names, for the wizard. No full stop."""
         name = frame.lstrip("/")
         alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
         values = {"base": self._frames.base, "frame": repr(name)}
@@ -296,7 +297,7 @@ class PoseTracker:
         )
 
     def forget(self) -> None:
-        """The link was lost: what was known of the robot's place is no longer."""
+        """Reset on link loss."""
         self.tree = TransformTree()
         self._transforms_ns = None
         self._odometry = None

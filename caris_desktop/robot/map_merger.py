@@ -1,4 +1,4 @@
-"""The robot's map, put together from whole maps and the updates of parts of them."""
+"""Map assembly from whole maps and partial updates."""
 
 from dataclasses import replace
 
@@ -8,32 +8,32 @@ from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.navigation_messages import GridUpdate
 
-# A map of 4000 x 4000 cells takes the way to the window a few times a minute at most, a small one five times a second.
+# A map of 4000 x 4000 cells goes to the window at most a few times a minute, a small one five times a second.
 _LEAST_PERIOD_S = 0.2
 _CELLS_PER_S = 8_000_000
 
 
 class MapMerger:
-    """Keeps the newest whole map and writes the updates into it."""
+    """Holds the newest whole map and applies updates."""
 
     def __init__(self) -> None:
         self._grid: OccupancyGrid | None = None
 
     @property
     def period_s(self) -> float:
-        """How often at most the whole map should be passed on while updates come."""
+        """Minimum interval for passing on the whole map during updates."""
         cells = 0 if self._grid is None else self._grid.cells.size
         return max(_LEAST_PERIOD_S, cells / _CELLS_PER_S)
 
     def replace(self, grid: OccupancyGrid) -> None:
-        """A whole map; what was known before is gone."""
+        """Set a whole map."""
         self._grid = replace(grid, cells=grid.cells.copy())
 
     def forget(self) -> None:
         self._grid = None
 
     def update(self, update: GridUpdate, *, stamp_ns: int) -> bool:
-        """Write one part. False while there is no map to write it into.
+        """Apply a partial update. False if there is no map.
 
         Raises
         ------
@@ -55,5 +55,5 @@ class MapMerger:
         return True
 
     def snapshot(self) -> OccupancyGrid | None:
-        """The map as it is now, to be passed on; later updates do not change it."""
+        """Copy of the present map; later updates do not change it."""
         return None if self._grid is None else replace(self._grid, cells=np.array(self._grid.cells))

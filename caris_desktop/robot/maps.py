@@ -1,4 +1,4 @@
-"""Saving and loading the robot's maps, switching between mapping and localization, and telling it where it is."""
+"""Map management on the robot: save, load, switch between mapping and localization, set the initial pose."""
 
 import logging
 import math
@@ -33,7 +33,7 @@ from caris_desktop.ros.navigation_messages import encode_initial_pose
 
 logger = logging.getLogger(__name__)
 
-# Large maps are written and read for a while.
+# Large maps take time to write and read.
 MAP_WAIT_S = 60.0
 LONGEST_NAME = 100
 UNSURE = QT_TR_NOOP("The robot does not tell whether it found the map: look whether it shows the right one")
@@ -43,7 +43,7 @@ _PAUSED = "paused_new_measurements"
 
 
 def map_name_refusal(name: str) -> str:
-    """Why ``name`` cannot be a map's name, or an empty text. It becomes part of a file name on the robot."""
+    """Reason why ``name`` is invalid for a map, or an empty text. It becomes part of a file name on the robot."""
     if not name.strip():
         return QT_TR_NOOP("a map needs a name")
     if len(name) > LONGEST_NAME:
@@ -55,7 +55,7 @@ def map_name_refusal(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Offer:
-    """The services that the robot has; None where it lacks one."""
+    """Map services of the robot; None for missing ones."""
 
     serialize: str | None = None
     deserialize: str | None = None
@@ -65,10 +65,10 @@ class _Offer:
 
 
 class RobotMaps:
-    """Obeys RequestMap and SetInitialPose by slam_toolbox's services, or else the map server's.
+    """Executes RequestMap and SetInitialPose with slam_toolbox's services, or else the map server's.
 
     ``emit`` gets a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
-    connection and each switch. ``pose`` tells where the robot is now.
+    connection and each switch. ``pose`` returns the robot's present pose.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class RobotMaps:
             self._initial_pose.advertise()
 
     def learn(self, inventory: RobotInventory | None) -> None:
-        """The link is up: find out which operations there are; by the profile alone where the robot does not tell."""
+        """Find available operations on connection; by the profile alone if the robot has no inventory."""
         offer = _offer(self._services, self._dialect)
         if inventory is not None:
             offer = _Offer(
@@ -113,7 +113,7 @@ class RobotMaps:
         self._in_background(self._find_out_mapping())
 
     def link_heard(self) -> None:
-        """The link was in trouble, and who shows what is known of the robot has forgotten it."""
+        """Repeat the state after link trouble, since displays have cleared it."""
         if self._told:
             self._set_mapping(self._mapping)
 
@@ -122,7 +122,7 @@ class RobotMaps:
         self._told = False
 
     def set_initial_pose(self, command: SetInitialPose) -> str:
-        """Tell the localization. Why it was not told, or an empty text."""
+        """Set the initial pose; return the reason for a refusal, or an empty text."""
         pose = command.pose_in_map
         if self._initial_pose is None:
             return QT_TR_NOOP("this robot's profile names no topic for it")
@@ -142,7 +142,7 @@ class RobotMaps:
         return ""
 
     def request(self, command: RequestMap) -> None:
-        """Begin a map operation; one at a time."""
+        """Start a map operation; one at a time."""
         refusal = self._refusal(command)
         if refusal:
             self._tell(command, "failed", refusal)
@@ -172,7 +172,7 @@ class RobotMaps:
         try:
             failure = await self._done(command)
             if command.operation == "load" and self._offer.deserialize is not None:
-                # The answer of slam_toolbox is the same when there is no such map.
+                # slam_toolbox's answer is the same for a missing map.
                 detail = UNSURE
         except (ServiceCallError, MessageError) as error:
             logger.warning("Map operation %s: %s", command.operation, error)
@@ -194,7 +194,7 @@ class RobotMaps:
                 wanted = command.operation == "start_mapping"
                 paused = await self._ask_paused()
                 mapping = not paused if paused is not None else self._mapping
-                # The service toggles; slam_toolbox begins by mapping.
+                # The service toggles; slam_toolbox starts in mapping mode.
                 if (mapping is not False) != wanted and offer.pause is not None:
                     await self._call(offer.pause, "slam_toolbox", "Pause", {})
                 self._set_mapping(wanted)
@@ -206,7 +206,7 @@ class RobotMaps:
             answer = await self._call(offer.serialize, "slam_toolbox", "SerializePoseGraph", encode_serialize_map(path))
             failures.append(serialize_failure(answer))
         if offer.save is not None:
-            # Beside the pose graph, for whatever only reads pictures of maps.
+            # Next to the pose graph, for programs that only read map images.
             request = encode_save_map(path, map_topic=self._map_topic)
             failures.append(save_failure(await self._call(offer.save, "nav2_msgs", "SaveMap", request)))
         return "; ".join(filter(None, failures))
@@ -228,8 +228,8 @@ class RobotMaps:
         try:
             answer = await self._call(offer.load, package, "LoadMap", encode_load_map(f"{path}.yaml"))
         except AnswerTooLargeError as large:
-            # It answers with the whole map, and whether that was loaded stands behind it. The map itself comes on
-            # its topic, over the other link.
+            # The answer contains the whole map, with the result at its end. The map itself arrives on its topic, over
+            # the other link.
             answer = {"result": int(found[1])} if (found := _RESULT.search(large.tail)) else {"result": 255}
         return load_failure(answer)
 
@@ -246,7 +246,7 @@ class RobotMaps:
         self._set_mapping(mapping)
 
     async def _ask_paused(self) -> bool | None:
-        """slam_toolbox keeps what its toggle has done in a parameter; None where that cannot be read."""
+        """State of slam_toolbox's toggle from its parameter; None if unreadable."""
         node = self._services.slam_toolbox
         separator = "/" if self._dialect is Dialect.ROS1 else ":"
         kind = service_type_name(
@@ -286,7 +286,7 @@ def _offer(services: MapServices, dialect: Dialect) -> _Offer:
     slam, server, saver = services.slam_toolbox, services.map_server, services.map_saver
     load = None
     if server is not None:
-        # The map server of ROS 1 (from Noetic on) names its service in its namespace and not under its own name.
+        # ROS 1's map server (from Noetic on) has its service in its namespace rather than under its own name.
         load = f"{server}/load_map" if dialect is Dialect.ROS2 else f"{server.rpartition('/')[0]}/change_map"
     return _Offer(
         serialize=f"{slam}/serialize_map" if slam else None,

@@ -1,4 +1,4 @@
-"""The media link: camera frames, maps, and sound."""
+"""Media link: camera frames, maps, and audio."""
 
 import asyncio
 import logging
@@ -33,7 +33,7 @@ from caris_desktop.ros.messages import decode_camera_info, decode_compressed_ima
 from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
 from caris_desktop.ros.raw_image import decode_image, republish_advice
 
-# It hardly ever changes, and rosbridge wants a throttle for what comes with every picture.
+# It hardly ever changes, and rosbridge requires a throttle for a topic sent with every image.
 LENS_EVERY_MS = 2000
 _ADVISE_AFTER_NS = 5_000_000_000
 _HEAVY_MB_PER_S = 1.0
@@ -42,7 +42,7 @@ logger = logging.getLogger(__name__)
 
 
 class MediaLink:
-    """Bulk: camera frames, maps and sound, on a socket and in a process where decoding delays nobody."""
+    """Bulk data on a separate socket and process, where decoding delays nothing else."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, frames: FrameWriter) -> None:
         dialect = Dialect(profile.ros)
@@ -199,7 +199,7 @@ class MediaLink:
         return ref if taken_ns is None else replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=offset.uncertainty_ns)
 
     def _advise(self, camera: CameraTopic, image_bgr: NDArray[np.uint8]) -> None:
-        """Once, when it is known how much it is: pictures that are not compressed are a load that is easily avoided."""
+        """Recommend compression once the load is known: uncompressed images are avoidable."""
         at_ns = self._ros.arrival_ns
         began_ns, total = self._raw_bytes.get(camera.name, (at_ns, 0))
         self._raw_bytes[camera.name] = began_ns, total + image_bgr.nbytes
@@ -232,7 +232,7 @@ class MediaLink:
             return
         seen = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
         if camera.model is not None:
-            # Where it is mounted only the profile tells.
+            # Its mounting is known only from the profile.
             model = camera.model
             seen = replace(
                 seen,
@@ -279,8 +279,8 @@ class MediaLink:
 
 
 def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    """A compressed picture as uint8 BGR of a size that fits, and the robot's stamp. Raises MessageError and
-    PictureError.
+    """Compressed image as uint8 BGR within the size limit, and the robot's stamp. Raises
+    MessageError and PictureError.
     """
     image = decode_compressed_image(message)
     return unfolded(image.content), image.robot_stamp_ns

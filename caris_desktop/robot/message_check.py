@@ -1,4 +1,4 @@
-"""Whether what is to be sent to the robot has the form that its type demands, as the robot itself tells the type."""
+"""Validation of outgoing messages against their type definitions, as reported by the robot."""
 
 import asyncio
 import logging
@@ -34,11 +34,11 @@ _DEEPEST = 20
 
 
 class MessageMismatchError(ValueError):
-    """A message does not fit its type; the text says which field, what it is and what it must be."""
+    """Message that does not fit its type; the text names the field, its value and the requirement."""
 
 
 class MessageTypes:
-    """The types of one robot: asked for once in a connection, or else taken from the ones that we know."""
+    """Type definitions of one robot: queried once per connection, else the known standard ones."""
 
     def __init__(self, ros: SafeRos, dialect: Dialect) -> None:
         self._ros = ros
@@ -46,22 +46,22 @@ class MessageTypes:
         self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
 
     def forget(self) -> None:
-        """The link was lost; what answers next may be another robot."""
-        # What is being asked fails by itself, and who waits for it goes on then.
+        """Clear all, since another robot may answer after a link loss."""
+        # Pending queries fail, and their callers continue then.
         self._learnt.clear()
 
     def known(self, kind: TypeKind, type_: str) -> bool:
-        """Whether :meth:`definition` has its answer at once."""
+        """True if :meth:`definition` returns at once."""
         task = self._learnt.get((kind, type_))
         return task is not None and task.done() and not task.cancelled()
 
     def definition_now(self, kind: TypeKind, type_: str) -> Definition | None:
-        """What is known already; None also where nothing is."""
+        """Known definition, or None."""
         task = self._learnt.get((kind, type_))
         return task.result() if task is not None and task.done() and not task.cancelled() else None
 
     async def definition(self, kind: TypeKind, type_: str) -> Definition | None:
-        """The fields of a message, of a service's request or of an action's goal; None where nobody knows them."""
+        """Fields of a message, service request or action goal; None if unknown."""
         task = self._learnt.get((kind, type_))
         if task is None:
             task = asyncio.get_running_loop().create_task(self._learn(kind, type_))
@@ -86,7 +86,7 @@ class MessageTypes:
 
 
 def definition_from_rosapi(typedefs: Any) -> Definition:
-    """From the answer of rosapi's message_details and its kin; the first typedef is the type asked for.
+    """Definition from rosapi's message_details and similar; the first typedef is the requested type.
 
     Raises
     ------
@@ -114,10 +114,9 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
 
 
 def fitted(message: Mapping[str, Any], definition: Definition | None, *, rounds: bool = False) -> dict[str, Any]:
-    """``message`` as it may be sent: whole numbers where the type wants them. Fields may be left out.
+    """``message`` in a form that can be sent, with integers where required. Fields may be omitted.
 
-    ``definition`` None checks only that it can be sent at all. ``rounds`` takes the nearest whole number instead of
-    refusing one that is not whole.
+    ``definition`` None checks only that it can be encoded. ``rounds`` rounds to integers instead of refusing.
 
     Raises
     ------
@@ -217,7 +216,7 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
         return _time(value, where)
     fields = definition.nested.get(plain) or definition.nested.get("std_msgs/Header" if plain == "Header" else plain)
     if fields is None:
-        # A type within the type that nobody explains: it is the robot that will say no.
+        # Unknown nested type: the robot will refuse it if invalid.
         _check_plain(value, _named(where), 0)
         return value
     return _message(value, fields, definition, where, rounds)
@@ -264,7 +263,7 @@ def _time(value: Any, where: str) -> Any:
     names = ({"secs", "nsecs"}, {"sec", "nanosec"})
     parts = value if isinstance(value, Mapping) else {}
     whole = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
-    # rosbridge of ROS 1 puts the time of the robot for this word.
+    # ROS 1's rosbridge replaces this word by the robot's time.
     if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
         raise MessageMismatchError(
             filled(QT_TR_NOOP("{where} must be a time of whole seconds and nanoseconds"), where=_named(where))
@@ -273,7 +272,7 @@ def _time(value: Any, where: str) -> Any:
 
 
 def _check_plain(value: Any, where: str, depth: int) -> None:
-    """That the value can be written as JSON at all."""
+    """Check that the value can be encoded as JSON."""
     if depth > _DEEPEST:
         raise MessageMismatchError(filled(QT_TR_NOOP("{where} lies too deep"), where=where))
     if isinstance(value, Mapping):

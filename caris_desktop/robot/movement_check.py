@@ -1,4 +1,4 @@
-"""The movement check: what was commanded against what the odometry tells. Pure logic, time comes in as an argument."""
+"""Movement check: commanded velocity against odometry. Pure logic; time is an argument."""
 
 import math
 from collections import deque
@@ -8,17 +8,17 @@ from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moves, wr
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.profile import RobotProfile
 
-# More than what counts as moving, so that a base at rest never raises an alarm.
+# Above the thresholds of motion, so that a base at rest never raises an alarm.
 _ALARMING_MPS, _ALARMING_RADPS = 0.03, 0.06
-# Of positions in their own noise a speed needs more, over a while.
+# Position noise requires larger speeds over a longer time.
 _DRIFTS_MPS, _DRIFTS_RADPS = 0.05, 0.10
 _WINDOW_S, _SHORTEST_WINDOW_S = 0.8, 0.4
 _JUMP_M, _JUMP_RAD = 0.5, 0.8
-# Commands that are slower, or shorter, prove nothing: motors have a dead band, and bases ramp.
+# Slower or shorter commands prove nothing: motors have a dead band, and bases ramp.
 _COMMANDED_MPS, _COMMANDED_RADPS, _FOLLOWS_WITHIN_S = 0.05, 0.15, 1.2
 _FOLLOWS_SHARE = 0.1
 _SILENT_AFTER_S, _SILENT_PERIODS, _FIRST_WITHIN_S = 1.0, 3.0, 3.0
-# The way of a command, the base's own ramp, and the odometry back.
+# Command delay, the base's own ramp, and odometry delay.
 _REACTION_S, _BY_ITSELF_GRACE_S, _LONGEST_GRACE_S = 0.7, 1.5, 4.0
 _CONTROL_MOVES_WITHIN_S = 3.0
 _FOREIGN_COUNTS_S, _ECHO_WITHIN_S = 0.6, 3.0
@@ -26,10 +26,10 @@ _MOVES_IN_A_ROW, _STANDS_AFTER_S = 2, 0.3
 
 
 class MovementCheck:
-    """Whether the robot moves as this console commands it, and only then.
+    """Checks that the robot moves as commanded by this console, and only then.
 
-    Told of every velocity that goes out, of every odometry that comes and of every velocity that appears on the
-    command topic, whoever sent it. Times are seconds on the session clock.
+    Input: every velocity sent, every odometry, and every velocity on the command topic from any sender. Times are
+    seconds on the session clock.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -38,7 +38,7 @@ class MovementCheck:
         self.forget(0.0)
 
     def forget(self, now_s: float) -> None:
-        """A new connection: nothing is known, and what moved before may still be stopping."""
+        """Reset for a new connection: earlier motion may still be stopping."""
         self._since_s = now_s
         self._heard_s: float | None = None
         self._period_s = 0.0
@@ -55,7 +55,7 @@ class MovementCheck:
         self._control_s: float | None = None
 
     def sent(self, twist: Twist2D, now_s: float) -> None:
-        """A velocity went to the robot."""
+        """Note a velocity that was sent."""
         before = self._sent[-1][1] if self._sent else ZERO_TWIST
         self._sent.append((now_s, twist))
         if not _counts(twist):
@@ -71,20 +71,20 @@ class MovementCheck:
             self._may_move_until_s = now_s + min(_REACTION_S + braking_s, _LONGEST_GRACE_S)
 
     def moves_by_itself(self, now_s: float) -> None:
-        """The robot moves on behalf of this console: a goal or a control of its is under way."""
+        """Allow motion on behalf of this console: a goal or a control is active."""
         self._may_move_until_s = max(self._may_move_until_s, now_s + _BY_ITSELF_GRACE_S)
 
     def control_used(self, now_s: float) -> None:
-        """A control of the Robot panel was used that may move the robot: until it has stood for a while."""
+        """Allow motion after a control that may move the robot, until it has stood still for a while."""
         self._control_s = now_s
         self.moves_by_itself(now_s)
 
     def stopped(self) -> None:
-        """What the robot does by itself was stopped from here."""
+        """The robot's own activity was stopped from here."""
         self._control_s = None
 
     def commanded(self, twist: Twist2D, now_s: float) -> None:
-        """A velocity appeared on the command topic: an echo of one that was sent here, or somebody else's."""
+        """A velocity on the command topic: an echo of ours, or another sender's."""
         if not twist.moving or any(
             now_s - at_s <= _ECHO_WITHIN_S and _same(twist, own) for at_s, own in reversed(self._sent)
         ):
@@ -109,13 +109,13 @@ class MovementCheck:
             return
         if self.stood_since_s is None:
             self.stood_since_s = now_s
-        # The braking is over. A command that has only just gone out may not have reached the wheels.
+        # Braking is over. A recent command may not have reached the wheels.
         last_s = next((at_s for at_s, twist in reversed(self._sent) if twist.moving), -math.inf)
         if now_s - last_s > _REACTION_S:
             self._may_move_until_s = min(self._may_move_until_s, now_s)
 
     def state(self, now_s: float) -> MovementState:
-        """What is so now."""
+        """Present state."""
         if self._control_s is not None:
             stands = self.stood_since_s is not None or self._heard_s is None
             if stands and now_s - max(self._control_s, self.stood_since_s or 0.0) > _CONTROL_MOVES_WITHIN_S:
@@ -141,7 +141,7 @@ class MovementCheck:
         return "standing" if stands else "moving"
 
     def _follows(self) -> bool:
-        """Whether the odometry shows a tenth of what was sent last, in the direction that it mostly has."""
+        """True if the odometry shows a tenth of the last velocity in its main direction."""
         sent, told = self._sent[-1][1], self._twist
         drifts_mps, drifts_radps = self._drift()
         turns = _direction(sent)[0] == "turn"
@@ -163,13 +163,13 @@ class MovementCheck:
             newest = self._poses[-1][1]
             turned_rad = abs(wrap_angle(pose.heading_rad - newest.heading_rad))
             if math.hypot(pose.x_m - newest.x_m, pose.y_m - newest.y_m) > _JUMP_M or turned_rad > _JUMP_RAD:
-                self._poses.clear()  # the odometry was set to another place
+                self._poses.clear()  # the odometry was reset
         self._poses.append((now_s, pose))
         while now_s - self._poses[0][0] > _WINDOW_S:
             self._poses.popleft()
 
     def _drift(self) -> tuple[float, float]:
-        """Speeds by the poses alone, of a robot that leaves the velocities of its odometry empty."""
+        """Speeds from poses alone, for odometry without velocities."""
         if self._tells_speed or not self._poses:
             return 0.0, 0.0
         (begin_s, begin), (end_s, end) = self._poses[0], self._poses[-1]
@@ -186,7 +186,7 @@ def _counts(twist: Twist2D) -> bool:
 
 
 def _direction(twist: Twist2D) -> tuple[str, int, int]:
-    """What of a twist prevails, and its sign."""
+    """Dominant component of a twist, and its sign."""
     speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
     if speed_mps / _COMMANDED_MPS < abs(twist.turn_radps) / _COMMANDED_RADPS:
         return "turn", 0, -1 if twist.turn_radps < 0.0 else 1

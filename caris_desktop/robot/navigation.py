@@ -29,7 +29,7 @@ from caris_desktop.ros.fields import Message
 NO_ANSWER_S = 4.0
 UNCONFIRMED_CANCEL_S = 1.5
 PROGRESS_EVERY_NS = 500_000_000
-# A publisher that was just advertised reaches its subscribers only after a moment.
+# A newly advertised publisher reaches its subscribers with a delay.
 CANCEL_AGAIN_S = (0.3, 1.0)
 
 NO_NAVIGATION = QT_TR_NOOP("this robot's profile names no navigation")
@@ -37,7 +37,7 @@ NO_NAVIGATION = QT_TR_NOOP("this robot's profile names no navigation")
 
 @dataclass(frozen=True, slots=True)
 class _Goal:
-    """The goal under way. ``wire_id`` is its name on the robot."""
+    """Present goal. ``wire_id`` is its id on the robot."""
 
     asked: GoTo
     wire_id: str
@@ -49,11 +49,11 @@ class _Goal:
 
 
 class Navigator:
-    """The one navigation goal of the console, from request to end.
+    """The console's single navigation goal, from request to end.
 
-    ``map_frame`` is the robot's name for the frame that targets are given in. ``emit`` gets a GoalChanged for each
-    change of state and, while it is under way, for its progress twice a second.
-    ``unconfirmed`` is called when the robot did not confirm a cancellation in time.
+    ``map_frame`` is the robot's name for the frame of targets. ``emit`` gets a GoalChanged for each change of state
+    and, while active, for its progress twice per second. ``unconfirmed`` is called if a cancellation is not confirmed
+    in time.
     """
 
     def __init__(
@@ -86,13 +86,13 @@ class Navigator:
 
     @property
     def under_way(self) -> bool:
-        """Whether the robot has a goal of ours, or may still have it."""
+        """True while the robot has, or may have, a goal of ours."""
         return self._goal is not None
 
     def go(self, command: GoTo) -> None:
-        """Ask for a goal; one that is under way is replaced."""
+        """Request a goal; replaces the present one."""
         if self._goal is not None:
-            # The navigation itself preempts the old goal; its late answers no longer belong to anything here.
+            # Navigation itself preempts the old goal; its late answers are ignored.
             self._goal = replace(self._goal, cancelled_by=command.actor)
             self._end("cancelled", QT_TR_NOOP("replaced by another goal"))
         target_in_map = command.target_in_map
@@ -103,7 +103,7 @@ class Navigator:
             self.refuse(command, QT_TR_NOOP("the target is not a place in the map"))
             return
         self._epoch = next(self._epochs)
-        # Stamp zero: the newest transforms are meant, and the robot's clock may differ from ours.
+        # Stamp zero: use the newest transforms, as the clocks may differ.
         encode = encode_move_base_target if self._moves_base else encode_navigate_to_pose_goal
         wire_id = self._server.send(command.goal_id, encode(target_in_map, stamp_ns=0, frame_id=self._map_frame))
         if wire_id is None:
@@ -130,7 +130,7 @@ class Navigator:
         )
 
     def cancel(self, detail: str, actor: Actor) -> None:
-        """Cancel our goal, if there is one. It is reported when the robot confirms."""
+        """Cancel our goal, if any. It is reported when the robot confirms."""
         if self._goal is None or self._server is None or self._goal.cancelling is not None:
             return
         self._goal = replace(self._goal, cancelling=detail, cancelled_by=actor)
@@ -139,13 +139,13 @@ class Navigator:
         self._loop.call_later(UNCONFIRMED_CANCEL_S, lambda: self._give_up_cancelling(epoch))
 
     def cancel_all(self, detail: str, actor: Actor) -> None:
-        """Cancel our goal and every other that the robot may have."""
+        """Cancel all goals that the robot may have."""
         self.cancel(detail, actor)
         if self._server is not None and self._ros.is_connected:
             self._server.cancel_all()
 
     def link_lost(self) -> None:
-        """The goal will be cancelled when the robot is back, which then tells whether it was reached before."""
+        """Cancel the goal after reconnection, which shows whether it was reached before."""
         self._pose_in_map = None
         if self._goal is not None:
             self._lost_wire_id = self._goal.wire_id
@@ -166,7 +166,7 @@ class Navigator:
         self.cancel_left_goal()
 
     def cancel_left_goal(self) -> None:
-        """Cancel what the robot may still have of a time when it could not be told."""
+        """Cancel goals that the robot may still have from a disconnected period."""
         if self._server is None:
             return
         self._server.cancel_all()
@@ -175,7 +175,7 @@ class Navigator:
             self._loop.call_later(delay_s, lambda: self._cancel_again(epoch))
 
     def goal_pending(self, wire_id: str) -> None:
-        """It is told when it begins."""
+        """Reported when it begins."""
 
     def goal_active(self, wire_id: str) -> None:
         if self._goal is not None and self._goal.wire_id == wire_id and self._goal.state == "requested":
@@ -183,7 +183,7 @@ class Navigator:
             self._tell()
 
     def robot_moved(self, pose_in_map: Pose2D) -> None:
-        """Where the robot is: the distance left is counted from here, as the crow flies, where the robot is silent."""
+        """Set the robot's pose; the straight-line distance is used if the robot reports none."""
         self._pose_in_map = pose_in_map
         if self._goal is not None and not self._robot_tells_distance:
             self._progress(self._beeline_m(self._goal.asked.target_in_map))

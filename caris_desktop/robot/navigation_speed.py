@@ -1,4 +1,4 @@
-"""The top speed that the robot's navigation keeps to while it drives to a goal, where it can be told one."""
+"""Speed limit of the robot's navigation, if it supports one."""
 
 import asyncio
 import logging
@@ -19,16 +19,16 @@ from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, encode
 
 logger = logging.getLogger(__name__)
 RESTORED_WITHIN_S = 0.5
-# Parameters are stored in few decimals by some planners.
+# Some planners store parameters with few decimals.
 _SAME_MPS = 0.005
 
 
 class NavigationSpeed:
-    """Tells the navigation the wizard's limit: on connecting, before each goal and whenever it changes.
+    """Sends the wizard's limit to navigation: on connection, before each goal and at each change.
 
-    ``emit`` gets a NavigationSpeedChanged whenever it is known anew what the navigation keeps to, and one Problem for
-    each connection in which it cannot be told. A goal does not wait for the answer: from standing still the robot
-    takes longer to exceed a limit than the limit takes to arrive, as it is sent first.
+    ``emit`` gets a NavigationSpeedChanged when the effective limit is known, and one Problem per connection if it
+    cannot be set. A goal does not wait for the answer: the limit is sent first and arrives sooner than the robot can
+    exceed it from standstill.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class NavigationSpeed:
             self._topic.advertise()
 
     def limit(self, command: LimitGoals) -> None:
-        """What the wizard's own driving is limited to holds for goals too."""
+        """Apply the limit of manual driving to goals too."""
         if math.isfinite(command.forward_mps) and command.forward_mps > 0.0:
             self._wanted_mps, self._wanted_by = command.forward_mps, command.actor
             self.apply()
@@ -69,12 +69,12 @@ class NavigationSpeed:
         self.apply()
 
     def link_lost(self) -> None:
-        # Nobody knows what the robot is told meanwhile.
+        # Others may set the robot's limit meanwhile.
         self._asked += 1
         self._keep(None, CONSOLE)
 
     def apply(self) -> None:
-        """Tell the navigation what it is to keep to, as far as the robot is there."""
+        """Send the limit, if the robot is connected."""
         if self._wanted_mps is None or not self._ros.is_connected:
             return
         self._asked += 1
@@ -89,7 +89,7 @@ class NavigationSpeed:
             self._in_background(self._hear(answer, limit_mps, self._reconfigure, asked=self._asked))
 
     async def restore(self) -> None:
-        """The console leaves: from now on the navigation drives as it is set up to."""
+        """Restore the robot's own limit when the console leaves."""
         self._asked += 1
         if self._kept_mps is None or not self._ros.is_connected:
             return

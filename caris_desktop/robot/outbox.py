@@ -1,4 +1,4 @@
-"""What a link process sends to the console, without ever waiting for it."""
+"""Non-blocking sender from a link process to the console."""
 
 import heapq
 import logging
@@ -17,27 +17,27 @@ from caris_desktop.domain.translation import QT_TR_NOOP, filled
 
 logger = logging.getLogger(__name__)
 
-# Half an hour of velocity commands at 20 Hz and their company.
+# Half an hour of velocity commands at 20 Hz and related events.
 MOST_EVENTS = 50_000
-# A burst passes whole; a console that sleeps gets the newest of each stream when it wakes.
+# A burst passes completely; a suspended console gets the newest of each stream on resuming.
 MOST_VALUES_PER_STREAM = 8
-# Sound is no stream of newest values: each piece that gives way is missed.
+# Audio is not a stream of newest values: each dropped chunk is a loss.
 MOST_SOUNDS = 200
 
 
 class Outbox:
-    """Takes domain values on the loop and writes them to the console from a thread of its own.
+    """Accepts domain values on the loop and writes them to the console from its own thread.
 
-    A stopped console fills the pipe and blocks a writer. That writer is this thread, so the loop with the motion
-    lease on it goes on. Events are kept (up to a bound that a day of sleep does not exhaust); of state values the
-    oldest give way, and what gave way is reported as a :class:`Gap`. Everything goes in the order in which it was put:
-    a value that overtook the loss of the link, or came after it, would be taken for a live one.
+    A suspended console fills the pipe and blocks its writer. That is this thread, so that the loop with the motion
+    lease continues. Events are retained (up to a bound that lasts for a day of suspension); of state values the oldest
+    are dropped and reported as a :class:`Gap`. Everything is sent in order: a value that overtook the loss of the link
+    would count as live.
     """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._changed = threading.Condition()
-        # Each with its number in the order in which all were put.
+        # With sequence numbers across all queues.
         self._events: deque[tuple[int, Any]] = deque()
         self._values: dict[str, deque[tuple[int, Any]]] = {}
         self._number = 0
@@ -47,7 +47,7 @@ class Outbox:
         self._thread.start()
 
     def put(self, value: Any) -> None:
-        """Never blocks. Raises KeyError for a type that is not in the stream table."""
+        """Queue a value without blocking. Raises KeyError for a type that is not in the stream table."""
         spec = BY_TYPE[type(value)]
         with self._changed:
             self._number += 1
@@ -57,7 +57,7 @@ class Outbox:
                     self._gaps["events"] = self._gaps.get("events", 0) + 1
                 self._events.append((self._number, value))
             else:
-                # Each camera is a stream of its own.
+                # Each camera is a separate stream.
                 key = f"{spec.name}:{value.camera}" if isinstance(value, FrameRef) else spec.name
                 waiting = self._values.setdefault(key, deque())
                 if len(waiting) >= (MOST_SOUNDS if isinstance(value, AudioChunk) else MOST_VALUES_PER_STREAM):
@@ -67,7 +67,7 @@ class Outbox:
             self._changed.notify()
 
     def close(self, timeout_s: float) -> None:
-        """Write what is left, for at most ``timeout_s``; a console that does not read gets no more."""
+        """Write the rest, for at most ``timeout_s``."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -93,13 +93,13 @@ class Outbox:
                 for value in batch:
                     self._connection.send(value)
             except (OSError, ValueError) as error:
-                # The loop finds the end of the connection by itself.
+                # The loop detects the closed connection separately.
                 logger.info("The console is gone: %s", error)
                 return
 
 
 class ProblemReporter:
-    """Turns a stream of equal mishaps into one Problem now and then, with their number."""
+    """Aggregates equal problems into one Problem at intervals, with their count."""
 
     def __init__(
         self, put: Callable[[Problem], None], *, at_most_every_s: float = 10.0, clock: Callable[[], int] = now_ns
@@ -111,9 +111,9 @@ class ProblemReporter:
         self._count: dict[str, int] = {}
 
     def count(self, key: str, *, severity: Severity, what: str, meaning: str, advice: str, cause: str = "") -> None:
-        """Report the first of a kind at once and later ones summed up. ``{count}`` in ``what`` is their number.
+        """Report the first of a kind at once and later ones summarised. ``{count}`` in ``what`` is their number.
 
-        ``cause`` is ``key`` if it is not given.
+        ``cause`` defaults to ``key``.
         """
         now = self._now_ns()
         self._count[key] = self._count.get(key, 0) + 1

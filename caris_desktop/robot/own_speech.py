@@ -1,4 +1,4 @@
-"""What the robot says by itself, without anybody's asking: told by its own topic, and recorded as the robot's."""
+"""Unprompted speech of the robot, reported on its own topic and recorded as the robot's utterances."""
 
 import asyncio
 import secrets
@@ -20,9 +20,9 @@ _PART_AT_LEAST = 8
 
 
 class OwnSpeech:
-    """Tells of each sentence of the robot's own; of those that it was asked to say tells its voice.
+    """Reports the robot's own sentences; requested ones are reported by its speech backend.
 
-    When it ends nobody tells, so both times are estimated.
+    The robot does not report their end, so both times are estimated.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class OwnSpeech:
             listening.subscribe(self._take)
 
     def asked(self, text: str) -> None:
-        """The robot was asked to say this."""
+        """Note a requested text."""
         self._asked.append((now_ns(), _plain(text)))
 
     def close(self) -> None:
@@ -60,7 +60,7 @@ class OwnSpeech:
         since_ns = now_ns() - int(LONGEST_UTTERANCE_S * 1e9)
         told = _plain(text)
         recent = [asked for at_ns, asked in self._asked if at_ns > since_ns]
-        # Some robots tell a long text in parts.
+        # Some robots report a long text in parts.
         return told in recent or (len(told) >= _PART_AT_LEAST and any(told in asked for asked in recent))
 
     def _finish(self) -> None:

@@ -1,4 +1,4 @@
-"""What of a robot profile the robot itself has, as its rosapi tells."""
+"""Robot checks: inventory of the robot by rosapi, and the missing parts of a profile."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ _SAID_AT_MOST = 300
 
 @dataclass(frozen=True, slots=True)
 class RobotInventory:
-    """Names on the robot. ``topics`` maps each to its type; ``actions`` is None where the robot does not tell them."""
+    """Names on the robot. ``topics`` maps each to its type; ``actions`` is None if unknown."""
 
     topics: dict[str, str]
     services: frozenset[str]
@@ -37,7 +37,7 @@ class RobotInventory:
 
     @property
     def dialect(self) -> Dialect | None:
-        """As the spelling of its type names tells; None when it tells nothing."""
+        """Dialect by the spelling of type names; None without any."""
         kinds = [kind for kind in self.topics.values() if kind]
         if not kinds:
             return None
@@ -47,7 +47,7 @@ class RobotInventory:
         return absolute_name(name) in self.services
 
     def has_action(self, name: str) -> bool | None:
-        """None where it cannot be told. An action of ROS 1 is known by the topic of its goals."""
+        """True if the action exists; None if unknown. An action of ROS 1 is recognised by its goal topic."""
         if absolute_name(f"{name}/goal") in self.topics:
             return True
         if self.dialect is Dialect.ROS1:
@@ -57,10 +57,10 @@ class RobotInventory:
 
 @dataclass(frozen=True, slots=True)
 class NamedTopic:
-    """A topic that a profile names: ``field`` is where it does, ``types`` (of ROS 1) are those that will do.
+    """Topic named in a profile: ``field`` is its location, ``types`` (of ROS 1) are the acceptable ones.
 
-    ``published``: the robot publishes it; otherwise it listens. ``expected_hz`` is None where messages come only at
-    times. ``needed``: without it something that the wizard sees stays empty.
+    ``published``: the robot publishes it; otherwise it subscribes. ``expected_hz`` is None for occasional messages.
+    ``needed``: without it, something that the wizard sees stays empty.
     """
 
     field: str
@@ -73,7 +73,7 @@ class NamedTopic:
 
 
 async def take_inventory(ros: SafeRos) -> RobotInventory:
-    """Ask rosapi.
+    """Query rosapi.
 
     Raises
     ------
@@ -96,7 +96,7 @@ async def take_inventory(ros: SafeRos) -> RobotInventory:
 
 
 def what_rosapi_said(error: Exception) -> str:
-    """A sentence: that it did not answer, or its own words."""
+    """Sentence on a failed query: no answer, or rosbridge's own text."""
     said = error.said.strip() if isinstance(error, ServiceCallError) else ""
     if not said:
         return QT_TR_NOOP("rosapi does not answer.")
@@ -109,12 +109,12 @@ async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
         answer = await ros.ask("/rosapi/action_servers", "rosapi/GetActionServers")
         return frozenset(absolute_name(name) for name in _texts(answer.get("action_servers")))
     except ServiceCallError:
-        # Older servers do not have it.
+        # Older servers lack it.
         return None
 
 
 def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
-    """One sentence for each thing that the profile names and the robot lacks or has with another type."""
+    """One sentence for each name in the profile that the robot lacks or has with another type."""
     dialect = Dialect(profile.ros)
     sentences: list[str] = []
     if inventory.dialect not in (None, dialect):
@@ -133,7 +133,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     control_titles = {f"controls.{control.id}": control.title for control in profile.controls}
 
     def lacks(field: str, label: str, sentence: str) -> None:
-        # A profile may have many controls, and the wizard needs to know which are without effect, not why each of them.
+        # With many controls, the wizard needs to know which have no effect rather than the reason for each.
         if field.startswith("controls."):
             useless[control_titles[field.removesuffix(".shows")]] = None
         else:
@@ -171,14 +171,14 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
             )
         )
     nodes = map_services_of(profile)
-    # Which of them runs depends on whether the robot builds its map or only finds its place in it.
+    # Which one runs depends on mapping or localization.
     if nodes and not any(inventory.has_service(service) for service in nodes):
         sentences.append(filled(QT_TR_NOOP("Maps: the robot has none of {nodes}."), nodes=", ".join(nodes)))
     return sentences
 
 
 def problem_of_missing(missing: Sequence[str]) -> Problem:
-    """What :func:`missing_from` found, told to the wizard."""
+    """Problem for the result of :func:`missing_from`."""
     return Problem(
         now_ns(),
         "warning",
@@ -190,14 +190,14 @@ def problem_of_missing(missing: Sequence[str]) -> Problem:
 
 
 def nothing_is_missing() -> Problem:
-    """It is all there now: ends what :func:`problem_of_missing` began."""
+    """End of the Problem of :func:`problem_of_missing`."""
     return Problem(
         now_ns(), "info", QT_TR_NOOP("The robot has all that its profile names now."), "", "", cause="robot_lacks"
     )
 
 
 def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
-    """A sentence where a camera's pictures are there in the other form than the profile says; empty otherwise."""
+    """Advice if a camera's images exist in another form than the profile says; else empty."""
     if not named.field.startswith("cameras.") or named.field.endswith(".info"):
         return ""
     kind = inventory.topics.get(named.topic)
@@ -216,14 +216,14 @@ def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
 
 
 def map_services_of(profile: RobotProfile) -> tuple[str, ...]:
-    """A service of each node that saves and loads maps."""
+    """One service of each map node."""
     maps = profile.maps or MapServices()
     nodes = ((maps.slam_toolbox, "serialize_map"), (maps.map_server, "load_map"), (maps.map_saver, "save_map"))
     return tuple(f"{node}/{service}" for node, service in nodes if node is not None)
 
 
 def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
-    """Every topic that the profile names, with what it should carry."""
+    """Every topic named in the profile, with its expected types."""
     bare = profile.velocity.type
     yield NamedTopic(
         "velocity", QT_TR_NOOP("Driving"), profile.velocity.topic, (f"geometry_msgs/{bare}",), published=False
@@ -241,7 +241,7 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
     )
     for key, label, source, kind, expected_hz, needed in streams:
         if source is not None:
-            # the name of this type in tf's first version
+            # the type's name in tf's first version
             kinds = (kind, "tf/tfMessage") if key == "tf" else (kind,)
             yield NamedTopic(key, label, source.topic, kinds, expected_hz=expected_hz, needed=needed)
     for index, camera in enumerate(profile.cameras):
@@ -314,7 +314,7 @@ def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
 
 
 def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
-    """(field, label, name) of every service that the profile names, those of maps apart."""
+    """(field, label, name) of every service in the profile, except for maps."""
     stop = profile.emergency_stop
     if stop is not None:
         for key in ("service", "set_service", "clear_service"):
@@ -331,7 +331,7 @@ def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
 
 
 def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
-    """(field, label, name) of every action that the profile names."""
+    """(field, label, name) of every action in the profile."""
     if profile.navigation is not None:
         yield "navigation", QT_TR_NOOP("Navigation"), profile.navigation.name
     if profile.speech is not None and profile.speech.action is not None:
@@ -346,7 +346,7 @@ def _label_of(control: RobotControl) -> str:
 
 
 def in_dialect(dialect: Dialect, kind: str) -> str:
-    """A message type as this ROS spells it."""
+    """Message type as spelled in this ROS version."""
     package, _, name = kind.partition("/")
     return type_name(dialect, package, name.removeprefix("msg/"))
 
@@ -362,7 +362,7 @@ def absolute_name(name: str) -> str:
 
 
 class LinkProbe:
-    """Waits for one connection (two empty texts), or for what is wrong and what to do about it."""
+    """Awaits one connection: two empty texts, or problem and advice."""
 
     def __init__(self) -> None:
         self.outcome: asyncio.Future[tuple[str, str]] = asyncio.get_running_loop().create_future()
@@ -394,7 +394,7 @@ class LinkProbe:
 async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[str]:
     """Connect, compare, disconnect; see ``link.check_robot``.
 
-    Where rosapi does not tell what there is, the streams that should come all the time are listened to.
+    Without rosapi, continuous streams are checked by listening.
     """
     probe = LinkProbe()
     ros = SafeRos(address, probe, service_timeout_s=timeout_s, security=profile.security)
@@ -421,7 +421,7 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
 
 
 async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
-    """One sentence for each stream of the profile that should come all the time and does not."""
+    """One sentence for each continuous stream of the profile that is silent."""
     all_heard = asyncio.Event()
     wanted = [named for named in named_in(profile) if named.published and named.needed]
     wanted = [named for named in wanted if named.expected_hz is not None and named.expected_hz > 1.0 / _LISTENED_S]
@@ -444,7 +444,7 @@ async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
 
 
 async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) -> str:
-    """What to know of a rosbridge of ROS 2 that carries out goals and calls one after another; empty otherwise."""
+    """Advice on a ROS 2 rosbridge that executes goals and calls sequentially; else empty."""
     if profile.ros != Dialect.ROS2.value:
         return ""
     probe = LinkProbe()
@@ -456,7 +456,7 @@ async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) ->
             request = {"names": list(_QUEUE_PARAMETERS)}
             answer = await ros.ask(_GET_PARAMETERS, "rcl_interfaces/srv/GetParameters", request)
     except (TimeoutError, ServiceCallError) as error:
-        # Another node's name, or another server.
+        # Renamed node, or another server.
         logger.info("Whether rosbridge has one queue is not known: %s", error)
         return ""
     finally:

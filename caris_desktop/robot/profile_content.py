@@ -1,4 +1,4 @@
-"""Between a robot profile and what its file says, and what the declaration of its keys cannot say."""
+"""Conversion between robot profiles and file data, and validation beyond the schema."""
 
 import math
 import re
@@ -27,7 +27,7 @@ from caris_desktop.robot.profile_model import (
 
 
 def profile_from(source: ProfileText, name: str) -> RobotProfile:
-    """The profile that a text describes; names are absolute in it, so is the path of its certificates.
+    """Profile of a text, with absolute names and an absolute certificate path.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def profile_from(source: ProfileText, name: str) -> RobotProfile:
 
 
 def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
-    """Speech passes the emergency stop, so nothing of it may be what moves the robot."""
-    # Where a control speaks, speech may too.
+    """Problems of speech interfaces that would move the robot: speech is exempt from the emergency stop."""
+    # Speech may share an interface with a control that speaks.
     speech, robot = profile.speech, interface_names(replace(profile, controls=()))
     if speech is None:
         return
@@ -67,7 +67,7 @@ def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
 
 
 def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
-    """What a file in ``folder`` says of this profile, in the order in which it is written, without defaults.
+    """File content of this profile for ``folder``, in writing order, without defaults.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
 
 
 def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
-    """The data with every name of ROS absolute, and one footprint; and which of these names ROS 2 refuses."""
+    """Data with absolute ROS names and one footprint, and names that ROS 2 refuses."""
     wrong: list[Problem] = []
     namespace = data.get("namespace", "").strip("/")
     prefix = f"/{namespace}/" if namespace else "/"
@@ -112,7 +112,7 @@ def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[
 
 
 def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
-    """What goes beyond the keys of one group."""
+    """Problems that involve several groups of keys."""
     try:
         check_address(data.get("address", DEFAULT_ADDRESS))
     except ProfileError as error:
@@ -185,7 +185,7 @@ def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Pr
             wanted = wanted or tr("{key}: with ros: 2 it names a topic.")
             yield path, wanted.format(key=name_of(path))
         elif ros == 1 and "max_mps" not in navigation:
-            # Or a limit of the wizard's above it would make the robot faster than its makers meant.
+            # Otherwise a higher limit of the wizard would exceed the manufacturer's.
             yield (
                 path,
                 tr("{key} needs max_mps beside it: how fast the navigation is set up to drive.").format(
@@ -195,7 +195,7 @@ def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Pr
 
 
 def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
-    """What is wrong with a footprint; empty when it is a simple polygon with the robot's centre inside, or none."""
+    """Problem of a footprint; empty for a simple polygon around the robot's centre, or none."""
     if not corners:
         return ""
     if len(set(corners)) != len(corners):
@@ -215,7 +215,7 @@ def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
 
 
 def _cross(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float], d: tuple[float, float]) -> bool:
-    """Whether the two segments meet."""
+    """True if the two segments intersect."""
 
     def side(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> float:
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])

@@ -1,4 +1,4 @@
-"""The text of a robot profile: YAML with its lines, raised to the newest version, and written for people to read."""
+"""Text of a robot profile: YAML with line numbers, migrations, and formatting."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -16,10 +16,10 @@ MAX_BYTES = 2**20
 
 
 class ProfileText:
-    """The data of one profile as its newest version says them, and where in the file each part of it is written."""
+    """Data of one profile in the newest version, with line numbers."""
 
     def __init__(self, text: str, file_name: str) -> None:
-        """Read ``text``; ``file_name`` is used in messages only. Raises ProfileError."""
+        """Parse ``text``; ``file_name`` is used in messages only. Raises ProfileError."""
         self.file_name = file_name
         if len(text) > MAX_BYTES:
             raise ProfileError(
@@ -39,7 +39,7 @@ class ProfileText:
         self.data: dict[str, Any] = self._source.data
 
     def raise_to_newest(self) -> None:
-        """The data are those of the newest version from then on. Raises ProfileError."""
+        """Migrate the data to the newest version. Raises ProfileError."""
         version, newest = self.data.get("version"), PROFILE_VERSION
         if not isinstance(version, int) or isinstance(version, bool) or version < 1:
             wrong = tr("'version' is missing or not a whole number; write 'version: {newest}'.").format(newest=newest)
@@ -54,13 +54,13 @@ class ProfileText:
             self.data = migrated(self.data, MIGRATIONS, version=version, newest=newest)
 
     def refuse(self, found: Iterable[Problem]) -> None:
-        """Raises ProfileError if anything is wrong."""
+        """Raises ProfileError if there are problems."""
         if message := told(self.file_name, self._source, found):
             raise ProfileError(message)
 
 
 def profile_yaml(data: Mapping[str, Any]) -> str:
-    """A profile's content as text: sections apart, what is short on one line."""
+    """Profile as text: sections separated, short values on one line."""
     chunks = [
         "# A robot profile of CARIS Desktop. The guide of robot profiles explains every line.\n",
     ]

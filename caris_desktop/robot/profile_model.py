@@ -1,8 +1,8 @@
-"""What a robot profile holds, and with that what a profile's file may say.
+"""Schema of robot profiles.
 
-These declarations are the only place where a setting is added. The check and its messages, reading and writing, the
-JSON Schema for editors and the tables of the guide follow from them; ``python -m caris_desktop.app.reference`` writes
-the latter two anew. What goes beyond the keys of one group is checked in :mod:`caris_desktop.robot.profile_content`.
+Settings are declared only here. Validation, messages, reading, writing, the JSON Schema for editors and the guide's
+tables derive from these declarations; ``python -m caris_desktop.app.reference`` rewrites the latter two. Rules across
+groups are in :mod:`caris_desktop.robot.profile_content`.
 """
 
 import math
@@ -51,7 +51,7 @@ _Sign = Annotated[Literal[1, -1], Rule()]
 
 
 class ProfileError(ValueError):
-    """A robot profile that cannot be used; the text names the file, the line and what is allowed."""
+    """Unusable robot profile; the text names the file, the line and the allowed values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +306,7 @@ class EmergencyStopInterface:
 
     @property
     def commands_robot(self) -> bool:
-        """Whether the robot can be told to stop, rather than only telling that it has."""
+        """True if the robot can be commanded to stop, rather than only report a stop."""
         return bool(self.service or self.set_service or self.command_topic)
 
 
@@ -405,7 +405,7 @@ def _counter_clockwise(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[
 
 
 def area_m2(corners: tuple[tuple[float, float], ...]) -> float:
-    """Of an outline on the floor; positive when its corners go counter-clockwise."""
+    """Signed area of an outline on the floor; positive for counter-clockwise corners."""
     following = [*corners[1:], corners[0]]
     return sum(ax * by - ay * bx for (ax, ay), (bx, by) in zip(corners, following, strict=True)) / 2.0
 
@@ -524,17 +524,17 @@ class RobotProfile:
 
     @property
     def holonomic(self) -> bool:
-        """Whether the base can move sideways."""
+        """True if the base can move sideways."""
         return self.limits.left_mps > 0.0
 
     @property
     def stops_by_itself(self) -> bool:
-        """Whether the base is known to stop soon when commands no longer come, because nobody is left to send zero."""
+        """True if the base is known to stop soon without commands, as when no process is left to send zero."""
         return self.velocity.timeout_s is not None and self.velocity.timeout_s <= LONGEST_TIMEOUT_S
 
     @property
     def driving_limits(self) -> MotionLimits:
-        """The limits that hold: a base that is not known to stop by itself is driven slower."""
+        """Effective limits: a base that is not known to stop on its own is driven slower."""
         if self.stops_by_itself:
             return self.limits
         return replace(
@@ -547,19 +547,19 @@ class RobotProfile:
 
     @property
     def footprint_m(self) -> tuple[tuple[float, float], ...]:
-        """The corners of its outline on the floor, counter-clockwise; none of a round robot."""
+        """Corners of its outline on the floor, counter-clockwise; empty for a round robot."""
         return self.footprint.polygon_m
 
     @property
     def footprint_radius_m(self) -> float:
-        """Of the circle around its centre within which the whole robot is."""
+        """Radius of the circle around its centre that contains the whole robot."""
         if self.footprint.radius_m is not None:
             return self.footprint.radius_m
         return max((math.hypot(x, y) for x, y in self.footprint.polygon_m), default=0.0)
 
     @property
     def footprint_outline_m(self) -> tuple[tuple[float, float], ...]:
-        """The outline on the floor, (x, y) in the robot frame, counter-clockwise; a circle becomes 24 corners."""
+        """Outline on the floor, (x, y) in the robot frame, counter-clockwise; a circle becomes 24 corners."""
         if self.footprint_m:
             return self.footprint_m
         steps = (2.0 * math.pi * step / 24 for step in range(24))
@@ -570,7 +570,7 @@ class RobotProfile:
 class ProfileFile(RobotProfile):
     """Which robot it is, how its topics are called, how fast it may go. The guide of robot profiles explains it."""
 
-    # These are in the file alone: a profile that is read has absolute names and one footprint.
+    # Only in the file: a loaded profile has absolute names and one footprint.
     version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = PROFILE_VERSION
     namespace: Annotated[str, Rule(
         "Put before every name that does not begin with a slash.", longest=200,
@@ -582,7 +582,7 @@ class ProfileFile(RobotProfile):
 
 
 def interface_names(profile: RobotProfile) -> RobotInterfaceNames:
-    """The names by which this robot is moved, stopped and released."""
+    """Interface names that move, stop and release this robot."""
     limit = profile.navigation.speed_limit if profile.navigation is not None else None
     motion = (
         profile.velocity.topic,
@@ -615,7 +615,7 @@ def _name_of(control: RobotControl) -> str | None:
 
 
 def check_address(address: str) -> str:
-    """The address itself when it is ``ws://HOST[:PORT]`` or ``wss://...``.
+    """Validate an address ``ws://HOST[:PORT]`` or ``wss://...`` and return it.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""From what a robot offers to a profile for it: candidates for each thing by type and name, with reasons in words.
+"""Profile proposal for an unknown robot: candidates for each interface by type and name, with reasons as text.
 
-Long because it holds what each thing of a robot is known by.
+Long because it holds the recognition rules of each interface.
 """
 
 import re
@@ -32,7 +32,7 @@ from caris_desktop.ros.dialect import Dialect, same_type
 from caris_desktop.ros.raw_image import republish_advice
 
 _RAW_THROTTLE_MS = 100
-# Nobody knows yet how the robot drives: slow enough for a first try.
+# Unknown dynamics: slow enough for a first try.
 CAUTIOUS = MotionLimits(
     forward_mps=0.3, backward_mps=0.2, turn_radps=0.6, acceleration_mps2=0.5, deceleration_mps2=1.0,
     turn_acceleration_radps2=1.5, turn_deceleration_radps2=3.0,
@@ -41,10 +41,10 @@ CAUTIOUS = MotionLimits(
 
 @dataclass(frozen=True, slots=True)
 class RobotOffer:
-    """What a robot has. Types are spelt as the robot spells them; an empty one is not known.
+    """Inventory of a robot. Types are spelled as on the robot; an empty one is unknown.
 
-    ``actions`` are the action servers. ``frames`` (of tf) and ``joints`` (of its joint states) are what was heard in
-    a moment of listening. ``publishers`` and ``subscribers`` count the nodes at a topic, where rosapi tells.
+    ``actions`` are the action servers. ``frames`` (of tf) and ``joints`` (of joint states) were received while
+    listening briefly. ``publishers`` and ``subscribers`` count the nodes at a topic, if rosapi reports them.
     """
 
     topics: Mapping[str, str]
@@ -60,7 +60,7 @@ class RobotOffer:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One name that a field of the profile may get. ``confidence`` is 0..1; ``why`` says what speaks for it."""
+    """Candidate value of a profile field. ``confidence`` is 0..1; ``why`` is the reason."""
 
     value: str
     type: str
@@ -70,9 +70,9 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class FieldProposal:
-    """One line of the proposed mapping: the profile's ``field`` gets ``value`` ("" for none), one of ``candidates``.
+    """Line of the proposed mapping: the profile's ``field`` gets ``value`` ("" for none), one of ``candidates``.
 
-    Candidates come best first. ``field`` is a key of the profile (``scan``, ``cameras.0``, ``speech.stop``).
+    Candidates are sorted best first. ``field`` is a key of the profile (``scan``, ``cameras.0``, ``speech.stop``).
     """
 
     field: str
@@ -84,7 +84,7 @@ class FieldProposal:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A mapping for the whole robot. ``notes`` are what the person who saves it should know."""
+    """Mapping for the whole robot. ``notes`` are for the person who saves it."""
 
     namespace: str
     namespaces: tuple[str, ...]
@@ -93,12 +93,12 @@ class Proposal:
 
     @property
     def chosen(self) -> dict[str, str]:
-        """The proposed value of each field; what :func:`profile_of` takes, with changes where wanted."""
+        """Proposed value of each field; input of :func:`profile_of`, possibly changed."""
         return {proposal.field: proposal.value for proposal in self.fields}
 
 
 def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
-    """The likeliest mapping. ``namespace`` chooses between several robots on one server ("" for none)."""
+    """Most likely mapping. ``namespace`` selects one of several robots on one server ("" for none)."""
     namespaces = _namespaces(offer)
     chosen_namespace = namespace if namespace is not None else namespaces[0] if namespaces else ""
     ranked = _Ranking(offer, chosen_namespace)
@@ -137,9 +137,9 @@ def profile_of(
     address: str,
     security: SecuritySettings | None = None,
 ) -> RobotProfile:
-    """The profile with this mapping: ``chosen`` is ``Proposal.chosen``, possibly changed; "" leaves a field out.
+    """Profile with this mapping: ``chosen`` is ``Proposal.chosen``, possibly changed; "" omits a field.
 
-    Speeds are cautious, and what cannot be asked for (footprint, where the camera is) has its default.
+    Speeds are cautious; what the robot cannot report (footprint, camera pose) has defaults.
     """
 
     def given(key: str) -> str | None:
@@ -189,7 +189,7 @@ def profile_of(
 
 def _navigation(offer: RobotOffer, action: str) -> NavigationServer:
     if offer.dialect is not Dialect.ROS2:
-        # How fast a planner of ROS 1 is set up to drive cannot be asked for, so it is told nothing.
+        # The speed of a ROS 1 planner cannot be queried, so no limit is configured.
         return NavigationServer("move_base", action)
     limits = sorted(topic for topic, kind in offer.topics.items() if same_type(kind, "nav2_msgs/SpeedLimit"))
     told_by = SpeedLimitInterface(topic=limits[0]) if limits else None
@@ -197,16 +197,16 @@ def _navigation(offer: RobotOffer, action: str) -> NavigationServer:
 
 
 def may_stop(service: str) -> bool:
-    """Whether a service of this name may be an emergency stop, so that its type is worth knowing."""
+    """True if a service of this name may be an emergency stop, so that its type is of interest."""
     return bool(_STOP_WORDS.search(service) or _SWITCH_WORDS.search(service))
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """How a topic is recognized: its types, then its last word (best first), then words that speak against it.
+    """Recognition rule of a topic: types, last words of the name (best first), and words that count against it.
 
-    Below ``least`` confidence it is a candidate and not proposed. ``published``: the robot publishes it. ``about`` must
-    be found somewhere in the name.
+    Below ``least`` confidence it is listed but not proposed. ``published``: the robot publishes it. ``about`` must
+    occur in the name.
     """
 
     field: str
@@ -309,7 +309,7 @@ _STOP_WORDS = re.compile(r"e_?stop|emergency|runstop", re.IGNORECASE)
 _HEARING_WORDS = re.compile(
     r"recogni|asr|stt|heard|result|status|feedback|event|viseme|speaking|grammar", re.IGNORECASE
 )
-# Speech actions whose goals are published: (type, goal). $value is the text.
+# Speech actions with published goals: (type, goal). $value is the text.
 _SPEECH_ACTIONS: tuple[tuple[str, Mapping[str, Any]], ...] = (
     ("pal_interaction_msgs/TtsAction", {"rawtext": {"text": "$value", "lang_id": "en_GB"}}),
     ("tts_msgs/action/TTS", {"input": "$value", "locale": "en_US"}),
@@ -321,9 +321,9 @@ _SPEECH_ACTIONS: tuple[tuple[str, Mapping[str, Any]], ...] = (
     ("naoqi_bridge_msgs/SpeechWithFeedbackAction", {"say": "$value"}),
 )
 _NAVIGATION = ("move_base_msgs/MoveBaseAction", "nav2_msgs/action/NavigateToPose")
-# Services whose one bool stops: (type, its field).
+# Services with a bool that stops: (type, field).
 _STOP_SERVICES = (("std_srvs/SetBool", "data"), ("irobot_create_msgs/EStop", "e_stop_on"))
-# A switch of the motors stops the robot when it is switched off.
+# Switching off the motors stops the robot.
 _SWITCH_WORDS = re.compile(r"motors?_?(power|enabled?)|enable_motors?", re.IGNORECASE)
 _PAIRED_SERVICES = ("std_srvs/Trigger", "std_srvs/Empty")
 _HEAD_TYPES = {
@@ -335,7 +335,7 @@ _TILT_JOINTS = ("head_2_joint", "headpitch", "head_tilt_joint", "head_tilt", "he
 
 
 class _Ranking:
-    """Candidates from one offer, best first, those in ``namespace`` before others."""
+    """Candidates from one inventory, best first, those in ``namespace`` first."""
 
     def __init__(self, offer: RobotOffer, namespace: str) -> None:
         self._offer = offer
@@ -351,7 +351,7 @@ class _Ranking:
         return _best_first(found)
 
     def cameras(self) -> list[Candidate]:
-        """Compressed pictures before others."""
+        """Cameras, compressed images first."""
         raw = [
             replace(
                 candidate,
@@ -452,7 +452,7 @@ class _Ranking:
         if doubts:
             certainty -= 0.4
             reasons.append(filled(QT_TR_NOOP("But “{word}” speaks against it."), word=doubts[0]))
-        # A short name is the robot's own; long ones belong to a part of it.
+        # A short name is the robot's own; long ones belong to components.
         certainty -= 0.02 * max(0, len(words) - 1)
         count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
         if count == 0 and kind.published:
@@ -463,7 +463,7 @@ class _Ranking:
         return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), joined(reasons)))
 
     def _in_namespace(self, candidate: Candidate) -> Candidate:
-        # tf is common to all robots of a server unless one has its own.
+        # tf is shared by all robots of a server unless one has its own.
         shared = candidate.value in ("/tf", "/tf_static", "/map")
         if shared or not self._namespace:
             return candidate
@@ -490,14 +490,14 @@ def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float
 
 def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
     best = _distinct_cameras(candidates)[index]
-    # Only the first is proposed on a doubt: each further picture costs bandwidth.
+    # Only the first is proposed with low confidence: each further camera costs bandwidth.
     value = best.value if index == 0 or best.confidence >= 0.7 else ""
     label = filled(QT_TR_NOOP("Camera {number}"), number=index + 1)
     return FieldProposal(f"cameras.{index}", label, value, tuple(candidates), best.why)
 
 
 def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """The best topic of each camera: one may offer its raw and its rectified picture."""
+    """Best topic of each camera, which may have raw and rectified images."""
     cameras: dict[str, Candidate] = {}
     for candidate in candidates:
         cameras.setdefault(candidate.value.removesuffix("/compressed").rpartition("/")[0], candidate)
@@ -505,17 +505,17 @@ def _distinct_cameras(candidates: Iterable[Candidate]) -> list[Candidate]:
 
 
 def _namespaces(offer: RobotOffer) -> tuple[str, ...]:
-    """What stands before the velocity topics of several robots, or of one whose names all begin with it."""
+    """Common prefixes of the velocity topics of several robots, or of a single one."""
     holds: dict[str, set[str]] = {}
     for topic, found_type in offer.topics.items():
         prefix, _, last = topic.strip("/").rpartition("/")
         if prefix and "/" not in prefix:
             kinds = holds.setdefault(prefix, set())
             for kind in _TOPICS_FIRST[:3]:
-                # Many things carry a Twist; what drives a robot is called so.
+                # Many topics carry a Twist; those that drive a robot have telling names.
                 if any(same_type(found_type, wanted) for wanted in kind.types) and last in kind.names:
                     kinds.add(kind.field)
-    # A controller has a velocity and an odometry of its own, but no LIDAR.
+    # A controller has its own velocity and odometry, but no LIDAR.
     found = sorted(prefix for prefix, kinds in holds.items() if kinds >= {"velocity", "odometry", "scan"})
     return tuple(["", *found] if "/cmd_vel" in offer.topics and found else found)
 
@@ -555,7 +555,7 @@ def _runs_on_simulation_time(offer: RobotOffer) -> bool:
 
 def _frames(offer: RobotOffer) -> TransformFrames:
     def first(*names: str) -> str:
-        """The one that was heard, with whatever namespace it has."""
+        """The received frame name, with any namespace."""
         for name in names:
             found = [frame for frame in offer.frames if frame == name or frame.endswith(f"/{name}")]
             if found:
@@ -597,7 +597,7 @@ def _speech(offer: RobotOffer, chosen: Mapping[str, str]) -> SpeechInterface | N
 
 
 def _audio(offer: RobotOffer, chosen: Mapping[str, str]) -> AudioInterface | None:
-    """Coding and rate are the usual ones, where the robot does not tell them itself."""
+    """Coding and rate have default values unless the robot reports them."""
     topic, speaker = chosen.get("audio.topic") or None, chosen.get("audio.speaker") or None
     if topic is None:
         return None if speaker is None else AudioInterface(speaker=speaker)
@@ -633,14 +633,14 @@ def _head(offer: RobotOffer, topic: str | None) -> HeadInterface | None:
     angles = same_type(found_type, "naoqi_bridge_msgs/JointAnglesWithSpeed")
     states = [name for name, kind in offer.topics.items() if same_type(kind, "sensor_msgs/JointState")]
     named = [name for name in states if name.endswith("/joint_states")] or states or ["/joint_states"]
-    # The narrow ranges of the default suit most heads; how a joint counts cannot be asked.
+    # The narrow default ranges suit most heads; joint directions cannot be queried.
     return HeadInterface(
         "joint_angles" if angles else "joint_trajectory", topic, joints[0], joints[1], min(named, key=len)
     )
 
 
 def _head_joints(offer: RobotOffer) -> tuple[str, str] | None:
-    """(pan, tilt) among the joints that were heard."""
+    """(pan, tilt) among the received joints."""
 
     def find(known: tuple[str, ...]) -> str | None:
         lower = {joint.lower().rsplit("/", 1)[-1]: joint for joint in offer.joints}
@@ -651,7 +651,7 @@ def _head_joints(offer: RobotOffer) -> tuple[str, str] | None:
 
 
 def _release_of(service: str, services: Mapping[str, str]) -> str | None:
-    """The service that releases what ``service`` stops, of the same type."""
+    """Service of the same type that releases what ``service`` stops."""
     folder, _, last = service.rpartition("/")
     pairs: tuple[tuple[str, str], ...] = (
         ("set", "clear"), ("set", "reset"), ("set", "release"), ("stop", "release"), ("stop", "reset"),
@@ -666,7 +666,7 @@ def _release_of(service: str, services: Mapping[str, str]) -> str | None:
 
 
 def _has_word(words: Iterable[str], wanted: str) -> bool:
-    """Whether ``wanted`` is a word, or a part between underscores of one."""
+    """True if ``wanted`` is a word, or a part between underscores of one."""
     return any(wanted == word or wanted in word.split("_") or (len(wanted) > 5 and wanted in word) for word in words)
 
 

@@ -1,12 +1,11 @@
-"""The control link gets the processor at once, however busy the machine is, where the system allows that.
+"""Real-time priority for the control link, where the system permits it.
 
-A program waits until it is its turn. On two busy cores a key press reached the socket after 8 to 9 ms (p95) so, and
-after 2.5 ms with the scheduling that programs for sound use. Whoever is root or has leave for it (``rtprio`` in
-``limits.conf``) simply takes it; on a Linux desktop RealtimeKit gives it to any user, under the conditions in its
-README (https://github.com/heftig/rtkit).
+With normal scheduling on two busy cores a key press reached the socket after 8 to 9 ms (p95), with real-time scheduling
+as for audio programs after 2.5 ms. With root or ``rtprio`` in ``limits.conf`` the process sets it; on a Linux desktop
+RealtimeKit grants it to any user, under the conditions in its README (https://github.com/heftig/rtkit).
 
-Who comes before all others must be quick. If it computes for longer than ``LONGEST_S`` without a pause, or gets a
-message that may take so long to read, it goes back into the line, for good.
+A real-time process must be fast. If it computes for longer than ``LONGEST_S`` without a pause, or receives a message
+that may take that long to decode, it returns to normal priority for good.
 """
 
 import contextlib
@@ -32,7 +31,7 @@ _ANSWERED_WITHIN_S = 5.0
 
 
 def come_first() -> None:
-    """From now on this process comes before every other program's, as far as the system allows. Main thread only."""
+    """Request real-time priority for this process, as far as the system permits. Main thread only."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             os.nice(_NICENESS)
@@ -49,14 +48,14 @@ def come_first() -> None:
 
 
 def is_first() -> bool:
-    """Whether it does by now."""
+    """True while it has real-time priority."""
     if sys.platform != "linux":
         return False
     return os.sched_getscheduler(os.getpid()) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR
 
 
 def go_back() -> None:
-    """Wait for its turn as all others do."""
+    """Return to normal priority."""
     if not is_first():
         return
     for thread in Path("/proc/self/task").iterdir():
@@ -72,7 +71,7 @@ def _on_long(_signal: int, _frame: object) -> None:
 
 
 def _limit_to(longest_s: float, at_most_s: float | None = None) -> None:
-    """SIGXCPU for whoever comes first and computes for so long without a pause, and SIGKILL after ``at_most_s``."""
+    """Limits for real-time computation without a pause: SIGXCPU, and SIGKILL after ``at_most_s``."""
     import resource
 
     _soft, hard = resource.getrlimit(resource.RLIMIT_RTTIME)
@@ -81,7 +80,7 @@ def _limit_to(longest_s: float, at_most_s: float | None = None) -> None:
 
 
 def _ask_realtime_kit() -> None:
-    """Its answer may take a while, or not come: a thread of its own asks."""
+    """Ask RealtimeKit, in a thread, as the answer may be slow or missing."""
     from jeepney import DBusAddress, DBusErrorResponse, new_method_call
     from jeepney.io.blocking import open_dbus_connection
     from jeepney.wrappers import unwrap_msg

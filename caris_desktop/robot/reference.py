@@ -1,4 +1,4 @@
-"""What tells people about a robot profile: JSON Schemas and the tables of the guide's page, from the declarations.
+"""Derived documentation of robot profiles: JSON Schemas and the tables of the guide page.
 
 ``python -m caris_desktop.app.reference`` writes them into ``resources/``.
 """
@@ -13,7 +13,7 @@ from caris_desktop.robot.profile_model import ProfileFile
 
 
 def reference_files() -> dict[Path, str]:
-    """What each of these files says; the words between the tables of the page stay as they are."""
+    """Content of each derived file; text between the page's tables is preserved."""
     schemas, page = resources_dir() / "schemas", resources_dir() / "guide" / "robot-profiles.md"
     return {
         schemas / "robot-profile.schema.json": schema_text(ProfileFile, title="CARIS Desktop robot profile"),

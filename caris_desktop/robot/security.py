@@ -1,6 +1,6 @@
-"""Who the robot's server is, and who we are: certificates for ``wss://``, and rosbridge's ``auth`` operation (rosauth).
+"""Link security: certificates for ``wss://``, and rosbridge's ``auth`` operation (rosauth).
 
-The secret lies in an environment variable. It is read at the moment of use, goes into one SHA-512 and is kept nowhere.
+The secret is in an environment variable. It is read on use, goes into one SHA-512 and is not stored.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ _LEVEL = "user"
 
 
 class SecurityError(Exception):
-    """The link cannot be secured as the profile asks. ``what`` and ``advice`` are for the wizard."""
+    """The link cannot be secured as the profile demands. ``what`` and ``advice`` are for the wizard."""
 
     def __init__(self, what: str, advice: str) -> None:
         super().__init__(what)
@@ -36,8 +36,8 @@ class SecurityError(Exception):
 
 
 async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.SSLContext:
-    """Trusts the one certificate that the profile confirms; without one what the system trusts, and the profile's own
-    file, and checks the server's name.
+    """TLS context that trusts only the certificate confirmed in the profile; without one, the system's and the
+    profile's own file, with host name verification.
 
     Raises
     ------
@@ -74,7 +74,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
     except OSError as error:
         if fingerprint is not None:
             raise
-        # ssl.SSLError is an OSError, with numbers of its own.
+        # ssl.SSLError is an OSError with its own numbers.
         reason = "no certificate is in it" if isinstance(error, ssl.SSLError) or not error.strerror else error.strerror
         raise SecurityError(
             filled(
@@ -89,7 +89,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
 
 
 async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, port: int) -> SecurityError:
-    """Why the server's certificate is not accepted, with its fingerprint for whoever can compare it."""
+    """Error for a refused certificate, with its fingerprint for comparison."""
     try:
         shown = await asyncio.to_thread(certificate_of, host, port)
     except (OSError, ValueError):
@@ -109,12 +109,12 @@ async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, po
 
 
 def secret_is_missing(settings: SecuritySettings) -> bool:
-    """Whether the profile names a secret that the environment does not hold."""
+    """True if the environment lacks the secret that the profile names."""
     return settings.rosauth_secret_env is not None and not os.environ.get(settings.rosauth_secret_env)
 
 
 def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> dict[str, Any] | None:
-    """The ``auth`` operation of this moment, as rosauth's ``ros_mac_authentication`` checks it; None without a secret.
+    """``auth`` operation for now, as rosauth's ``ros_mac_authentication`` verifies it; None without a secret.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
 
 
 def no_tls(address: str) -> tuple[str, str]:
-    """What to tell of a server that does not understand the offer of a secured connection."""
+    """Problem and advice for a server that does not answer TLS."""
     return (
         filled(QT_TR_NOOP("What answers at {address} does not speak TLS."), address=address),
         "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
@@ -161,7 +161,7 @@ def no_tls(address: str) -> tuple[str, str]:
 
 
 def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[str, str]:
-    """Why the secured connection to ``name`` did not come about, and what to do, for the wizard."""
+    """Problem and advice for a failed TLS connection to ``name``."""
     if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
         return no_tls(address)
     return (

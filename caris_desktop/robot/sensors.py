@@ -1,4 +1,4 @@
-"""What the robot senses and plans, from its topics to the console: scans, odometry, pose, transforms, path, battery."""
+"""Robot sensors and plans from topics to the console: scans, odometry, pose, transforms, path, battery."""
 
 import logging
 import math
@@ -33,17 +33,17 @@ from caris_desktop.ros.navigation_messages import decode_clock, decode_path
 logger = logging.getLogger(__name__)
 
 MOST_PATH_POINTS = 500
-# A robot may tell of its frames one by one; who complains earlier complains for nothing.
+# Transforms may arrive one by one; an earlier warning would be premature.
 FRAMES_KNOWN_AFTER_NS = 3_000_000_000
 PLACE_KNOWN_AFTER_NS = 8_000_000_000
 CLOCK = TopicSource("/clock", throttle_ms=100)
 
 
 class Sensors:
-    """Subscribes to what the profile names and hands domain values to ``put``.
+    """Subscribes to the profile's topics and passes domain values to ``put``.
 
-    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are called with each LaserScan, Odometry and RobotPose too;
-    with a scan also how many seconds it was under way, as far as that is known.
+    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are also called with each LaserScan, Odometry and RobotPose;
+    for a scan with its transmission time in seconds, as far as known.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Sensors:
         self._subscribe()
 
     def link_lost(self) -> None:
-        """What was known of the robot's place is no longer."""
+        """Reset the localization."""
         self._poses.forget()
         self._transforms_since_ns = self._scans_since_ns = None
         self._scan_stamps = StampAge()
@@ -91,7 +91,7 @@ class Sensors:
         self.pose_in_map = None
 
     def clear_path(self) -> None:
-        """The goal is over: the way to it is shown no more."""
+        """Clear the path after the end of a goal."""
         if self._profile.path is not None:
             self._put(PlannedPath(now_ns(), None, np.empty((0, 2), np.float32)))
 
@@ -103,7 +103,7 @@ class Sensors:
         self._listen(
             profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._take_transforms(m, static=True), every=True
         )
-        # Several nodes share this topic, each with its own transforms: none may replace another.
+        # Several nodes publish transforms here: none may replace another.
         self._listen(profile.tf, "tf2_msgs", "TFMessage", self._take_transforms, every=True)
         self._listen(profile.path, "nav_msgs", "Path", self._take_path, watched=False)
         self._listen(profile.battery, "sensor_msgs", "BatteryState", self._take_battery)
@@ -122,7 +122,7 @@ class Sensors:
         every: bool = False,
         watched: bool = True,
     ) -> None:
-        """``watched`` False: it is silent for most of the time, and what came in between would be missed."""
+        """Subscribe. ``watched`` False: it is normally silent, and resubscribing would lose messages."""
         if source is None:
             return
         topic = SafeTopic(
@@ -143,7 +143,7 @@ class Sensors:
         if self._profile.scan is not None:
             self._measurement.take_message(self._profile.scan.topic, scan.robot_stamp_ns)
         scan = self._mounted(scan)
-        # Where the robot was when it measured, not where it is when that arrives: a turning robot has turned on.
+        # Pose at the measurement, not at its arrival: a turning robot has moved on.
         map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
         if map_from_robot is not None and scan.robot_from_laser is not None:
             scan = replace(scan, map_from_laser=map_from_robot @ scan.robot_from_laser)
@@ -154,9 +154,9 @@ class Sensors:
         self._put(scan)
 
     def _mounted(self, scan: LaserScan) -> LaserScan:
-        """The scan with the place of the LIDAR and, from one that hangs upside down, with its beams reversed.
+        """Scan with the LIDAR's pose; beams reversed if it is mounted upside down.
 
-        It has no place, and so is not used, while the transforms may still come and where the LIDAR is tilted.
+        Without a pose, and thus unused, while transforms may still arrive, or if the LIDAR is tilted.
         """
         mount = self._profile.laser
         robot_from_laser = self._poses.base_from(scan.frame_id, scan.robot_stamp_ns) if scan.frame_id else None
@@ -175,7 +175,7 @@ class Sensors:
         return scan.mounted(robot_from_laser.floor, upside_down=mounting == "upside_down")
 
     def _transforms_may_come(self, at_ns: int) -> bool:
-        """Whether the link is so new that the robot may not have told its frames yet."""
+        """True while the link is so new that transforms may still arrive."""
         if self._profile.tf is None and self._profile.tf_static is None:
             return False
         self._scans_since_ns = self._scans_since_ns or at_ns
@@ -211,7 +211,7 @@ class Sensors:
         self._put_pose(self._poses.take_odometry(odometry))
 
     def _reckoned(self, twist: Twist2D) -> Pose2D:
-        """The pose of an odometry that tells none (a zero quaternion): carried on with its speed."""
+        """Dead reckoning by velocity for an odometry without a pose (zero quaternion)."""
         self._report.problems.count(
             "odometry without pose",
             severity="warning",
@@ -322,7 +322,7 @@ class Sensors:
 
 
 def points_in_parent(parent_from_child: Pose2D, points_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Points, shape (n, 2), of a child frame in its parent."""
+    """Transform points, shape (n, 2), from a child frame to its parent."""
     cos, sin = math.cos(parent_from_child.heading_rad), math.sin(parent_from_child.heading_rad)
     points = np.empty_like(points_m, dtype=np.float32)
     points[:, 0] = parent_from_child.x_m + cos * points_m[:, 0] - sin * points_m[:, 1]

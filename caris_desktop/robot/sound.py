@@ -1,4 +1,4 @@
-"""The robot's microphone, and its loudspeaker for sound as it is spoken: what its profile calls ``audio``."""
+"""Robot microphone and streaming loudspeaker (``audio`` in the profile)."""
 
 import logging
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from caris_desktop.ros.audio_messages import (
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
 
-# rosbridge keeps so many for a client that is slow; sound is never throttled.
+# rosbridge's queue for slow clients; audio is never throttled.
 _QUEUED = 100
 _PACKAGE = "audio_common_msgs"
 
@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 
 class RobotSound:
-    """Listens while it is told to, and plays what it is given. On the link's loop."""
+    """Forwards the microphone while requested, and plays audio. On the link's loop."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class RobotSound:
             self._speaker = SafeTopic(ros, told.speaker, type_name(dialect, _PACKAGE, "AudioData"))
 
     def listen(self, on: bool) -> None:
-        """Have the robot send what its microphone hears, or no longer."""
+        """Start or stop the robot's microphone stream."""
         self._begin_anew()
         for topic, take in self._ears:
             if on:
@@ -77,7 +77,7 @@ class RobotSound:
                 topic.unsubscribe()
 
     def play(self, asked: PlayOnRobot) -> None:
-        """Send it now, or not at all."""
+        """Send audio now, or not at all."""
         if self._speaker is not None:
             self._speaker.publish(encode_audio_data(asked.samples))
 
@@ -150,7 +150,7 @@ class RobotSound:
 
 
 class Mp3Stream:
-    """Sound in pieces of an mp3 stream, cut anywhere."""
+    """Decoder of an mp3 stream in arbitrary pieces."""
 
     def __init__(self) -> None:
         import av
@@ -160,7 +160,7 @@ class Mp3Stream:
         self._error: type[Exception] = av.FFmpegError
 
     def decode(self, content: bytes) -> tuple[NDArray[np.int16], int]:
-        """The samples that are complete with this piece, shape (samples, channels), and how many make a second.
+        """Samples completed by this piece, shape (samples, channels), and the sample rate.
 
         Raises MessageError.
         """

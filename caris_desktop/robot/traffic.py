@@ -1,4 +1,4 @@
-"""What arrives on each topic of one link: how often, how much, how old. Counting only, no sockets."""
+"""Traffic statistics per topic of one link: rate, volume, age. Counting only, no sockets."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
@@ -23,7 +23,7 @@ class _Count:
 
 
 class TrafficMeter:
-    """Counts what arrives. Once a second :meth:`measure` turns the counts into one event and begins anew."""
+    """Counts arrivals. :meth:`measure`, once per second, returns the counts and resets them."""
 
     def __init__(self, link: str) -> None:
         self._link = link
@@ -32,32 +32,32 @@ class TrafficMeter:
         self._refused = 0
 
     def listens(self, topic: str, message_type: str) -> None:
-        """A topic was subscribed: it is listed even when nothing comes."""
+        """Note a subscribed topic, which is listed even without messages."""
         self._count(topic).type = message_type
 
     def stops_listening(self, topic: str) -> None:
-        """The last subscription of a topic is gone."""
+        """Drop a topic without subscriptions."""
         self._counts.pop(topic, None)
 
     def arrived(self, topic: str, *, size_bytes: int, arrival_ns: int) -> None:
-        """One message, whether or not it is decoded afterwards."""
+        """Count one message, decoded or not."""
         count = self._count(topic)
         count.messages += 1
         count.size_bytes += size_bytes
         count.heard_ns = arrival_ns
 
     def decoded(self, topic: str, message: Any, *, binary: bool) -> None:
-        """One message was decoded: note its stamp."""
+        """Note the encoding and stamp of a decoded message."""
         if topic in self._counts:
             self._counts[topic].encoding = "cbor" if binary else "json"
             self._counts[topic].stamp_ns = stamp_of(message)
 
     def encoding_of(self, topic: str) -> Literal["", "cbor", "json"]:
-        """That of the newest message of a topic."""
+        """Encoding of the topic's newest message."""
         return self._counts[topic].encoding if topic in self._counts else ""
 
     def refused(self, topic: str | None) -> None:
-        """One message could not be used; ``topic`` None where it told none."""
+        """Count an unusable message; ``topic`` None if unknown."""
         self._refused += 1
         if topic is not None and topic in self._counts:
             self._counts[topic].refused += 1
@@ -65,7 +65,7 @@ class TrafficMeter:
     def measure(
         self, now_ns: int, offset_at: Callable[[int], OffsetEstimate | None] = lambda _: None
     ) -> TrafficMeasured:
-        """What came since the last call."""
+        """Statistics since the last call."""
         period_s = 1.0 if self._began_ns is None else max(1e-3, (now_ns - self._began_ns) / 1e9)
         self._began_ns = now_ns
         topics = []
@@ -96,14 +96,14 @@ class TrafficMeter:
         count = self._counts.get(topic)
         if count is None:
             if len(self._counts) >= MOST_TOPICS:
-                # Nobody subscribed to so many: a server that invents topics must not fill the memory.
+                # More topics than anyone subscribes to: a faulty server must not fill the memory.
                 return _Count()
             count = self._counts[topic] = _Count()
         return count
 
 
 def stamp_of(message: Any) -> int | None:
-    """The robot's own stamp of a message in nanoseconds; None where it has none or a zero one."""
+    """Robot stamp of a message in ns; None if missing or zero."""
     if not isinstance(message, Mapping):
         return None
     header = message.get("header")

@@ -82,16 +82,16 @@ _CBOR_PUBLISH = b"\x62op\x67publish"
 _CBOR_TOPIC = re.compile(rb"\x65topic(?:([\x61-\x77])|\x78(.))", re.DOTALL)
 _UNDECODABLE_BEFORE_JSON = 3
 _MOST_WAITING = 5_000
-# A pause of the process for 0.2 s costs no scan and no odometry: to take these few in is soon done. Pictures and maps
-# are worked on for long, and of them only the newest waits.
+# A pause of 0.2 s loses no scan and no odometry, since these few are handled quickly. Images and maps take long, so
+# only the newest waits.
 _SMALL_BYTES, _SMALL_WAITING = 32 * 1024, 5
-# A connection that ends sooner than this was not wanted by the server.
+# A shorter connection means that the server refuses us.
 _SHORT_LIVED_S = 1.0
 _QUESTIONS = "/rosapi/"
-# A rosapi that hangs holds its questions for ever. A new websocket for them costs the robot another thread.
+# A hanging rosapi never answers. A new websocket for queries costs the robot another thread.
 _LINK_LOST_WITHIN_S = 0.3
 _NEW_QUESTIONS_SOCKET_AFTER_S = 30.0
-# So many calls and goals may be under way at once, and a few more of those that stop the robot.
+# Maximum pending calls and goals, with a few more for those that stop the robot.
 MOST_CALLS, MOST_URGENT_CALLS = 8, 16
 
 
@@ -103,38 +103,38 @@ class SizeLimits:
     frame_bytes: int
 
 
-# Decoding runs on the loop that also runs the motion lease, so what may arrive beside it stays small.
+# Decoding shares the loop with the motion lease, so messages must be small.
 CONTROL_SIZES = SizeLimits(message_bytes=4 * 2**20, frame_bytes=64 * 2**20)
 MEDIA_SIZES = SizeLimits(message_bytes=64 * 2**20, frame_bytes=256 * 2**20)
 
 
 class LinkObserver(Protocol):
-    """Who is told how the connection fares. All calls come on the loop."""
+    """Receiver of connection events. All calls come on the loop."""
 
     def link_connected(self) -> None:
-        """Connected, and everything standing has been established."""
+        """Connected, and all subscriptions and advertisements are re-established."""
 
     def link_silent(self) -> None:
-        """The robot has not been heard for a moment."""
+        """The robot has been silent for a moment."""
 
     def link_heard(self) -> None:
-        """It is heard again."""
+        """The robot is heard again."""
 
     def link_lost(self, reason: str) -> None:
-        """The connection is over; calls under way have been failed. A new one is being tried for."""
+        """The connection is over; pending calls have failed. It reconnects."""
 
     def link_unreachable(self, what: str, advice: str) -> None:
-        """One attempt to connect failed. Comes again with each attempt."""
+        """One attempt to connect failed. Repeated with each attempt."""
 
     def link_round_trip(self, round_trip_s: float) -> None:
         """A ping came back."""
 
     def link_refused(self, detail: str) -> None:
-        """A message was thrown away."""
+        """A message was discarded."""
 
 
 class ServiceCallError(Exception):
-    """A service call failed, timed out, or the link was lost under it. ``said`` is what the robot answered."""
+    """A service call failed, timed out, or the link was lost. ``said`` is the robot's answer."""
 
     def __init__(self, text: str, said: str = "") -> None:
         super().__init__(text)
@@ -142,7 +142,7 @@ class ServiceCallError(Exception):
 
 
 class AnswerTooLargeError(ServiceCallError):
-    """The service answered, and more than this link reads."""
+    """The service's answer exceeds the size limit."""
 
     def __init__(self, service: str, answer: LargeAnswer) -> None:
         super().__init__(f"{service}: {answer}")
@@ -150,20 +150,20 @@ class AnswerTooLargeError(ServiceCallError):
 
 
 class LoopManager:
-    """What roslibpy calls the event loop manager, for a loop that somebody else runs."""
+    """roslibpy's event loop manager, for a loop run by the caller."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
         self.thread_id = threading.get_ident()
 
     def run(self) -> None:
-        """Nothing to do: the loop is the caller's."""
+        """Do nothing: the loop is the caller's."""
 
     def run_forever(self) -> None:
         raise RuntimeError("this connection lives on an asyncio loop that is already running")
 
     def terminate(self) -> None:
-        """Nothing to do: the loop is the caller's."""
+        """Do nothing: the loop is the caller's."""
 
     def call_later(self, delay: float, callback: Callable[[], Any]) -> None:
         if threading.get_ident() == self.thread_id:
@@ -175,7 +175,7 @@ class LoopManager:
         self.loop.call_soon_threadsafe(self.loop.run_in_executor, None, callback)
 
     def blocking_call_from_thread(self, callback: Callable[[Any], Any], timeout: float | None) -> Any:
-        """As roslibpy's; on the loop's own thread it raises RuntimeError instead of freezing everything."""
+        """As roslibpy's; raises RuntimeError on the loop's own thread instead of a deadlock."""
         if threading.get_ident() == self.thread_id:
             raise RuntimeError("a blocking call on the loop's own thread would freeze the connection; use SafeRos.ask")
 
@@ -206,7 +206,7 @@ class LoopManager:
 
 @dataclass(slots=True, eq=False)
 class _Arrival:
-    """A message that waits for its turn; where it is ``replaceable`` a newer one of its topic may take its place."""
+    """Queued message; a ``replaceable`` one may be replaced by a newer one of its topic."""
 
     payload: bytes
     stamp_ns: int
@@ -216,10 +216,10 @@ class _Arrival:
 
 
 class SafeFactory:
-    """Keeps one link alive, remembers what stands, and hands messages out.
+    """Maintains one link: subscriptions, dispatch, reconnection.
 
-    The link is connected while its main websocket and, where there are motion topics, theirs are; it is lost when one
-    of them is, or one with a goal under way.
+    The link is connected while its main websocket and, if there are motion topics, theirs are; it is lost when one of
+    them is, or one with an active goal.
     """
 
     def __init__(
@@ -282,12 +282,12 @@ class SafeFactory:
 
     @property
     def protocol(self) -> SafeProtocol | None:
-        """Of the main websocket."""
+        """Protocol of the main websocket."""
         return self._main.protocol
 
     @property
     def motion_protocol(self) -> SafeProtocol | None:
-        """Of the websocket that carries nothing which can wait."""
+        """Protocol of the motion websocket, without slow operations."""
         return (self._motion or self._main).protocol
 
     def _sockets(self) -> list[BridgeSocket]:
@@ -307,7 +307,7 @@ class SafeFactory:
             self._keeper = self.manager.loop.create_task(self._keep_connected())
 
     def stop(self) -> None:
-        """Close the connection properly and stop trying for another."""
+        """Close the connection properly and stop reconnecting."""
         self._stopping = True
         if self._keeper is not None:
             self._keeper.cancel()
@@ -319,7 +319,7 @@ class SafeFactory:
             protocol.wire.close()
 
     async def closed(self, timeout_s: float) -> None:
-        """Wait until the peer took everything and said goodbye, at most ``timeout_s``."""
+        """Wait up to ``timeout_s`` until the peer has received everything and closed."""
         if self._lost is not None and not self._lost.done():
             await asyncio.wait([self._lost], timeout=timeout_s)
         for protocol in self._protocols():
@@ -332,16 +332,18 @@ class SafeFactory:
         else:
             self.once("ready", callback)
 
-    # What stands, and what is sent once
+    # Remembered and one-time operations
 
     def send(self, message: Mapping[str, Any]) -> bool:
-        """Send one operation now. Standing operations are remembered, everything else is dropped when disconnected."""
+        """Send one operation now. Subscriptions and advertisements are remembered, everything else is dropped when
+        disconnected.
+        """
         operation = dict(message)
         op = operation.get("op")
         if op in _STANDING:
             key = _key_of(operation)
             if key in self._retired or key in self._established:
-                # A stock Topic repeats itself a second after a disconnection; we did it long before.
+                # A stock Topic repeats itself a second after a disconnection; we were faster.
                 return self.is_connected
             self._standing[key] = operation
             if op == "subscribe":
@@ -364,16 +366,16 @@ class SafeFactory:
         return True
 
     def _protocol_for(self, operation: Mapping[str, Any]) -> SafeProtocol | None:
-        """Of the websocket that carries an operation. A subscription and a publisher belong to the one they are on."""
+        """Protocol for an operation: topics of motion have their own websocket."""
         return self.motion_protocol if operation.get("topic") in self.motion_topics else self.protocol
 
     def _cancel_goal(self, operation: Operation) -> bool:
-        """Over the websocket of the goal, which servers want that keep goals apart by client; and over the main one,
-        as the goal holds everything behind it on its own where goals are not sent in new threads.
+        """Cancel over the goal's websocket, which servers with per-client goals require, and over the main one, as a
+        goal blocks its own websocket if goals are not sent in new threads.
         """
         for socket in self._calls:
             for waiting in [waiting for waiting in socket.waiting if waiting.id == operation.get("id")]:
-                # It is not even sent yet.
+                # Not sent yet.
                 socket.waiting.remove(waiting)
                 waiting.fail(QT_TR_NOOP("it was cancelled before it was sent"))
                 return True
@@ -388,11 +390,11 @@ class SafeFactory:
         return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in standing)
 
     def say_first(self, topic: str, words: Callback) -> None:
-        """On each connection ``topic`` is advertised and ``words`` are called before anything else is asked for."""
+        """On each connection, advertise ``topic`` and call ``words`` before anything else."""
         self._first_topic, self._say_first = topic, words
 
     def ask_for_every_message(self, topic: str) -> None:
-        """The newest must not win on this topic: its messages do not replace one another."""
+        """Deliver every message of this topic instead of the newest only."""
         self._every_message.add(topic)
 
     def _establish(self, key: str, operation: Operation) -> bool:
@@ -409,9 +411,9 @@ class SafeFactory:
         return "cbor" if binary and self._cbor_works else "none"
 
     def subscribe_anew(self, topic: str, *, other_encoding: bool, leave_first: bool) -> str:
-        """Ask again for a topic, in the other encoding from now on or in the same; returns which that is.
+        """Renew subscriptions of a topic, optionally in the other encoding; return the encoding.
 
-        ``leave_first`` ends the subscriptions before. Without, a server changes them as they stand and misses nothing.
+        ``leave_first`` ends the previous subscriptions. Without it, the server changes them without a gap.
         """
         if other_encoding:
             self._in_other_encoding ^= {topic}
@@ -431,7 +433,7 @@ class SafeFactory:
         self._binary_failures = -1
 
     def binary_failed(self) -> None:
-        """After some undecodable binary messages, and no decodable one, ask for JSON."""
+        """Request JSON after several undecodable binary messages without a decodable one."""
         if self._binary_failures < 0 or not self._cbor_works:
             return
         self._binary_failures += 1
@@ -468,10 +470,10 @@ class SafeFactory:
                 self._begin()
                 wire = await asyncio.shield(self._lost)
                 if wire.broken_by_size:
-                    # A latched message of that size comes again at once.
+                    # A large latched message would come again at once.
                     delay_s = self.timings.longest_retry_s
                 elif wire.parted_by_peer and self.manager.loop.time() - began_s < _SHORT_LIVED_S:
-                    # Coming back as fast as it throws us out helps nobody; find out first whether it wants us.
+                    # Rapid reconnection to a refusing server is useless; first check whether it accepts us.
                     self._ask_first = True
                     delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
                 else:
@@ -484,7 +486,7 @@ class SafeFactory:
             await asyncio.sleep(0.0 if at_once else delay_s)
 
     async def _open_all(self, sockets: list[BridgeSocket]) -> None:
-        """Open them side by side, all or none. Raises what :meth:`BridgeSocket.open` does."""
+        """Open in parallel, all or none. Raises what :meth:`BridgeSocket.open` does."""
         opening = [asyncio.ensure_future(socket.open(ask_first=self._ask_first)) for socket in sockets]
         try:
             await asyncio.gather(*opening)
@@ -514,7 +516,7 @@ class SafeFactory:
             self._keep_one_free()
 
     def reconnect(self, reason: str) -> None:
-        """End the link, and with it whatever the server has not handled yet, and connect anew at once."""
+        """Drop the link with everything that the server has not handled, and reconnect at once."""
         protocol = self.motion_protocol
         if protocol is not None:
             self._at_once = True
@@ -525,9 +527,9 @@ class SafeFactory:
     def call(
         self, request_id: str, service: str, send: Callable[[SafeProtocol], None], fail: Callable[[str], None]
     ) -> None:
-        """Have a call or a goal sent over a websocket where it waits for nothing, and holds nothing up.
+        """Send a call or goal over a websocket where it neither waits nor blocks others.
 
-        ``service`` is empty for a goal. ``fail`` is called instead where it cannot be sent.
+        ``service`` is empty for a goal. ``fail`` is called if it cannot be sent.
         """
         if not self.is_connected:
             self.dropped += 1
@@ -561,7 +563,7 @@ class SafeFactory:
         return self._calls[-1]
 
     def _keep_one_free(self) -> None:
-        """One is open beforehand, so that what stops the robot need not wait for it."""
+        """Open a spare websocket, so that stop calls need not wait for one."""
         if not any(socket.is_free for socket in self._calls) and len(self._calls) < MOST_URGENT_CALLS:
             self._calls.append(self._open_call_socket())
 
@@ -597,7 +599,7 @@ class SafeFactory:
             self._calls.remove(socket)
 
     def not_answered(self, protocol: SafeProtocol) -> None:
-        """A call has timed out; what it holds up in the server is left behind with its websocket."""
+        """A call timed out: abandon its websocket with whatever it blocks in the server."""
         questions = self._questions
         if questions is not None and questions.protocol is protocol:
             if self.manager.loop.time() - protocol.began_s >= _NEW_QUESTIONS_SOCKET_AFTER_S:
@@ -609,14 +611,14 @@ class SafeFactory:
             socket.close()
 
     def give_up_goal(self, goal_id: str) -> None:
-        """Nothing is awaited of a goal any more; what it holds up is left behind."""
+        """Abandon a goal and its websocket."""
         for socket in list(self._calls):
             if socket.protocol is not None and socket.protocol.has_goal(goal_id):
                 socket.protocol.forget_goal(goal_id)
                 self._calls.remove(socket)
                 socket.close()
 
-    # What comes
+    # Incoming messages
 
     def receive(self, payload: bytes, protocol: SafeProtocol) -> None:
         if len(self._arrived) >= _MOST_WAITING:
@@ -632,7 +634,7 @@ class SafeFactory:
         else:
             waiting = self._newest.setdefault(topic, [])
             if len(waiting) >= (_SMALL_WAITING if len(payload) <= _SMALL_BYTES else 1):
-                # Each moves up to the place of the one before, so that no topic waits longer than before.
+                # Each moves up to its predecessor's place, so that no topic waits longer than before.
                 for place, following in itertools.pairwise(waiting):
                     place.payload, place.stamp_ns = following.payload, following.stamp_ns
                 waiting[-1].payload, waiting[-1].stamp_ns = payload, stamp_ns
@@ -646,7 +648,7 @@ class SafeFactory:
             self.manager.loop.call_soon(self._handle_next)
 
     def _handle_next(self) -> None:
-        # One message a turn, so that timers and commands come between any two of them.
+        # One message per turn, so that timers and commands run in between.
         if self._arrived:
             arrival = self._arrived.popleft()
             if arrival.replaceable and arrival.topic is not None:
@@ -660,14 +662,14 @@ class SafeFactory:
             self.manager.loop.call_soon(self._handle_next)
 
     def take_overtaken(self) -> Counter[str]:
-        """How many messages of each topic newer ones have replaced since the last call, before they were handled."""
+        """Messages per topic replaced by newer ones before handling, since the last call."""
         overtaken, self._overtaken = self._overtaken, Counter()
         return overtaken
 
     def take_publish(self, topic: str, message: Any, *, binary: bool) -> None:
-        """A decoded message, to whoever listens."""
+        """Dispatch a decoded message."""
         if self._handled is not None and self._handled.topic != topic:
-            # Its topic was not to be seen in the first bytes, or it came in fragments.
+            # Its topic was not in the first bytes, or it came in fragments.
             self._handled.topic = topic
             self.traffic.arrived(topic, size_bytes=len(self._handled.payload), arrival_ns=self.arrival_ns)
         self.traffic.decoded(topic, message, binary=binary)
@@ -698,7 +700,7 @@ class SafeFactory:
         if protocol is None:
             return
         if self._stopping and self._protocols() != [protocol]:
-            # What was sent over the others still arrives.
+            # Data sent over the others still arrives.
             socket.take_protocol()
             protocol.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
         elif self._is_main(socket) or protocol.has_goal() or self._stopping:
@@ -706,12 +708,12 @@ class SafeFactory:
         else:
             socket.take_protocol()
             self._forget_socket(socket)
-            # Often the first of a link that is lost as a whole, which is then what is told.
+            # Often the first of a link that is lost as a whole, which is then reported.
             lost = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
             self.manager.loop.call_later(_LINK_LOST_WITHIN_S, protocol.fail_everything, lost)
 
     def _link_lost(self, ended: BridgeSocket, protocol: SafeProtocol, reason: str) -> None:
-        # Nothing that arrived before the gap is handed out after it.
+        # Messages from before the gap are not delivered after it.
         self._arrived.clear()
         self._newest.clear()
         if protocol.wire.broken_by_size:
@@ -730,7 +732,7 @@ class SafeFactory:
             if over is not None and socket in others:
                 over.wire.give_up(reason)
             elif over is not None and socket is not ended:
-                # What a server that was stopped has not read of it is gone with it.
+                # What a suspended server has not read is lost with it.
                 over.wire.abort(reason)
         wires = [*self._left_open, *(each.wire for each in protocols)]
         self._left_open = [wire for wire in wires if wire.left_open]
@@ -753,7 +755,7 @@ class SafeFactory:
         logger.debug("Refused: %.300s", detail)
         self._observer.link_refused(detail)
 
-    # The emitter that roslibpy's Ros and Topic expect
+    # The event emitter that roslibpy's Ros and Topic expect
 
     def on(self, event: str, callback: Callback) -> None:
         self._listeners.setdefault(event, []).append(callback)
@@ -778,7 +780,7 @@ class SafeFactory:
             self.run_safely(callback, *arguments)
 
     def run_safely(self, callback: Callback | None, *arguments: Any) -> None:
-        """Call back; what goes wrong in there stays in there."""
+        """Run a callback; its exceptions are logged."""
         if callback is None:
             return
         try:
@@ -790,9 +792,9 @@ class SafeFactory:
 
 
 class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
-    """A connection to one rosbridge server, on the running asyncio loop.
+    """Connection to one rosbridge server, on the running asyncio loop.
 
-    Make it and use it on that loop's thread; roslibpy's blocking calls work from other threads.
+    Create and use it on that loop's thread; roslibpy's blocking calls work from other threads.
     """
 
     def __init__(
@@ -806,7 +808,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         security: SecuritySettings | None = None,
         traffic: TrafficMeter | None = None,
     ) -> None:
-        # Not the constructor of Ros: it would choose one of the stock transports.
+        # Not Ros's constructor, which would choose a stock transport.
         self._id_counter = 0
         self.is_connecting = False
         self.factory = SafeFactory(
@@ -820,21 +822,21 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         )
 
     def connect(self) -> None:
-        """Connect, and keep connecting until :meth:`close`."""
+        """Connect, and reconnect until :meth:`close`."""
         self.factory.connect()
 
     def close(self, timeout: float = 0.0) -> None:
-        """Say goodbye. :meth:`aclose` also waits for it."""
+        """Start closing. :meth:`aclose` also waits for it."""
         self.emit("closing")
         self.factory.stop()
 
     async def aclose(self, timeout_s: float) -> None:
-        """Close, and give what was sent up to ``timeout_s`` to arrive."""
+        """Close, with up to ``timeout_s`` for sent data to arrive."""
         self.close()
         await self.factory.closed(timeout_s)
 
     def send_now(self, message: Mapping[str, Any]) -> bool:
-        """Send one operation. True when it was handed to the socket; otherwise it is gone."""
+        """Send one operation. True if it was handed to the socket; otherwise it is dropped."""
         return self.factory.send(message)
 
     def send_on_ready(self, message: Mapping[str, Any]) -> None:
@@ -872,10 +874,9 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         *,
         timeout_s: float | None = None,
     ) -> asyncio.Future[Operation]:
-        """Call a service, at once, and give its answer to wait for, ``timeout_s`` at most (None: as set for this
-        connection).
+        """Call a service at once; return a future for its answer, with a timeout (None: the connection's).
 
-        rosbridge finds the type by the service's name; ``service_type`` is for who reads the call, and the log.
+        rosbridge finds the type by the service's name; ``service_type`` is for readers and the log.
 
         Raises
         ------
@@ -905,29 +906,28 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
             "args": dict(arguments or {}),
         }
         if timeout_s is not None:
-            # rosbridge of ROS 2 gives up by itself after a while of its own.
+            # ROS 2's rosbridge has its own timeout.
             operation["timeout"] = timeout_s
         self.call_async_service(operation, succeed, fail, timeout_s)
         return answer
 
     @property
     def arrival_ns(self) -> int:
-        """Session time when the message that is being handled reached this machine."""
+        """Session time at which the message being handled arrived."""
         return int(self.factory.arrival_ns)
 
     @property
     def unsent_bytes(self) -> int:
-        """What the network has not taken yet of what moves the robot; above zero the connection does not keep up."""
+        """Unsent bytes on the motion websocket; above zero the network does not keep up."""
         protocol = self.factory.motion_protocol
         return 0 if protocol is None else protocol.wire.unsent_bytes
 
 
 class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
-    """A topic that shares nothing with other Topics of its name.
+    """Topic independent of other Topics of its name.
 
-    ``every_message`` asks for each message where they do not replace one another (results, transforms).
-    ``compression`` None asks for CBOR where rosbridge can send the type in it. ``motion`` has it on the websocket that
-    carries nothing which can wait.
+    ``every_message`` delivers each message where they do not replace one another (results, transforms). ``compression``
+    None requests CBOR if rosbridge supports it for the type. ``motion`` puts it on the motion websocket.
     """
 
     SUPPORTED_COMPRESSION_TYPES = ("none", "cbor")
@@ -979,7 +979,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
         super().subscribe(callback)
 
     def publish(self, message: Mapping[str, Any]) -> bool:
-        """Send now. False when there is no connection: the message is gone, and stays gone."""
+        """Send now. False without a connection: the message is dropped."""
         if not self.is_advertised:
             self.advertise()
         operation = {"op": "publish", "topic": self.name, "msg": dict(message), "latch": self.latch}
@@ -992,12 +992,12 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
         self._advertise_id = None
 
     def _connect_topic(self, message: Mapping[str, Any]) -> None:
-        # The connection remembers what stands, so nothing has to be hooked onto its loss.
+        # The connection remembers subscriptions, so that no loss handler is needed.
         self.ros.send_on_ready(message)
 
 
 def topic_of_publish(payload: bytes) -> bytes | None:
-    """The topic of an encoded publish, from its first bytes; None when it is not plainly one."""
+    """Topic of an encoded publish, from its first bytes; None if unclear."""
     head = payload[:HEAD_BYTES]
     if head[:1] == b"{":
         head = head.partition(b'"msg"')[0]

@@ -1,8 +1,7 @@
-"""Which velocity commands may still lie unhandled at the robot. Pure logic, time comes in as an argument.
+"""Unhandled velocity commands at the robot. Pure logic; time is an argument.
 
-A rosbridge that was stopped goes on acknowledging bytes, because its system does that for it; all of them are read and
-obeyed when it wakes up. Only its own answer tells that it handles them: behind each command goes a question (see
-:mod:`caris_desktop.robot.handled`).
+The system of a suspended rosbridge acknowledges bytes; all of them are read and executed when it resumes. Only its own
+answer proves handling: each command is followed by a request (see :mod:`caris_desktop.robot.handled`).
 """
 
 import math
@@ -10,17 +9,17 @@ from collections import deque
 
 MOST_UNREAD = 4
 READ_WITHIN_S = 0.15
-# The shortest round trip of this long, and of this long before, is what the network usually takes.
+# The minimum round trip over one to two such intervals is the network's usual delay.
 _USUAL_OVER_S = 1.0
-# Stamps are taken back from differences of floats.
+# Stamps are recomputed from differences of floats.
 _SAME_MOMENT_S = 1e-6
 
 
 class UnreadCommands:
-    """Counts what has been sent and not been handled, on one connection after another.
+    """Counts commands sent and not handled, on one connection after another.
 
-    At most ``MOST_UNREAD`` commands are unhandled beyond what a slow network has under way; and none is sent to a robot
-    that has not answered for ``READ_WITHIN_S`` longer than it usually takes.
+    At most ``MOST_UNREAD`` commands may be unhandled beyond those in transit on a slow network; and none is sent to a
+    robot that has not answered for ``READ_WITHIN_S`` longer than usual.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -28,17 +27,17 @@ class UnreadCommands:
         self._sent_s: deque[float] = deque()
         self._handling = _Least()
         self._network = _Least()
-        # Whoever drove before this process began may have left the robot moving.
+        # An earlier process may have left the robot moving.
         self._settled = False
         self._zero_s: float | None = None
 
     @property
     def settled(self) -> bool:
-        """Whether the robot is known to have read a zero after the last velocity."""
+        """True if the robot is known to have read a zero after the last velocity."""
         return self._settled
 
     def sent(self, now_s: float, *, moving: bool) -> None:
-        """A command went out, and a question behind it."""
+        """Note a command and its request."""
         self._sent_s.append(now_s)
         if moving:
             self._settled, self._zero_s = False, None
@@ -46,7 +45,7 @@ class UnreadCommands:
             self._zero_s = now_s
 
     def answered(self, round_trip_s: float, now_s: float) -> None:
-        """An answer came, whether or not its question went behind a command."""
+        """Note an answer, with or without a command before its request."""
         self._handling.add(round_trip_s, now_s)
         read_to_s = now_s - round_trip_s + _SAME_MOMENT_S
         while self._sent_s and self._sent_s[0] <= read_to_s:
@@ -55,32 +54,32 @@ class UnreadCommands:
             self._settled = True
 
     def read(self, round_trip_s: float, now_s: float) -> None:
-        """A ping came back: so long the network takes, whatever is handled."""
+        """Note a ping's round trip: the network's delay, independent of handling."""
         self._network.add(round_trip_s, now_s)
 
     def full(self, now_s: float) -> bool:
-        """Whether another command would only lie behind others."""
-        # Over a slow network so many are always under way.
+        """True if another command would only queue behind others."""
+        # On a slow network this many are always in transit.
         most = max(MOST_UNREAD, int(self._network.least_s * self._rate_hz) + 2)
         return len(self._sent_s) >= most or self.late(now_s)
 
     def late(self, now_s: float) -> bool:
-        """Whether the robot should have read by now."""
+        """True if the robot should have read by now."""
         return now_s >= self.late_from_s() - _SAME_MOMENT_S
 
     def late_from_s(self) -> float:
-        """From when on :meth:`late` is true; ``inf`` while everything was read."""
+        """Time from which :meth:`late` is true; ``inf`` while everything was read."""
         return self._sent_s[0] + READ_WITHIN_S + self._handling.least_s if self._sent_s else math.inf
 
     def forget(self) -> None:
-        """The connection is over: nothing of it is answered any more."""
+        """Reset at the end of a connection."""
         self._sent_s.clear()
         self._zero_s = None
         self._handling, self._network = _Least(), _Least()
 
 
 class _Least:
-    """The shortest of the times of the last moment, and of the moment before."""
+    """Minimum over the last one to two intervals."""
 
     def __init__(self) -> None:
         self._now_s = self._before_s = math.inf
@@ -88,7 +87,7 @@ class _Least:
 
     @property
     def least_s(self) -> float:
-        """Zero where there is none."""
+        """Minimum, zero without values."""
         least_s = min(self._now_s, self._before_s)
         return least_s if math.isfinite(least_s) else 0.0
 

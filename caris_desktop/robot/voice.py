@@ -1,4 +1,4 @@
-"""The robot's own voice: what was asked to be said, and what became of it."""
+"""Robot speech backends by topic and action, with reports on each utterance."""
 
 import asyncio
 from collections import deque
@@ -33,29 +33,28 @@ class _Utterance:
 
 
 class RobotVoice(Protocol):
-    """The robot's own voice, however it is reached."""
+    """Robot speech backend."""
 
     def say(self, command: Say) -> None:
-        """Ask the robot to say it now, or behind what it is saying."""
+        """Request speech now, or after the present utterance."""
 
     def silence(self, actor: Actor) -> bool:
-        """Interrupt, where the robot can be interrupted. False where it cannot."""
+        """Interrupt speech. False if the robot does not support it."""
 
     def link_lost(self) -> None:
-        """What the robot has been asked to say it goes on saying; what became of it is told when it is known."""
+        """The robot continues to speak; the outcome is reported when known."""
 
     def link_connected(self) -> None:
-        """The robot tells again."""
+        """The robot reports again."""
 
     async def close(self) -> None:
-        """Nothing more is asked or told."""
+        """End all requests and reports."""
 
 
 class ActionVoice:
-    """Speaks through an action, whose own result is the end of the utterance.
+    """Speech through an action, whose result is the end of the utterance.
 
-    One goal at a time: a usual action server drops the one that it has when another comes. ``emit`` as in
-    :class:`TopicVoice`.
+    One goal at a time: typical action servers drop the present goal for a new one. ``emit`` as in :class:`TopicVoice`.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class ActionVoice:
 
     def goal_pending(self, wire_id: str) -> None:
         if wire_id == self._wire_id and not self._waiting[0].started:
-            # It says something else first.
+            # The robot is saying something else first.
             self._wait(
                 LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks"))
             )
@@ -141,10 +140,10 @@ class ActionVoice:
         if wire_id != self._wire_id:
             return
         if ending == "reached":
-            # A short word may be over before the robot has told that it began.
+            # A short word may end before its start was reported.
             self.goal_active(wire_id)
         states: dict[Ending, UtteranceState] = {"reached": "finished", "cancelled": "interrupted", "failed": "failed"}
-        # One that was silenced is no longer here: the robot itself gave this one up.
+        # Silenced utterances are gone from here: the robot itself cancelled this one.
         self._finish(states[ending], detail, "" if ending == "cancelled" else None)
 
     def _send_next(self) -> None:
@@ -155,7 +154,7 @@ class ActionVoice:
         elif self._dialect is Dialect.ROS1:
             self._wait(STARTS_WITHIN_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks")))
         else:
-            # rosbridge itself does not tell that a goal was accepted, and answers when it was not.
+            # rosbridge does not report acceptance of a goal, and answers when it was refused.
             wire_id = self._wire_id
             self._wait(STARTED_UNTOLD_S, lambda: self._reckon_active(wire_id))
 
@@ -186,10 +185,9 @@ class ActionVoice:
 
 
 class TopicVoice:
-    """Speaks through a topic, and follows along: by the robot's ``speaking`` topic, or else by an estimate.
+    """Speech through a topic, tracked by the robot's ``speaking`` topic, or else by an estimate.
 
-    ``emit`` gets an UtteranceChanged for each utterance when it starts and when it ends, however it ends. Who asked
-    for the utterance has reported it as requested.
+    ``emit`` gets an UtteranceChanged for each utterance at its start and end. Its request is reported by the requester.
     """
 
     def __init__(
@@ -224,7 +222,7 @@ class TopicVoice:
             speaking.subscribe(self._take_speaking)
 
     def say(self, command: Say) -> None:
-        """Ask the robot to say it now, or behind what it is saying."""
+        """Request speech now, or after the present utterance."""
         utterance = _Utterance(command)
         if self._say is None:
             self._tell(utterance, "failed", QT_TR_NOOP("this robot's profile names no voice"))
@@ -236,7 +234,7 @@ class TopicVoice:
                 self._expect_start()
 
     def silence(self, actor: Actor) -> bool:
-        """Interrupt, where the robot can be interrupted. False where it cannot."""
+        """Interrupt speech. False if the robot does not support it."""
         if not self._ros.is_connected:
             self._silence_due = actor if self._waiting else None
             return False
@@ -256,7 +254,7 @@ class TopicVoice:
         if due is not None:
             self.silence(due)
         if self._adrift:
-            # Many robots tell it at once to who begins to listen; another is heard at the next change.
+            # Many robots publish the state to new subscribers; others at the next change.
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
 
     async def close(self) -> None:
@@ -272,7 +270,7 @@ class TopicVoice:
         elif speaking and not self._waiting[0].started:
             self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
         elif speaking and self._in_one_breath:
-            # What it said before is over, and this is what it was asked to say.
+            # The previous utterance ended, and this is the requested one.
             self._in_one_breath = False
             self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
         elif not speaking and self._in_one_breath:
@@ -280,12 +278,12 @@ class TopicVoice:
         elif not speaking and self._waiting[0].started:
             self._finish()
         elif not speaking:
-            # It was speaking when the link came back, which nobody told.
+            # It was speaking when the link came back, which was not reported.
             self._expect_start()
 
     def _expect_start(self) -> None:
         if self._robot_speaks:
-            # What it was asked to say follows in the same breath, or behind it.
+            # The requested text follows immediately, or after the present utterance.
             self._in_one_breath = True
             self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
         elif self._follows_topic:
@@ -343,7 +341,7 @@ def tell_utterance(
     *,
     estimated: bool = False,
 ) -> None:
-    """What has become of it. ``actor``: whose doing that is; None: who had it said."""
+    """Report an utterance's state. ``actor`` caused it; None: the requester."""
     emit(
         UtteranceChanged(
             now_ns(),

@@ -1,4 +1,4 @@
-"""Everything that a robot says: what it is asked to, in the way that its profile names, and what it says by itself."""
+"""Robot speech: requested utterances by the profile's backend, and unprompted ones."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from caris_desktop.ros.dialect import Dialect
 
 
 class RobotSpeech:
-    """The robot's voice. ``emit`` gets what becomes of each utterance, and the robot's own ones."""
+    """Robot speech. ``emit`` gets the reports of all utterances."""
 
     def __init__(
         self,
@@ -28,12 +28,12 @@ class RobotSpeech:
         self._own = OwnSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
 
     def say(self, command: Say) -> None:
-        """Ask the robot to say it now, or behind what it is saying."""
+        """Request speech now, or after the present utterance."""
         self._own.asked(command.text)
         self._voice.say(command)
 
     def silence(self, actor: Actor) -> bool:
-        """Interrupt, where the robot can be interrupted. False where it cannot."""
+        """Interrupt speech. False if the robot does not support it."""
         return self._voice.silence(actor)
 
     def link_lost(self) -> None:

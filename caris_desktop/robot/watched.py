@@ -1,4 +1,4 @@
-"""Topics that should not stay silent: they are asked for anew, and in the other encoding, until something comes."""
+"""Subscription watchdog: renews silent subscriptions, also in the other encoding, until messages arrive."""
 
 import asyncio
 import logging
@@ -18,15 +18,14 @@ LONGEST_PAUSE_S = 60.0
 _ENCODINGS = {"cbor": "the compact form (CBOR)", "none": "plain text (JSON)"}
 
 
-# What the server had sent before it read that another encoding is wanted.
+# Messages that the server sent before it read the new encoding.
 _STILL_UNDER_WAY_S = 1.0
 
 
 class _Listener:
-    """One subscription, and whether anything came on it in this connection.
+    """One subscription, and whether it received anything in this connection.
 
-    ``encoding`` is how it is asked for: as is usual for its type; in the other way, to see whether that helps; back in
-    the usual one, to see whether it was that which helped; or settled on the other.
+    ``encoding``: usual for its type; other, as a trial; usual again, to confirm the cause; or settled on the other.
     """
 
     def __init__(self, topic: SafeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]) -> None:
@@ -44,29 +43,28 @@ class _Listener:
 
 
 class WatchedTopics:
-    """Asks anew for topics that are silent although the robot has somebody who publishes them.
+    """Renews subscriptions that are silent although the robot has a publisher.
 
-    Two things can be wrong. rosbridge says nothing of a message that it cannot write in the encoding that was asked
-    for: the other one is tried. Where something comes then, the first is tried once more, for the robot may only have
-    been slow, and ``tell`` gets a Problem when it was not. And rosbridge of ROS 2 takes its quality
-    of service from the publishers that it knows when a subscription is made: made too early it is volatile, and a
-    message that was published once, before that, never comes.
+    Two causes are possible. rosbridge silently drops messages that it cannot encode as requested: the other encoding is
+    tried. If messages then arrive, the first is tried once more, since the robot may only have been slow, and ``tell``
+    gets a Problem if it was not. And ROS 2's rosbridge copies its quality of service from the publishers known at
+    subscription: if too early, it is volatile, and a message published once before never arrives.
 
-    Topics on which every message counts and silence is usual do not belong here: in ROS 2 a message may be lost between
-    the old subscription and the new one.
+    Topics with essential messages and normal silence do not belong here: in ROS 2 a message may be lost between old and
+    new subscription.
     """
 
     def __init__(self, ros: SafeRos, dialect: Dialect, *, tell: Callable[[Problem], None]) -> None:
         self._ros = ros
         self._dialect = dialect
         self._tell = tell
-        # Several may listen to a topic of one name, each with a subscription of its own.
+        # Several listeners of one topic have separate subscriptions.
         self._known: list[_Listener] = []
         self._back_since_s: dict[str, float] = {}
         self._watch: asyncio.Task[None] | None = None
 
     def subscribe(self, topic: SafeTopic, take: Callable[[Any], None]) -> None:
-        """Subscribe to ``topic``, and see to it that it is heard."""
+        """Subscribe to ``topic`` and watch it."""
         listener = _Listener(topic, take, self._on_heard)
         self._known.append(listener)
         topic.subscribe(listener.hear)
@@ -74,7 +72,7 @@ class WatchedTopics:
             self._begin()
 
     def unsubscribe(self, topic: SafeTopic) -> None:
-        """End a subscription that was made here."""
+        """End a subscription made here."""
         self._known = [listener for listener in self._known if listener.topic is not topic]
         topic.unsubscribe()
 
@@ -90,7 +88,7 @@ class WatchedTopics:
             self._watch.cancel()
             self._watch = None
         for listener in self._known:
-            # What was not decided is asked again in the next connection.
+            # Undecided trials restart in the next connection.
             if listener.encoding == "other":
                 self._subscribe_anew(listener, other_encoding=True)
             if listener.encoding != "settled":
@@ -110,7 +108,7 @@ class WatchedTopics:
             for name, listener in silent.items():
                 if await self._is_published(name) and not listener.heard:
                     self._ask_anew(listener)
-            # A map that is still being made comes later by itself; asking on and on costs the robot something.
+            # A map in progress arrives later anyway; frequent requests cost the robot time.
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
     async def _is_published(self, topic: str) -> bool:
@@ -135,7 +133,7 @@ class WatchedTopics:
 
     def _subscribe_anew(self, listener: _Listener, *, other_encoding: bool) -> str:
         name = listener.topic.name
-        # To ROS 2 the quality of service is new only with a new subscription; ROS 1 changes one without a gap.
+        # In ROS 2 only a new subscription has a new quality of service; ROS 1 changes one without a gap.
         encoding = self._ros.factory.subscribe_anew(
             name, other_encoding=other_encoding, leave_first=self._dialect is Dialect.ROS2
         )

@@ -1,7 +1,7 @@
-"""One websocket to a rosbridge server on an asyncio loop: sends without a task hop, knows a dead peer by its silence.
+"""Websocket to a rosbridge server on an asyncio loop: sends without a task switch, detects dead peers by silence.
 
-It stands on the sans-I/O layer of the ``websockets`` package rather than on its coroutines, because a velocity command
-must reach the socket in the very call that decides on it, and every byte that arrives must count as a sign of life.
+It uses the sans-I/O layer of the ``websockets`` package instead of its coroutines, because a velocity command must
+reach the socket within the call that decides on it, and every received byte must count as a sign of life.
 """
 
 import array
@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 _TLS_READ_BYTES = 256 * 1024
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
-# What a peer that wakes up takes to obey what it had not read yet.
+# Time for a resumed peer to execute what it had not read.
 _OBEYS_WITHIN_S = 1.0
 _NOT_READY = 500
 """From this HTTP status on it is the server that cannot, and not the question that is wrong."""
@@ -47,15 +47,14 @@ _NOT_READY = 500
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """When a silent peer is in trouble and when it is dead, and how fast to come back to it. Seconds.
+    """Timeouts of a silent peer, and reconnection delays. Seconds.
 
-    Silence is measured in bytes of any kind, over any connection to the same server: one that is busy with the others
-    is not dead. A ping that is not answered counts as well, later, where ``unanswered_trouble_after_s`` and
-    ``unanswered_dead_after_s`` say so: it shows that nothing of ours arrives over there, although the robot's own
-    messages still arrive here.
+    Silence means no bytes of any kind over any connection to the same server: one busy with the others is not dead. An
+    unanswered ping counts as well, after the longer ``unanswered_trouble_after_s`` and ``unanswered_dead_after_s``: it
+    shows that our data does not arrive, although the robot's does.
 
-    A peer that has been given up, and whose system has taken all of our bytes, keeps its connection for up to
-    ``leave_open_s``: see :meth:`Wire.give_up`.
+    An abandoned peer whose system has accepted all of our bytes keeps its connection for up to ``leave_open_s``: see
+    :meth:`Wire.give_up`.
     """
 
     ping_every_s: float = 0.2
@@ -70,7 +69,7 @@ class Timings:
 
 
 CONTROL_TIMINGS = Timings()
-# A large map keeps both ends busy for seconds, and answers wait behind it; nothing drives over this one.
+# A large map occupies both ends for seconds, and delays pings; nothing drives over this link.
 MEDIA_TIMINGS = Timings(
     ping_every_s=0.5,
     trouble_after_s=2.0,
@@ -82,19 +81,19 @@ MEDIA_TIMINGS = Timings(
 
 
 class WireOwner(Protocol):
-    """Who is told what happens on the wire. All calls come on the loop."""
+    """Receiver of wire events. All calls come on the loop."""
 
     def wire_received(self, payload: bytes) -> None:
-        """A whole message, text or binary."""
+        """Whole message, text or binary."""
 
     def server_heard_s(self) -> float:
         """When anything last came from the same server over another connection, on the loop's clock."""
 
     def wire_heard(self) -> None:
-        """The trouble is over: something arrived, and pings are answered."""
+        """The trouble is over: data arrived, and pings are answered."""
 
     def wire_silent(self) -> None:
-        """Nothing arrived, or no ping was answered, for as long as ``Timings`` says."""
+        """Nothing arrived, or no ping was answered, for as long as ``Timings`` permits."""
 
     def wire_round_trip(self, round_trip_s: float) -> None:
         """A ping came back."""
@@ -105,14 +104,14 @@ class WireOwner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Ping:
-    """One that is not answered yet."""
+    """Unanswered ping."""
 
     sent_s: float
     answered: Callable[[float], None] | None
 
 
 class Wire(asyncio.Protocol):
-    """One connection, from handshake to loss. Make it with :func:`open_wire`."""
+    """One connection, from handshake to loss. Create it with :func:`open_wire`."""
 
     def __init__(
         self, url: str, owner: WireOwner, timings: Timings, largest_frame_bytes: int, tls: "TlsLayer | None" = None
@@ -152,31 +151,31 @@ class Wire(asyncio.Protocol):
 
     @property
     def unsent_bytes(self) -> int:
-        """What the operating system has not taken yet."""
+        """Bytes that the operating system has not accepted yet."""
         return 0 if self._transport is None else self._transport.get_write_buffer_size()
 
     @property
     def own_host(self) -> str:
-        """This end's address."""
+        """Local address."""
         return self._host("sockname")
 
     @property
     def peer_host(self) -> str:
-        """The other end's address."""
+        """Remote address."""
         return self._host("peername")
 
     @property
     def parted_by_peer(self) -> bool:
-        """Whether the connection is over because the other side closed it in an orderly way."""
+        """True if the peer closed the connection properly."""
         return self._over and self._protocol.close_rcvd is not None and not self._ended_here
 
     @property
     def broken_by_size(self) -> bool:
-        """Whether the connection is over because a frame was larger than is ever read."""
+        """True if the connection ended because of an oversized frame."""
         return self._over and isinstance(self._protocol.parser_exc, PayloadTooBig)
 
     def send_text(self, payload: bytes) -> bool:
-        """Hand one message to the socket now. False, and the message is gone, when the connection is not open."""
+        """Hand one message to the socket now. False, and the message is dropped, if the connection is not open."""
         if not self.is_open or self._protocol.state is not State.OPEN:
             return False
         self._protocol.send_text(payload)
@@ -184,9 +183,9 @@ class Wire(asyncio.Protocol):
         return True
 
     def send_ping(self, answered: Callable[[float], None] | None = None) -> None:
-        """Ask for an answer, which comes when the peer has read everything that was sent before.
+        """Send a ping, which the peer answers after reading everything before it.
 
-        ``answered`` is called with the round trip in seconds; without it the owner is told.
+        ``answered`` is called with the round trip in seconds; without it the owner is.
         """
         if self.is_open and self._protocol.state is State.OPEN:
             token = b"%d" % next(self._ping_numbers)
@@ -195,12 +194,11 @@ class Wire(asyncio.Protocol):
             self._flush()
 
     def give_up(self, reason: str) -> None:
-        """The peer does not answer. Lost from now on; but what it may read yet is left to it, to the last byte.
+        """Abandon an unresponsive peer: lost from now on, but it may still read everything sent.
 
-        A rosbridge throws away what it has read and not obeyed yet when its client leaves. One that was stopped would
-        wake up, obey some old commands, learn of our end and forget the zero behind them. So the connection stays
-        open, unused, until the peer has had time to obey. Bytes that its system has not even taken are another matter:
-        they are thrown away here and now.
+        A rosbridge discards unexecuted messages when its client disconnects. A suspended one would resume, execute some
+        old commands, notice our end and drop the zero behind them. So the connection stays open, unused, until the peer
+        has had time to execute. Bytes that its system has not accepted are discarded at once.
         """
         if self._timings.leave_open_s <= 0.0 or self.unsent_bytes or not self._taken_by_peer():
             self.abort(reason)
@@ -211,7 +209,7 @@ class Wire(asyncio.Protocol):
 
     @property
     def left_open(self) -> bool:
-        """Given up, but not closed yet."""
+        """Abandoned, but not closed yet."""
         return self._left_open is not None
 
     def drop(self) -> None:
@@ -223,7 +221,7 @@ class Wire(asyncio.Protocol):
             self._transport.abort()
 
     def _taken_by_peer(self) -> bool:
-        """Whether the peer's system has acknowledged every byte; False where that cannot be known."""
+        """True if the peer's system has acknowledged every byte; False if unknown."""
         raw = None if self._transport is None else self._transport.get_extra_info("socket")
         if raw is None or sys.platform != "linux":
             return False
@@ -233,7 +231,7 @@ class Wire(asyncio.Protocol):
         return unacknowledged[0] == 0
 
     def close(self) -> None:
-        """Say goodbye properly; what was sent before still arrives."""
+        """Close properly; data sent before still arrives."""
         if self.is_open:
             self._ended_here = True
             self._why_lost = QT_TR_NOOP("closed by this program")
@@ -243,7 +241,7 @@ class Wire(asyncio.Protocol):
             self._transport.abort()
 
     def abort(self, reason: str) -> None:
-        """Drop the connection and whatever lies unsent in it, so that nothing of it arrives later."""
+        """Drop the connection with all unsent data, so that nothing of it arrives later."""
         self._why_lost = reason
         if self._transport is not None:
             raw = self._transport.get_extra_info("socket")
@@ -251,7 +249,7 @@ class Wire(asyncio.Protocol):
                 with contextlib.suppress(OSError):
                     raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET_ON_CLOSE)
             self._transport.abort()
-        # Everybody learns of it now; connection_lost would come one turn of the loop later.
+        # Report it now; connection_lost would come one loop turn later.
         self._end()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -268,11 +266,11 @@ class Wire(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._over:
             if self._left_open is not None and self._left_open.when() > self._loop.time() + _OBEYS_WITHIN_S:
-                # It lives, and obeys what it had not read.
+                # It has resumed, and executes what it had not read.
                 self._left_open.cancel()
                 self._left_open = self._loop.call_later(_OBEYS_WITHIN_S, self.drop)
             return
-        # Of a secured message that is still incomplete the bytes count as a sign of life, too.
+        # Bytes of an incomplete TLS record count as a sign of life, too.
         self._heard_s = self._loop.time()
         if self._silent and not self._unanswered(self._heard_s):
             self._silent = False
@@ -294,7 +292,7 @@ class Wire(asyncio.Protocol):
         try:
             established = self._tls.shake_hands(data)
         except ssl.SSLError as error:
-            # Tell the other side why, then go.
+            # Send the TLS alert with the reason before closing.
             self._transport.write(self._tls.to_send())
             self._fail_opening(error)
             self._transport.close()
@@ -332,7 +330,7 @@ class Wire(asyncio.Protocol):
         self._flush()
         if self._protocol.handshake_exc is not None:
             self._fail_opening(self._protocol.handshake_exc)
-        # Closing with unread data would reset the connection, and our last zeros with it: wait for the peer's goodbye.
+        # Closing with unread data would reset the connection, and discard our last zeros: wait for the peer's close.
         parted = self._protocol.close_rcvd is not None or self._protocol.parser_exc is not None
         if self._protocol.close_expected() and parted and self._transport is not None:
             self._why_lost = self._why_lost or self._farewell()
@@ -349,7 +347,7 @@ class Wire(asyncio.Protocol):
             self._left_open.cancel()
             self._left_open = None
         if self._tls is not None and not self._tls.established:
-            # Servers without TLS hang up on a question they do not understand.
+            # Servers without TLS close on an unintelligible message.
             self._fail_opening(SecurityError(*no_tls(self._address)))
         if not self._why_lost and exc is not None:
             self._why_lost = str(exc)
@@ -378,7 +376,7 @@ class Wire(asyncio.Protocol):
         elif frame.opcode is Opcode.PONG:
             ping = self._pings.pop(bytes(frame.data), None)
             if ping is not None:
-                # Earlier ones, had they been answered, would have been answered before.
+                # Answers to earlier pings would have arrived before.
                 self._pings = {token: other for token, other in self._pings.items() if other.sent_s > ping.sent_s}
                 (ping.answered or self._owner.wire_round_trip)(self._loop.time() - ping.sent_s)
 
@@ -388,7 +386,7 @@ class Wire(asyncio.Protocol):
         self._watched_s = now_s
         self._watch = self._loop.call_later(self._watch_s, self._look_after)
         if late_s > self._watch_s:
-            # It was this process that slept; what the peer sent meanwhile still lies unread in the socket.
+            # This process was suspended; the peer's data is still unread in the socket.
             self._heard_s = min(now_s, self._heard_s + late_s)
             self._pings = {
                 token: _Ping(min(now_s, ping.sent_s + late_s), ping.answered) for token, ping in self._pings.items()
@@ -452,17 +450,16 @@ class Wire(asyncio.Protocol):
         reason = self._why_lost or QT_TR_NOOP("the connection broke off")
         self._fail_opening(ConnectionError(reason))
         if not self.opened.cancelled():
-            # Nobody may be waiting any more.
+            # There may be no waiter any more.
             self.opened.exception()
         if self._open:
             self._owner.wire_lost(reason)
 
 
 class TlsLayer:
-    """TLS between the websocket and the socket, without input or output of its own.
+    """TLS between websocket and socket, without I/O of its own.
 
-    asyncio's own TLS transport does not tell what the operating system has not taken yet, and says nothing of a
-    message that is still under way.
+    asyncio's TLS transport hides how much the operating system has not accepted yet, and incomplete incoming messages.
     """
 
     def __init__(self, context: ssl.SSLContext, server_name: str) -> None:
@@ -472,7 +469,7 @@ class TlsLayer:
         self.established = False
 
     def shake_hands(self, data: bytes) -> bool:
-        """Take what came and go on; True once both sides agree.
+        """Continue the handshake with received data; True once it is complete.
 
         Raises
         ------
@@ -488,7 +485,7 @@ class TlsLayer:
         return True
 
     def to_send(self) -> bytes:
-        """What the handshake wants to say."""
+        """Handshake data to send."""
         return self._outgoing.read()
 
     def encrypt(self, data: bytes) -> bytes:
@@ -496,7 +493,7 @@ class TlsLayer:
         return self._outgoing.read()
 
     def decrypt(self, data: bytes) -> tuple[bytes, bool]:
-        """What came in plain bytes, and whether the other side has said that nothing more comes.
+        """Decrypted data, and whether the peer has ended the stream.
 
         Raises
         ------
@@ -523,7 +520,7 @@ class TlsLayer:
 async def open_wire(
     url: str, owner: WireOwner, timings: Timings, *, largest_frame_bytes: int, security: SecuritySettings | None = None
 ) -> Wire:
-    """Connect and shake hands; with ``wss://`` the server proves who it is first.
+    """Connect and shake hands; with ``wss://`` the server authenticates first.
 
     Raises
     ------
@@ -557,7 +554,7 @@ async def open_wire(
 
 
 def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
-    """Why no connection came about, and what to do, for the wizard. No password of ``address`` is in it."""
+    """Reason for a failed connection, and advice, for the wizard. Without any password of ``address``."""
     address = without_credentials(address)
     name = urlsplit(address).hostname or address
     if isinstance(error, SecurityError):
@@ -604,7 +601,7 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
 
 
 def _quiet_logger() -> logging.Logger:
-    # The protocol's own debug lines would print every velocity command.
+    # The protocol's debug log would contain every velocity command.
     quiet = logging.getLogger("caris_desktop.robot.wire.frames")
     quiet.setLevel(logging.INFO)
     return quiet

@@ -1,4 +1,4 @@
-"""Which Piper voices are on this computer: beside the scenario, in a models folder, or from an offline package.
+"""Discovery of Piper voices: next to the scenario, in a models folder, or in an offline package.
 
 A voice is two files, ``NAME.onnx`` and ``NAME.onnx.json``. Nothing of a package is imported and no file runs code.
 """
@@ -30,12 +30,12 @@ GET_PIPER_VOICES = filled(
 
 
 class NoSuchVoiceError(Exception):
-    """A voice that is not here or cannot be used; the text says which and why, for the wizard."""
+    """Voice that is missing or unusable; the text says which and why, for the wizard."""
 
 
 @dataclass(frozen=True, slots=True)
 class PiperFiles:
-    """A Piper voice on this computer. ``language`` is as ``en-US``."""
+    """Piper voice on this computer. ``language`` is as ``en-US``."""
 
     name: str
     language: str
@@ -44,7 +44,7 @@ class PiperFiles:
 
 
 def voice_folders(scenario_folder: str) -> tuple[Path, ...]:
-    """Where voices are looked for, in this order."""
+    """Folders searched for voices, in order."""
     beside = (Path(scenario_folder),) if scenario_folder else ()
     folders = [folder for above in (*beside, *models_dirs()) for folder in (above, above / "piper")]
     offline = packaged_file(_OFFLINE_FOLDER)
@@ -52,7 +52,7 @@ def voice_folders(scenario_folder: str) -> tuple[Path, ...]:
 
 
 def piper_voices(folders: Sequence[Path]) -> tuple[PiperFiles, ...]:
-    """All that there are; of two with one name the first."""
+    """All voices; of equal names, the first."""
     found: dict[str, PiperFiles] = {}
     for folder in folders:
         for model in _models_in(folder):
@@ -63,7 +63,7 @@ def piper_voices(folders: Sequence[Path]) -> tuple[PiperFiles, ...]:
 
 
 def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
-    """The voice of this name, or of this path, which may be relative to one of the folders.
+    """Voice by name, or by a path that may be relative to one of the folders.
 
     Raises NoSuchVoiceError.
     """
@@ -83,7 +83,7 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
 
 
 def best_for(language: str, voices: Sequence[PiperFiles]) -> PiperFiles | None:
-    """One that speaks it: as in that country where there is one."""
+    """Voice of this language, preferably of the same country."""
     wanted = normalised(language)
     exact = [voice for voice in voices if normalised(voice.language) == wanted]
     same = [voice for voice in voices if base_language(voice.language) == base_language(language)]
@@ -108,7 +108,7 @@ def _models_in(folder: Path) -> list[Path]:
 
 
 def _voice_of(model: Path) -> PiperFiles | None:
-    """None where there is no Piper voice: other networks lie in the same folders."""
+    """Piper voice of a model file; None for other networks in the same folders."""
     config = model.with_name(f"{model.name}.json")
     try:
         if config.stat().st_size > _CONFIG_AT_MOST_BYTES:
