@@ -49,7 +49,7 @@ class SaidBefore:
         self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _tell)
 
     def forget(self) -> None:
-        """Remove every sentence with a name: after an erasure it is unknown whose name it is."""
+        """Remove every sentence with a name, since after an erasure it is unknown whose name it is."""
         self._state.said_before.set(self._nameless(self._state.said_before.value))
         self.write()
 

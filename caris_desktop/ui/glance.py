@@ -133,7 +133,7 @@ class GlanceSigns(QWidget):
         drive: DriveStatus = self._state.drive.value
         odometry: Odometry | None = self._state.odometry.value
         if odometry is not None and self._state.odometry.freshness in ("fresh", "stale"):
-            # Some leave the velocities empty: their poses tell, which the link watches.
+            # Some robots leave the velocities empty; the control link then derives motion from their poses.
             return moves(odometry.twist) or (drive.movement == "moving" and not self._tells_speed)
         goal: GoalChanged | None = self._state.goal.value
         asked = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps

@@ -397,7 +397,9 @@ class FaceService(Service):
 
 
 class FacePageProcess:
-    """Process that serves the face page. Pages show the newest of ``show``; intermediate values may be skipped."""
+    """Child process that serves the face page. Pages show the newest of ``show``; intermediate values
+    may be skipped.
+    """
 
     def __init__(
         self,
@@ -417,14 +419,14 @@ class FacePageProcess:
         self._child.start()
 
     def show(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
-        """A drawing, or a picture, as JPEG or BGR."""
+        """Show a drawing or an image (JPEG or BGR)."""
         self._newest = shown
         if not self._delivering:
             self._delivering = True
             self._asyncio.submit(self._deliver())
 
     def stop(self) -> None:
-        """Waits for its end."""
+        """End the process and wait for it."""
         self._child.stop(grace_s=_PAGE_ENDS_WITHIN_S)
 
     async def _deliver(self) -> None:
