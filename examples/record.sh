@@ -25,3 +25,19 @@ rehearse() {
 }
 rehearse P01 A 7
 rehearse P02 B 11
+
+# One study of both sessions, without the name of this machine's kernel.
+mkdir -p -- "$out/study/sessions"
+cp -r -- "$out"/P01/study/sessions/* "$out"/P02/study/sessions/* "$out/study/sessions/"
+.venv/bin/python - "$out/study/sessions" <<'SCRUB'
+import hashlib, platform, re, sys
+from pathlib import Path
+
+for header in Path(sys.argv[1]).glob("*/session.json"):
+    text = header.read_text("utf-8").replace(platform.platform(), "Linux")
+    header.write_text(text, "utf-8")
+    manifest = header.with_name("manifest-sha256.txt")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    manifest.write_text(re.sub(r"^\w+(?=  session\.json$)", digest, manifest.read_text("utf-8"), flags=re.MULTILINE), "utf-8")
+SCRUB
+chmod -R go+rX -- "$out/study"
