@@ -1,1 +1,1 @@
-"""A robot to practise on, in its own process behind a rosbridge websocket."""
+"""Simulated robot, in its own process behind a rosbridge websocket."""

@@ -6,7 +6,7 @@ import sys
 
 def main() -> int:
     """Parse the arguments and run the robot."""
-    # Late: the process of the camera imports this module too, and needs little of it.
+    # Late: the camera process imports this module too, and needs little of it.
     from caris_desktop.domain.process_title import title_process
     from caris_desktop.simulator.command import add_arguments, run
 

@@ -1,4 +1,4 @@
-"""An actionlib server on plain topics: goal and cancel in, status, feedback and result out."""
+"""actionlib server on plain topics: goal and cancel in, status, feedback and result out."""
 
 from collections.abc import Callable
 
@@ -49,37 +49,37 @@ class ActionlibServer:
         self._result = wiring.publishes(f"{self.name}/result", package, f"{kind}ActionResult")
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._steps += 1
         if self._steps % _STATUS_EVERY_STEPS == 0:
             self._publish_status()
 
     def new_id(self) -> str:
-        """An id for a goal that came without one."""
+        """Id for a goal without one."""
         self._goals += 1
         return f"{self.name.strip('/')}-{self._goals}"
 
     def accept(self, goal_id: str) -> None:
-        """The goal is under way."""
+        """Mark the goal as active."""
         self._statuses[goal_id] = (GoalStatus(goal_id, actions.ACTIVE), self._wiring.robot.now_s)
         self._publish_status()
 
     def finish(self, status: GoalStatus, result: Message) -> None:
-        """The goal is over."""
+        """Finish the goal with a result."""
         self._statuses[status.goal_id] = (status, self._wiring.robot.now_s)
-        # the status first: a client counts a goal as finished once it has both
+        # the status first: for a client a goal is finished once it has both
         self._publish_status()
         stamp_ns = self._wiring.stamp_ns()
         self._wiring.publish(self._result, actions.encode_action_result(status, result, stamp_ns=stamp_ns))
 
     def progress(self, status: GoalStatus, feedback: Message) -> None:
-        """Tell how far the goal has come."""
+        """Publish the goal's feedback."""
         stamp_ns = self._wiring.stamp_ns()
         self._wiring.publish(self._feedback, actions.encode_action_feedback(status, feedback, stamp_ns=stamp_ns))
 
     def _on_goal_message(self, message: Message) -> None:
         goal = message_of(message.get("goal", {}), "ActionGoal.goal")
-        # ROS itself fills what a client leaves out
+        # ROS fills omitted fields
         goal_id = message_of(message.get("goal_id", {}), "ActionGoal.goal_id").get("id") or self.new_id()
         if not isinstance(goal_id, str):
             raise MessageError("ActionGoal.goal_id.id must be a text")
@@ -89,7 +89,7 @@ class ActionlibServer:
         wanted = message.get("id") or ""
         if not isinstance(wanted, str):
             raise MessageError("GoalID.id must be a text")
-        # an empty id means every goal, as does the empty message that actionlib clients send
+        # an empty id means every goal, as does the empty message of actionlib clients
         self._on_cancel(wanted)
 
     def _publish_status(self) -> None:

@@ -1,4 +1,4 @@
-"""The base, on two driven wheels or holonomic: acceleration limits, collisions, and a command lease of its own."""
+"""Mobile base, differential or holonomic: acceleration limits, collisions, and a command timeout."""
 
 import math
 from dataclasses import replace
@@ -24,7 +24,7 @@ _PUSHES = 3
 
 @dataclass(frozen=True, slots=True)
 class BaseModel:
-    """What a base is able to do. ``left_mps`` is 0 on two driven wheels."""
+    """Capabilities of a base. ``left_mps`` is 0 for differential drive."""
 
     radius_m: float = RADIUS_M
     forward_mps: float = MAX_FORWARD_MPS
@@ -39,7 +39,7 @@ HOLONOMIC = BaseModel(left_mps=0.5)
 
 @dataclass(frozen=True, slots=True)
 class BaseState:
-    """Where the base really is, and how fast it really moves."""
+    """True pose and velocity of the base."""
 
     pose_in_map: Pose2D
     forward_mps: float = 0.0
@@ -50,7 +50,7 @@ class BaseState:
 
 
 def limited(wanted: Twist2D, model: BaseModel = DIFFERENTIAL) -> Twist2D:
-    """``wanted`` within what the base can do."""
+    """``wanted`` within the base's limits."""
     return Twist2D(
         min(max(wanted.forward_mps, -model.reverse_mps), model.forward_mps),
         min(max(wanted.left_mps, -model.left_mps), model.left_mps),
@@ -66,7 +66,7 @@ def step(
     dt_s: float = STEP_S,
     model: BaseModel = DIFFERENTIAL,
 ) -> BaseState:
-    """The state ``dt_s`` later. ``people`` are circles (x, y, radius) in the map, shape (people, 3)."""
+    """State after ``dt_s``. ``people`` are circles (x, y, radius) in the map, shape (people, 3)."""
     wanted = limited(wanted, model)
     forward = _approach(state.forward_mps, wanted.forward_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
     left = _approach(state.left_mps, wanted.left_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
@@ -81,7 +81,7 @@ def step(
     free_x, free_y = push_out(x, y, model.radius_m, people)
     touching = (free_x, free_y) != (x, y)
     if touching:
-        # what is left of the motion after sliding along the obstacle is the speed that the wheels still have
+        # the motion left after sliding along the obstacle is the wheels' speed
         moved_x, moved_y = (free_x - pose.x_m) / dt_s, (free_y - pose.y_m) / dt_s
         forward = _at_most(forward, moved_x * cos + moved_y * sin)
         left = _at_most(left, moved_y * cos - moved_x * sin)
@@ -98,7 +98,7 @@ def step(
 
 
 def push_out(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) -> tuple[float, float]:
-    """The nearest position where a body of ``radius_m`` touches nothing; the same one where it already does not."""
+    """Nearest collision-free position of a body of ``radius_m``; unchanged if free already."""
     for _ in range(_PUSHES):
         near_x = np.clip(x_m, _CORNERS[:, 0], _CORNERS[:, 2])
         near_y = np.clip(y_m, _CORNERS[:, 1], _CORNERS[:, 3])
@@ -123,21 +123,21 @@ def push_out(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64
 
 
 def is_free(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) -> bool:
-    """Whether a body of ``radius_m`` fits there."""
+    """True if a body of ``radius_m`` fits there."""
     return clearance_m(x_m, y_m) >= radius_m and all(
         math.hypot(x_m - px, y_m - py) >= radius_m + pr for px, py, pr in people.tolist()
     )
 
 
 def clearance_m(x_m: float, y_m: float) -> float:
-    """Distance to the nearest wall or piece of furniture; zero inside one."""
+    """Distance to the nearest wall or furniture; zero inside one."""
     near_x = np.clip(x_m, _CORNERS[:, 0], _CORNERS[:, 2])
     near_y = np.clip(y_m, _CORNERS[:, 1], _CORNERS[:, 3])
     return float(np.hypot(x_m - near_x, y_m - near_y).min())
 
 
 def gap_m(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) -> float:
-    """Free distance from the edge of a body to whatever is nearest, people included; negative inside of it."""
+    """Clearance from the body's edge to the nearest object, including people; negative on overlap."""
     nearest_m = clearance_m(x_m, y_m)
     for person_x, person_y, person_radius in people.tolist():
         nearest_m = min(nearest_m, math.hypot(x_m - person_x, y_m - person_y) - float(person_radius))
@@ -145,7 +145,7 @@ def gap_m(x_m: float, y_m: float, radius_m: float, people: NDArray[np.float64]) 
 
 
 def _at_most(speed: float, moved: float) -> float:
-    """``speed``, but no faster than what was moved in its direction."""
+    """``speed``, limited to the actual motion in its direction."""
     return math.copysign(min(abs(speed), max(0.0, math.copysign(1.0, speed) * moved)), speed)
 
 

@@ -1,4 +1,4 @@
-"""The camera of the simulated robot, in a process of its own so that drawing never delays a velocity command."""
+"""Camera of the simulated robot, in its own process, so that rendering never delays a velocity command."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ _NICENESS = 5
 
 
 class CameraProcess:
-    """Asks a child process for pictures. The child is started with the first one, and ends with this process."""
+    """Requests images from a process, which starts with the first request and ends with this process."""
 
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -33,7 +33,7 @@ class CameraProcess:
         self._one_at_a_time = asyncio.Lock()
 
     async def picture(self, view: View | None) -> bytes:
-        """A jpeg of ``view``, or of nothing but black.
+        """JPEG of ``view``, or a black one.
 
         Raises
         ------
@@ -44,7 +44,7 @@ class CameraProcess:
             return await asyncio.to_thread(self._ask, view)
 
     def close(self) -> None:
-        """End the child process."""
+        """End the camera process."""
         if self._pipe is not None:
             self._pipe.close()
         if self._process is not None:
@@ -58,14 +58,14 @@ class CameraProcess:
             self._pipe, child = context.Pipe()
             self._process = context.Process(target=_draw_forever, args=(child,), name="camera", daemon=True)
             self._process.start()
-            # without this copy the child's end closes with the child, and a dead child is noticed
+            # without this copy the pipe's end closes with the process, so that its death is noticed
             child.close()
         self._pipe.send(view)
         return self._pipe.recv_bytes()
 
 
 def new_painter() -> "Painter":
-    """Draws what a camera in these rooms sees, without people where the photos of them are missing."""
+    """Renderer of the camera, without people if their photos are missing."""
     from caris_desktop.simulator.cut_outs import PhotosMissing, load_cut_outs
     from caris_desktop.simulator.picture import Painter
 

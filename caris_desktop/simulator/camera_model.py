@@ -1,4 +1,4 @@
-"""The pinhole of the simulated camera, and whom it can see."""
+"""Pinhole model of the simulated camera, and visibility of people."""
 
 import math
 
@@ -14,7 +14,7 @@ _FARTHEST_M = 9.0
 
 
 def sees(map_from_camera: Pose2D, x_m: float, y_m: float) -> bool:
-    """Whether somebody standing at (x, y) is wholly within the sides of the picture and not behind a wall."""
+    """True if a person at (x, y) is fully within the image width and not behind a wall."""
     distance_m = math.hypot(x_m - map_from_camera.x_m, y_m - map_from_camera.y_m)
     if not 0.5 < distance_m < _FARTHEST_M:
         return False

@@ -1,4 +1,4 @@
-"""``caris-desktop simulate``: a robot to practise on, in its own process."""
+"""``caris-desktop simulate``: the simulated robot, in its own process."""
 
 import argparse
 import asyncio
@@ -44,7 +44,7 @@ _HOPELESSLY_LATE_S = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``simulate``."""
+    """Add the arguments of ``simulate``."""
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this computer only)")
     parser.add_argument(
@@ -133,7 +133,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the simulated robot until it is interrupted. Exit status 2: the address cannot be used."""
+    """Run the simulated robot until interrupted. Exit status 2: the address cannot be used."""
     logging.basicConfig(
         stream=sys.stderr,
         level=logging.INFO if args.verbose else logging.WARNING,
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class _CannotStart(Exception):  # noqa: N818 - the arguments do not allow it; the text says why
-    """The robot cannot start as asked."""
+    """The robot cannot start with these arguments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ def _server_of(args: argparse.Namespace) -> _ServerSettings:
     if args.tls_cert is not None:
         try:
             tls = tls_context(args.tls_cert, args.tls_key)
-        except OSError as error:  # ssl.SSLError is one of these
+        except OSError as error:  # includes ssl.SSLError
             raise _CannotStart(
                 f"The certificate {args.tls_cert} with key {args.tls_key} is of no use: {error}."
             ) from error
@@ -286,7 +286,7 @@ async def _simulate(
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     for task in (waiting, *tasks):
         if task.done() and task is not waiting:
-            task.result()  # a task that ended by itself failed: let the error out
+            task.result()  # a task that ended without cancellation failed: raise its error
         task.cancel()
     topics.stop()
     if voices is not None:
@@ -305,10 +305,10 @@ async def _simulate(
 
 def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
     def wait() -> None:
-        # Not sys.stdin: its lock must not be held by this thread when the interpreter shuts down.
+        # Not sys.stdin: this thread must not hold its lock at interpreter shutdown.
         while os.read(0, 4096):
             pass
-        with contextlib.suppress(RuntimeError):  # the loop has ended already
+        with contextlib.suppress(RuntimeError):  # the loop has ended
             loop.call_soon_threadsafe(callback)
 
     threading.Thread(target=wait, name="stdin", daemon=True).start()

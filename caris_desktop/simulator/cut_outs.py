@@ -1,4 +1,4 @@
-"""People for the camera: cut out of the photos that come with ultralytics, once, and kept in the user's cache."""
+"""Person sprites for the camera: cut out of ultralytics' photos once, and cached per user."""
 
 import importlib.util
 import io
@@ -23,7 +23,7 @@ _CACHE_NAME = f"people-v{_VERSION}.npz"
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """A person in the photo: their rough outline in pixels, and how to make somebody else of them."""
+    """Person in the photo: rough outline in pixels, and modifications for further people."""
 
     outline: tuple[tuple[int, int], ...]
     mirrored: bool = False
@@ -158,11 +158,11 @@ _OUTLINE_ERROR_PX = 5
 
 
 class PhotosMissing(Exception):  # noqa: N818 - a state of the installation, not a fault of the program
-    """The photos that people are cut out of are not installed."""
+    """The source photos are not installed."""
 
 
 def load_cut_outs(cache_folder: Path | None = None) -> list[Image]:
-    """One picture per person: BGRA with the colours multiplied by alpha, uint8, shape (640, width, 4).
+    """One sprite per person: BGRA with premultiplied alpha, uint8, shape (640, width, 4).
 
     Raises
     ------
@@ -187,7 +187,7 @@ def load_cut_outs(cache_folder: Path | None = None) -> list[Image]:
 
 
 def levels_of(cut_out: Image) -> list[Image]:
-    """The picture at full size, half, a quarter ..., so that far people are not drawn from single pixels."""
+    """Image pyramid: full size, half, a quarter ..., against aliasing of distant people."""
     levels = [cut_out]
     while levels[-1].shape[0] > 50:
         height, width = levels[-1].shape[:2]
@@ -223,7 +223,7 @@ def _cut_out(photo: Image, source: _Source) -> Image:
     region = photo[top:bottom, left:right].copy()
     drawn = np.zeros(region.shape[:2], dtype=np.uint8)
     cv2.fillPoly(drawn, [outline - (left, top)], 1)
-    # the outline was traced by eye: what lies near it is for GrabCut to decide
+    # the outline was traced by eye: GrabCut refines its surroundings
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _OUTLINE_ERROR_PX + 1, 2 * _OUTLINE_ERROR_PX + 1))
     mask = np.where(drawn == 1, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     mask[cv2.erode(drawn, disc) == 1] = cv2.GC_FGD
@@ -235,7 +235,7 @@ def _cut_out(photo: Image, source: _Source) -> Image:
     rows, columns = np.nonzero(inside)
     area = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
     person, alpha = region[area], inside[area] * 255
-    # a soft edge, moved inwards so that no rim of the street shines through
+    # soft edge, moved inwards, so that no rim of the street is visible
     alpha = cv2.GaussianBlur(cv2.erode(alpha, np.ones((3, 3), np.uint8)), (0, 0), 1.0)
     if source.coat_bgr is not None:
         person = _recoloured(person, source.coat_bgr)
@@ -259,7 +259,7 @@ def _largest_piece(mask: Image) -> Image:
 
 
 def _recoloured(person: Image, gains_bgr: tuple[float, float, float]) -> Image:
-    """The pale coat in another colour; face, hands, jeans and shoes stay."""
+    """Change the colour of the pale coat; face, hands, jeans and shoes stay."""
     hue, saturation, value = cv2.split(cv2.cvtColor(person, cv2.COLOR_BGR2HSV))
     pale = ((saturation < 115) & (value > 70) & (hue > 8)).astype(np.uint8)
     height = person.shape[0]

@@ -1,4 +1,4 @@
-"""A camera on the reception's desk, beside the robot's own: pictures over HTTP, as a network camera sends them."""
+"""Network camera on the reception desk, besides the robot's own: MJPEG over HTTP."""
 
 import asyncio
 import contextlib
@@ -16,12 +16,12 @@ _REQUEST_WITHIN_S = 5.0
 
 
 def desk_view(people: tuple[Seen, ...]) -> View:
-    """What it sees: the hall before the desk, where visitors of the robot stand when it waits at the reception."""
+    """Its view: the hall in front of the desk, where visitors stand when the robot waits at the reception."""
     return View(STANDS_IN_MAP, people, TILT_RAD, HEIGHT_M)
 
 
 class DeskCamera:
-    """Sends every client the newest picture that there is when it can take another one."""
+    """Sends the newest image to each client whenever it can accept another one."""
 
     def __init__(self) -> None:
         self._server: asyncio.Server | None = None
@@ -32,11 +32,11 @@ class DeskCamera:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody takes its pictures."""
+        """True if there are clients."""
         return bool(self._clients)
 
     async def start(self, port: int) -> int:
-        """Listen on this computer only; the port. Raises OSError."""
+        """Listen on this computer only; return the port. Raises OSError."""
         self._server = await asyncio.start_server(self._on_client, "127.0.0.1", port)
         opened: int = self._server.sockets[0].getsockname()[1]
         return opened
@@ -64,7 +64,7 @@ class DeskCamera:
             writer.write(b"HTTP/1.1 200 OK\r\nConnection: close\r\nContent-Type: " + kind + b"\r\n\r\n")
             await self._send_pictures(writer)
         except (OSError, EOFError, asyncio.LimitOverrunError, TimeoutError):
-            pass  # it has gone, or speaks something else
+            pass  # the client left, or speaks another protocol
         finally:
             self._clients.discard(writer)
             writer.close()

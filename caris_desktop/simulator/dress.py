@@ -1,4 +1,4 @@
-"""What a dress says of a robot: its topics, services, actions, types and frames, as its makers publish them."""
+"""Interface names of a robot model: topics, services, actions, types and frames."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from caris_desktop.simulator.robot import Body
 
 @dataclass(frozen=True, slots=True)
 class VelocityInput:
-    """A topic that moves the base. ``either``: TwistStamped is understood as well, on a topic that says Twist."""
+    """Topic that moves the base. ``either``: TwistStamped is accepted as well, on a topic of type Twist."""
 
     topic: str
     type: Literal["Twist", "TwistStamped", "either"] = "Twist"
@@ -17,7 +17,7 @@ class VelocityInput:
 
 @dataclass(frozen=True, slots=True)
 class BatteryTopic:
-    """How the charge is told: sensor_msgs/BatteryState of 0..1 or of 0..100, or std_msgs/Float32 of 0..100."""
+    """Battery state: sensor_msgs/BatteryState of 0..1 or of 0..100, or std_msgs/Float32 of 0..100."""
 
     topic: str
     kind: Literal["BatteryState", "BatteryState percent", "Float32 percent"] = "BatteryState"
@@ -25,7 +25,7 @@ class BatteryTopic:
 
 @dataclass(frozen=True, slots=True)
 class CameraTopics:
-    """A camera: sensor_msgs/CompressedImage on ``image``, sensor_msgs/CameraInfo on ``info``."""
+    """Camera: sensor_msgs/CompressedImage on ``image``, sensor_msgs/CameraInfo on ``info``."""
 
     image: str
     info: str
@@ -34,7 +34,7 @@ class CameraTopics:
 
 @dataclass(frozen=True, slots=True)
 class HeadTopics:
-    """A head, moved by trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed on ``topic``.
+    """Head, moved by trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed on ``topic``.
 
     ``tilt_sign`` is -1 where the joint's positive direction is up.
     """
@@ -49,7 +49,7 @@ class HeadTopics:
 
 @dataclass(frozen=True, slots=True)
 class SpeechTopics:
-    """A voice that takes std_msgs/String on ``topic``. ``speaking`` is Bool, ``stop`` takes Empty."""
+    """Speech by std_msgs/String on ``topic``. ``speaking`` is Bool, ``stop`` is Empty."""
 
     topic: str
     speaking: str | None = None
@@ -58,14 +58,14 @@ class SpeechTopics:
 
 @dataclass(frozen=True, slots=True)
 class SpeechAction:
-    """A voice that is PAL's text-to-speech action (pal_interaction_msgs/TtsAction)."""
+    """Speech by PAL's text-to-speech action (pal_interaction_msgs/TtsAction)."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class AudioTopics:
-    """audio_common_msgs/AudioData: what the microphone hears, and what the loudspeaker plays."""
+    """audio_common_msgs/AudioData of microphone and loudspeaker."""
 
     microphone: str
     speaker: str
@@ -73,7 +73,7 @@ class AudioTopics:
 
 @dataclass(frozen=True, slots=True)
 class Navigation:
-    """What takes goals: an action named ``name`` (None: only the simple goal topic), and what it tells of the way.
+    """Navigation: an action named ``name`` (None: only the simple goal topic), and the path topic.
 
     ``speed_limit`` is a topic of nav2_msgs/SpeedLimit, ``planner`` the node of a local planner whose
     dynamic_reconfigure sets its speed.
@@ -88,7 +88,7 @@ class Navigation:
 
 @dataclass(frozen=True, slots=True)
 class StopService:
-    """A service that cuts and restores the motors: ``field`` of the request is ``stopping`` to stop."""
+    """Service that cuts and restores motor power: ``field`` of the request is ``stopping`` to stop."""
 
     name: str
     package: str
@@ -99,7 +99,7 @@ class StopService:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Something else that the robot can be told to do, which the simulated one takes note of but has no body for."""
+    """Further capability of the robot, which the simulation only records."""
 
     kind: Literal["topic", "service", "action"]
     name: str
@@ -109,7 +109,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Dress:
-    """Everything that can be told from outside. Names without a leading slash take the robot's namespace."""
+    """Complete interface. Names without a leading slash are in the robot's namespace."""
 
     name: str
     dialect: Dialect
@@ -145,7 +145,7 @@ class Dress:
     orders: tuple[Order, ...] = ()
 
     def absolute(self, name: str) -> str:
-        """The name as it is on the wire."""
+        """Absolute name."""
         if name.startswith("/"):
             return name
         return f"/{self.namespace}/{name}" if self.namespace else f"/{name}"

@@ -1,4 +1,4 @@
-"""ROS messages that only a robot sends: frames in space, and what a camera is like."""
+"""ROS messages that only a robot publishes: transforms and camera info."""
 
 import math
 from typing import Any
@@ -13,7 +13,7 @@ Message = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where a frame lies in its parent: in space, or on the floor, at a height, and tilted (down positive)."""
+    """Pose of a frame in its parent: in space, or on the floor with height and tilt (down positive)."""
 
     parent: str
     child: str
@@ -31,7 +31,7 @@ class Placement:
 
 
 def transforms(dialect: Dialect, placements: list[Placement], *, stamp_ns: int) -> Message:
-    """tf2_msgs/TFMessage."""
+    """Encode tf2_msgs/TFMessage."""
     return {
         "transforms": [
             {
@@ -50,7 +50,7 @@ def transforms(dialect: Dialect, placements: list[Placement], *, stamp_ns: int) 
 def camera_info(
     dialect: Dialect, *, width_px: int, height_px: int, focal_px: float, stamp_ns: int, frame_id: str
 ) -> Message:
-    """sensor_msgs/CameraInfo of a pinhole without distortion; ROS 2 writes the matrices in small letters."""
+    """Encode sensor_msgs/CameraInfo of a pinhole without distortion; matrix names are lower case in ROS 2."""
     middle_x, middle_y = width_px / 2.0, height_px / 2.0
     matrices = {
         "d": [0.0] * 5,

@@ -1,4 +1,4 @@
-"""Faults that can be injected while the simulated robot runs, for rehearsal and tests."""
+"""Fault injection into the running simulated robot, for rehearsal and tests."""
 
 import math
 from dataclasses import replace
@@ -24,7 +24,7 @@ HELP = (
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What is broken at the moment."""
+    """Present faults."""
 
     latency_s: float = 0.0
     camera_frozen: bool = False
@@ -44,7 +44,7 @@ class Faults:
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """The outcome of one fault command: the faults from now on, and what is to be done once."""
+    """Result of one fault command: the new faults, and one-time effects."""
 
     faults: Faults
     drop_link_s: float | None = None
@@ -55,7 +55,7 @@ class Injection:
 
 
 def inject(faults: Faults, command: str) -> Injection:
-    """The faults after ``command``, one of :data:`HELP`.
+    """Apply ``command``, one of :data:`HELP`.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def inject(faults: Faults, command: str) -> Injection:
 
 
 def malformed_messages(count: int, scan_topic: str) -> list[str | bytes]:
-    """``count`` messages that no rosbridge should send: broken JSON and CBOR, wrong types, strange numbers."""
+    """``count`` messages that no rosbridge should send: broken JSON and CBOR, wrong types, invalid numbers."""
     publish = f'{{"op":"publish","topic":"{scan_topic}","msg":'
     kinds: tuple[str | bytes, ...] = (
         '{"op":"publish","topic":',

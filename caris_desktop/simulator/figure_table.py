@@ -1,4 +1,4 @@
-"""Twenty people who are not in the photos: how they are built, and two sets of clothes for each."""
+"""Characters: twenty synthetic people, with their build and two sets of clothes each."""
 
 from typing import Literal
 
@@ -14,7 +14,7 @@ Headwear = Literal["", "cap", "beanie", "scarf"]
 
 @dataclass(frozen=True, slots=True)
 class Clothes:
-    """What somebody wears. Colours are written as ``#rrggbb``; ``second`` is that of the pattern or what is beneath."""
+    """Set of clothes. Colours are written as ``#rrggbb``; ``second`` is that of the pattern or of the layer beneath."""
 
     top: Top
     colour: str
@@ -31,7 +31,7 @@ class Clothes:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """What stays of somebody whatever they wear. ``build``: how wide, 1 is usual."""
+    """Constant features of a person. ``build``: relative width, 1 is normal."""
 
     height_m: float
     build: float

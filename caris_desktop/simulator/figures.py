@@ -1,7 +1,7 @@
-"""Draws the people of the table from any side: bodies of tubes, dressed, lit and turned.
+"""Renderer of characters from any side: bodies of tubes with clothes and shading.
 
-A figure has no photo behind it, so that it can be seen from the front, the side and behind, in one set of clothes or
-the other. It is coarser than a person: no creases but noise, a face of a few spots, hands like mittens.
+Characters have no photos, so that they can be shown from the front, the side and behind, in either set of clothes. They
+are simplified: noise instead of creases, a face of a few spots, hands like mittens.
 """
 
 import functools
@@ -23,16 +23,16 @@ Paint = Callable[[Floats, Floats], Floats]
 """Colour, BGR 0..255, shape (..., 3), of points at (share of the way along the tube, angle; 0 is the front)."""
 
 HEIGHT_PX = 400
-_DRAWN_PX = 800  # twice as large, so that edges are soft
+_DRAWN_PX = 800  # twice the size, for soft edges
 _VIEWS, _STRIDES = 24, 6
-_LIGHT = np.array([-0.35, 0.5, 0.75]) / np.linalg.norm([-0.35, 0.5, 0.75])  # right of the camera, before, above
+_LIGHT = np.array([-0.35, 0.5, 0.75]) / np.linalg.norm([-0.35, 0.5, 0.75])  # from the right of the camera, front, above
 _SIDES = 28
 _AHEAD, _UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """Who it is and what they wear: rows of ``FIGURES`` and of their clothes."""
+    """Person and clothes: rows of ``FIGURES`` and of their clothes."""
 
     person: int
     clothes: int = 0
@@ -47,7 +47,7 @@ class Appearance:
 
 
 def draw(appearance: Appearance, facing_rad: float, stride_rad: float | None = None) -> tuple[Image, ...]:
-    """The person as BGRA with the colours multiplied by alpha, uint8, shape (400, width, 4), then half as large, ...
+    """Image pyramid of the person: BGRA with premultiplied alpha, uint8, shape (400, width, 4), then half as large, ...
 
     Parameters
     ----------
@@ -70,13 +70,13 @@ def _drawn(appearance: Appearance, view: int, stride: int | None) -> tuple[Image
 
 @dataclass(slots=True)
 class _Mesh:
-    """Four-cornered faces: x to the person's left, y ahead, z up, in shares of the body's height."""
+    """Quadrilaterals: x to the person's left, y ahead, z up, in fractions of body height."""
 
     corners: list[Floats] = field(default_factory=list)
     colours: list[Floats] = field(default_factory=list)
 
     def tube(self, path: Floats, radii: Floats, paint: Paint, *, sides: int = _SIDES, rings: int = 16) -> None:
-        """A tube along ``path``, shape (n, 3), with half widths (to the side, ahead) ``radii``, shape (n, 2)."""
+        """Tube along ``path``, shape (n, 3), with half widths (sideways, ahead) ``radii``, shape (n, 2)."""
         at = np.linspace(0.0, 1.0, len(path))
         fine = np.linspace(0.0, 1.0, rings + 1)
         centre = np.stack([np.interp(fine, at, path[:, axis]) for axis in range(3)], axis=1)
@@ -106,14 +106,14 @@ class _Mesh:
         self.colours.append(np.broadcast_to(paint(shares, angles), (rings, sides, 3)).reshape(-1, 3))
 
     def ball(self, centre: tuple[float, float, float], radius: tuple[float, float, float], paint: Paint) -> None:
-        """An ellipsoid: half widths to the side, ahead and up. Its tube begins at the top."""
+        """Ellipsoid: half widths sideways, ahead and up. Its tube begins at the top."""
         polar = np.linspace(0.02, math.pi - 0.02, 15)
         path = np.array(centre) + np.outer(np.cos(polar) * radius[2], [0.0, 0.0, 1.0])
         self.tube(path, np.outer(np.sin(polar), radius[:2]), paint, sides=32, rings=20)
 
 
 def _rounded(rings: Floats) -> Floats:
-    """The same without its corners, from end to end."""
+    """Smoothed along its length."""
     for _ in range(3):
         rings[1:-1] = (rings[:-2] + 2.0 * rings[1:-1] + rings[2:]) / 4.0
     return rings
@@ -132,7 +132,7 @@ def _mixed(mask: NDArray[np.bool_], first: Floats, second: Floats) -> Floats:
 
 
 def _front(angle: Floats) -> Floats:
-    """How far from the middle of the front, 0..pi."""
+    """Angle from the middle of the front, 0..pi."""
     return np.abs((angle + math.pi) % (2.0 * math.pi) - math.pi)
 
 
@@ -302,7 +302,7 @@ def _legs(mesh: _Mesh, figure: Figure, worn: Clothes, skin: Floats, phase: float
 
 
 def _reach(swing: float, hem_m: float) -> float:
-    """How far ahead the legs are at this height: cloth hangs around them."""
+    """Forward reach of the legs at this height, which cloth hangs around."""
     return 0.09 + abs(math.sin(0.42 * swing)) * (0.58 - hem_m) if hem_m < 0.45 else 0.0
 
 
@@ -344,7 +344,7 @@ def _head(mesh: _Mesh, figure: Figure, worn: Clothes, skin: Floats) -> None:
     def face(along: Floats, angle: Floats) -> Floats:
         front = _front(angle)
         colours = np.broadcast_to(skin, (*along.shape, 3))
-        # in the face the hair ends at the forehead, behind at the neck
+        # hair ends at the forehead in front, at the neck behind
         end = line + (0.42 if figure.hair != "bald" else 0.0) * np.clip((front - 1.0) / 0.7, 0.0, 1.0)
         colours = _mixed((along < end) & (line > 0.0), hair, colours)
         eyes = (np.abs(along - 0.5) < 0.026) & (np.abs(front - 0.4) < 0.11)
@@ -385,7 +385,7 @@ def _rasterised(mesh: _Mesh, facing_rad: float, appearance: Appearance) -> Image
     corners = np.concatenate(mesh.corners)
     colours = np.concatenate(mesh.colours)
     cos, sin = math.cos(facing_rad), math.sin(facing_rad)
-    # the camera stands far away at +y; what it has on its right is +x
+    # the camera is far away at +y; its right is +x
     turned = np.stack(
         [corners[..., 0] * cos + corners[..., 1] * sin, corners[..., 1] * cos - corners[..., 0] * sin, corners[..., 2]],
         axis=-1,
@@ -415,7 +415,7 @@ def _rasterised(mesh: _Mesh, facing_rad: float, appearance: Appearance) -> Image
 
 
 def _creased(picture: Image, appearance: Appearance) -> Image:
-    """The picture with soft folds and the grain of cloth."""
+    """Image with soft folds and the grain of cloth."""
     chance = np.random.default_rng([appearance.person, appearance.clothes])
     folds = cv2.GaussianBlur(chance.normal(0.0, 1.0, picture.shape[:2]).astype(np.float32), (0, 0), 7.0, sigmaY=16.0)
     folds /= max(float(folds.std()), 1e-6)

@@ -1,7 +1,7 @@
-"""The building: walls with doors, furniture, and the places that have a name. Metres in the map frame.
+"""Floor plan: walls with doors, furniture, and named places. Metres in the map frame.
 
-Everything is made of upright boxes along the axes, so that the LIDAR, the camera and the collisions can share one
-fast way of cutting rays with them.
+Everything consists of upright, axis-parallel boxes, so that LIDAR, camera and collisions share one fast ray
+intersection.
 """
 
 import math
@@ -22,7 +22,7 @@ MAP_SIZE_M = (18.0, 13.5)
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """An upright box; ``low_m`` and ``high_m`` are heights above the floor."""
+    """Upright box; ``low_m`` and ``high_m`` are heights above the floor."""
 
     x0_m: float
     y0_m: float
@@ -35,7 +35,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Furniture:
-    """A piece of furniture: what bodies and the LIDAR meet, and the parts that the camera sees."""
+    """Piece of furniture: footprint for collisions and LIDAR, and the parts that the camera sees."""
 
     name: str
     footprint: Box
@@ -44,7 +44,7 @@ class Furniture:
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """An opening in a wall, from ``start_m`` to ``end_m`` along it, with a sign above it."""
+    """Opening in a wall, from ``start_m`` to ``end_m`` along it, with a sign above it."""
 
     start_m: float
     end_m: float
@@ -53,7 +53,7 @@ class Door:
 
 @dataclass(frozen=True, slots=True)
 class WallRun:
-    """A straight wall. ``along`` is the axis it runs along, ``at_m`` its middle on the other axis."""
+    """Straight wall. ``along`` is the axis it is parallel to, ``at_m`` its middle on the other axis."""
 
     along: str
     at_m: float
@@ -64,7 +64,7 @@ class WallRun:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place with a name; standing at ``pose`` the robot faces what the place is named after."""
+    """Named place; at ``pose`` the robot faces the eponymous object."""
 
     name: str
     pose: Pose2D
@@ -72,7 +72,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Poster:
-    """A picture on a wall: its middle, the way it faces (degrees), and its size."""
+    """Picture on a wall: centre, orientation (degrees), and size."""
 
     x_m: float
     y_m: float
@@ -142,7 +142,7 @@ def _run_box(run: WallRun, start_m: float, end_m: float, low_m: float, high_m: f
 
 @dataclass(frozen=True, slots=True)
 class Lintel:
-    """The piece of wall above a door, and the sign on both of its sides."""
+    """Wall above a door, with a sign on both sides."""
 
     box: Box
     along: str
@@ -175,7 +175,7 @@ def _table(name: str, area: Area, high: float, colour: Colour, *on_top: Box) -> 
 
 
 def _chair(x: float, y: float, back: str, colour: Colour) -> Furniture:
-    """A chair of 0.42 m whose lower left corner is (x, y); ``back`` is the side of its back: n, s, e or w."""
+    """Chair of 0.42 m with its lower left corner at (x, y); ``back`` is the side of its back: n, s, e or w."""
     size, seat, thin = 0.42, 0.46, 0.06
     backs = {
         "n": (x, y + size - thin, x + size, y + size),
@@ -202,7 +202,7 @@ def _chair(x: float, y: float, back: str, colour: Colour) -> Furniture:
 def _armchair(
     x0: float, y0: float, back: str, colour: Colour, *, width: float = 0.75, depth: float = 0.75
 ) -> Furniture:
-    """An armchair or sofa: seat, back and two arms."""
+    """Armchair or sofa: seat, back and two arms."""
     x1, y1, arm = x0 + width, y0 + depth, 0.14
     seat = Box(x0, y0, x1, y1, 0.08, 0.44, colour)
     if back in "ns":
@@ -216,7 +216,7 @@ def _armchair(
 
 
 def _shelf(name: str, area: Area, high: float) -> Furniture:
-    """A bookshelf; the camera draws its books."""
+    """Bookshelf; the camera draws its books."""
     return _whole(name, Box(*area, 0.0, high, _OAK))
 
 

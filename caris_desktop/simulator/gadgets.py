@@ -1,4 +1,4 @@
-"""What the default dress has for a panel of buttons and sliders: lights, volume, a gesture, a screen, eyes."""
+"""Demo controls of the default robot model for the Robot panel: lights, volume, gesture, screen, eyes."""
 
 import asyncio
 import math
@@ -15,7 +15,7 @@ _TEMPERATURE_STEPS = 50
 
 
 class Gadgets:
-    """Keeps what was set, tells it on latched topics, and shows it in :attr:`state`."""
+    """Holds the present values, publishes them on latched topics, and lists them in :attr:`state`."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -52,25 +52,25 @@ class Gadgets:
 
     @property
     def temperature_c(self) -> float:
-        """The motors are warmer the faster they turn; it breathes a little, so that a plot has something to show."""
+        """Motor temperature: rises with speed, with a slow oscillation, so that a plot shows something."""
         truth_ = self._wiring.robot.truth
         effort = abs(truth_.forward_mps) + abs(truth_.left_mps) + 0.3 * abs(truth_.turn_radps)
         return 36.0 + 4.0 * effort + 0.5 * math.sin(self._wiring.robot.now_s / 7.0)
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._steps += 1
         if self._steps % _TEMPERATURE_STEPS == 0 and self._wiring.wanted(self._temperature):
             self._wiring.publish(self._temperature, {"data": self.temperature_c})
 
     def stop(self) -> None:
-        """Nothing is left to happen."""
+        """Cancel pending work."""
         if self._waving_task is not None:
             self._waving_task.cancel()
 
     def _on_color(self, message: Message) -> None:
         color = message_of(message, "ColorRGBA")
-        # ROS itself fills fields that a client leaves out with zero
+        # ROS fills omitted fields with zero
         self._color = {
             channel: min(max(number(color, channel, "ColorRGBA"), 0.0), 1.0) if channel in color else 0.0
             for channel in "rgba"

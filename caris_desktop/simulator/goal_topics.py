@@ -1,4 +1,4 @@
-"""Navigation goals on ROS: actionlib on move_base for ROS 1, the NavigateToPose action for ROS 2, and the way there."""
+"""Navigation goals on ROS: actionlib on move_base (ROS 1), the NavigateToPose action (ROS 2), and the path topic."""
 
 import itertools
 import logging
@@ -43,7 +43,7 @@ _STOPPED = "the emergency stop is pressed"
 
 
 class PathTopic:
-    """nav_msgs/Path: on each new way, and empty when there is none any more."""
+    """nav_msgs/Path: on each new plan, and empty at its end."""
 
     def __init__(self, wiring: Wiring, name: str) -> None:
         self._wiring = wiring
@@ -52,7 +52,7 @@ class PathTopic:
         self._told_goal: str | None = None
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         robot = self._wiring.robot
         now = (robot.plans_made, robot.goal_id)
         if now == (self._told, self._told_goal):
@@ -83,14 +83,14 @@ class MoveBaseTopics:
             wiring.serves(f"{told.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
 
     def _reconfigure(self, request: Message) -> Message:
-        """The speeds of a DWAPlannerROS, of which it keeps to the lower one."""
+        """Speed parameters of a DWAPlannerROS, of which the lower applies."""
         wanted = decode_reconfigured(request, _PLANNER_SPEEDS)
         if wanted:
             self._robot.limit_goals(min(wanted.values()))
         return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.goals_at_most_mps))
 
     def publish_due(self) -> None:
-        """Publish results, feedback, status and the way. Called once after every step of the robot."""
+        """Publish results, feedback, status and path; called after every simulation step."""
         self._steps += 1
         for ended in self._robot.take_ended_goals():
             self._finish(GoalStatus(ended.goal_id, _ROS1_STATUS[ended.ending], ended.detail))
@@ -130,7 +130,7 @@ class MoveBaseTopics:
 
 
 class NavigateToPoseAction:
-    """The NavigateToPose action of ROS 2, as rosbridge carries it, and the status topic that ROS gives every action."""
+    """NavigateToPose action of ROS 2, as rosbridge carries it, and the status topic of every ROS action."""
 
     def __init__(self, wiring: Wiring, told: Navigation) -> None:
         if told.name is None:
@@ -161,7 +161,7 @@ class NavigateToPoseAction:
             self._robot.limit_goals(limit / 100.0 * CRUISE_MPS if percentage else limit)
 
     def publish_due(self) -> None:
-        """Send results, feedback and the way. Called once after every step of the robot."""
+        """Send results, feedback and path; called after every simulation step."""
         self._steps += 1
         for ended in self._robot.take_ended_goals():
             self._finish(ended)
@@ -204,7 +204,7 @@ class NavigateToPoseAction:
             self._robot.cancel_goal()
 
     def _cancel_service(self, arguments: Message) -> Message:
-        """action_msgs/CancelGoal, for every goal or for one by the uuid that the status topic tells."""
+        """action_msgs/CancelGoal, for every goal or for one by the UUID of the status topic."""
         running = self._robot.goal_id
         if not actions.means_every_goal(arguments) and _uuid_in(arguments) != self._uuids.get(running or ""):
             return {"return_code": actions.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}

@@ -1,4 +1,4 @@
-"""A head that pans and tilts, at the speed of its motors and within its joints."""
+"""Pan-tilt head with joint limits and motor speeds."""
 
 from caris_desktop.domain.value_class import dataclass
 
@@ -7,7 +7,7 @@ DEFAULT_SPEED_RADPS = 0.8
 
 @dataclass(frozen=True, slots=True)
 class HeadModel:
-    """How far and how fast a head turns: pan left positive, tilt down positive, from straight ahead."""
+    """Range and speed of a head: pan left positive, tilt down positive, from straight ahead."""
 
     pan_range_rad: tuple[float, float] = (-1.2, 1.2)
     tilt_range_rad: tuple[float, float] = (-0.5, 0.7)
@@ -37,7 +37,7 @@ class _Joint:
 
 
 class Head:
-    """Turns towards its newest target; each joint by itself."""
+    """Turns towards its newest target; joints are independent."""
 
     def __init__(self, model: HeadModel = MOVABLE) -> None:
         self._pan = _Joint(model.pan_range_rad, model.fastest_radps)
@@ -52,14 +52,14 @@ class Head:
         return self._tilt.angle_rad
 
     def pan_to(self, angle_rad: float, *, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
-        """Begin to turn left (positive) or right; the joint's end is not passed."""
+        """Start panning left (positive) or right, within the joint limits."""
         self._pan.turn_to(angle_rad, speed_radps)
 
     def tilt_to(self, angle_rad: float, *, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
-        """Begin to turn down (positive) or up; the joint's end is not passed."""
+        """Start tilting down (positive) or up, within the joint limits."""
         self._tilt.turn_to(angle_rad, speed_radps)
 
     def step(self, dt_s: float) -> None:
-        """Let ``dt_s`` pass."""
+        """Advance the simulation by ``dt_s``."""
         self._pan.step(dt_s)
         self._tilt.step(dt_s)

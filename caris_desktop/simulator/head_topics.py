@@ -1,4 +1,4 @@
-"""The head on ROS: joint states out, joint commands in, and the frames that turn with it."""
+"""Head on ROS: joint states out, joint commands in, and its moving frames."""
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros.fields import MessageError
@@ -17,7 +17,7 @@ _WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 
 class HeadOnRos:
-    """Obeys the topic that the dress says; without a head only the wheels are told."""
+    """Executes the model's command topic; without a head only wheel joints are published."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -34,7 +34,7 @@ class HeadOnRos:
             wiring.obeys(dress.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._steps += 1
         if self._steps % 2 or self._joint_states is None or not self._wiring.wanted(self._joint_states):
             return
@@ -46,7 +46,7 @@ class HeadOnRos:
         self._wiring.publish(self._joint_states, message)
 
     def turning_frames(self) -> list[Placement]:
-        """The frames of the joints as they are turned now."""
+        """Present frames of the joints."""
         told, robot = self._wiring.dress.head, self._wiring.robot
         if told is None:
             return []
@@ -59,7 +59,7 @@ class HeadOnRos:
         ]
 
     def camera_mount(self, camera_frame: str) -> Placement:
-        """Where the camera sits, on the head or on the body."""
+        """Mounting of the camera, on the head or on the body."""
         wiring = self._wiring
         frame, body = wiring.frame(camera_frame), wiring.robot.body
         if wiring.dress.head is not None:
@@ -67,7 +67,7 @@ class HeadOnRos:
         return Placement(wiring.frame(wiring.dress.base_frame), frame, body.robot_from_camera, body.camera_height_m)
 
     def _on_trajectory(self, message: Message) -> None:
-        # the head moves evenly, so the last point says where to and how fast
+        # the head moves uniformly, so the last point gives target and speed
         targets, duration_s = decode_joint_trajectory(message)
         if not targets:
             raise MessageError("JointTrajectory.points is empty")

@@ -1,4 +1,4 @@
-"""What the robot's microphone hears: the room, whoever speaks before it, and the robot's own voice."""
+"""Simulated robot microphone: room noise, nearby speakers, and the robot's own voice."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ _NOISE = 0.001
 
 
 def in_room(samples: NDArray[np.float32], *, seed: int = 7) -> NDArray[np.float32]:
-    """The sound as it is elsewhere in a room: with what the walls throw back."""
+    """Sound with room reverberation."""
     length = round(_ROOM_S * RATE_HZ)
     after_s = np.arange(length) / RATE_HZ
     echoes = np.random.default_rng(seed).normal(0.0, 1.0, length) * np.exp(-after_s / _ROOM_DECAYS_S)
@@ -26,7 +26,7 @@ def in_room(samples: NDArray[np.float32], *, seed: int = 7) -> NDArray[np.float3
 
 
 def at_rate(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float32]:
-    """A whole sound of one channel, shape (samples,), at the microphone's rate, -1..1."""
+    """Single-channel sound, shape (samples,), at the microphone's rate, -1..1."""
     if rate_hz == RATE_HZ or not len(samples):
         return samples.astype(np.float32) / 32768.0
     import av
@@ -48,9 +48,9 @@ class _Sound:
 
 
 class Microphone:
-    """Mixes what is there to be heard, block by block. No clock but the samples taken is used.
+    """Mixes all sounds block by block. The samples taken are its only clock.
 
-    ``leak`` is how loud the robot's own voice is, ``noise`` the room; both as factors of full scale.
+    ``leak`` is the level of the robot's own voice, ``noise`` of the room; both as factors of full scale.
     """
 
     def __init__(self, seed: int = 1) -> None:
@@ -60,26 +60,26 @@ class Microphone:
         self.noise = _NOISE
 
     def speak(self, samples: NDArray[np.float32], done: Callable[[], None] | None = None) -> None:
-        """Somebody before the robot says this; ``done`` is called when its last sample was heard."""
+        """A person in front of the robot speaks; ``done`` is called after the last sample."""
         self._sounds.append(_Sound("participant", in_room(samples, seed=3), 0, done))
 
     def leak_voice(self, samples: NDArray[np.float32]) -> None:
-        """The robot's loudspeaker plays this from now on, behind what it plays already."""
+        """The robot's loudspeaker plays this, after what it is already playing."""
         behind = max((each.wait + len(each.samples) - each.at for each in self._sounds if each.source == "robot"),
                      default=round(_LEAK_DELAY_S * RATE_HZ))  # fmt: skip
         self._sounds.append(_Sound("robot", in_room(samples), behind, None))
 
     def silence_voice(self) -> None:
-        """The robot's loudspeaker plays no more."""
+        """The robot's loudspeaker stops."""
         self._sounds = [each for each in self._sounds if each.source != "robot"]
 
     @property
     def spoken_to(self) -> bool:
-        """Whether somebody before the robot is speaking."""
+        """True while a person in front of the robot speaks."""
         return any(each.source == "participant" for each in self._sounds)
 
     def take(self, count: int) -> NDArray[np.int16]:
-        """The next samples, shape (count, 1)."""
+        """Next samples, shape (count, 1)."""
         mixed = self._random.normal(0.0, self.noise, count).astype(np.float32)
         for sound in self._sounds:
             begin = min(sound.wait, count)

@@ -1,4 +1,4 @@
-"""A 2D laser scanner with noise, 720 beams all around unless told otherwise; it sees walls, furniture and legs."""
+"""2D LIDAR with noise, 720 beams over 360 degrees by default; it measures walls, furniture and legs."""
 
 import math
 
@@ -24,10 +24,10 @@ _CORNERS = corners_of(SOLID)
 
 @dataclass(frozen=True, slots=True)
 class LidarModel:
-    """What a laser scanner measures, and where it sits.
+    """Measuring properties and mounting of a LIDAR.
 
-    ``blind`` are beams, first and one past the last, that never measure anything and read ``blind_m``. What is too far
-    reads ``beyond_m``. It sits ``height_m`` above the floor, rolled (pi: upside down) and pitched in its place.
+    ``blind`` are beam ranges (end exclusive) that never measure and read ``blind_m``. Beyond the range it reads
+    ``beyond_m``. It is mounted ``height_m`` above the floor, rolled (pi: upside down) and pitched.
     """
 
     beams: int = BEAMS
@@ -45,7 +45,7 @@ class LidarModel:
 
     @property
     def mount(self) -> Pose3D:
-        """Where it sits on the robot, with its whole rotation: heading, then pitch, then roll (the order of URDF)."""
+        """Mounting pose on the robot with full rotation: heading, then pitch, then roll (URDF order)."""
         heading_rad, roll, pitch = self.robot_from_laser.heading_rad, self.roll_rad / 2.0, self.pitch_rad / 2.0
         turned = Pose3D(self.robot_from_laser.x_m, self.robot_from_laser.y_m, self.height_m, 0.0, 0.0,
                         math.sin(heading_rad / 2.0), math.cos(heading_rad / 2.0))  # fmt: skip
@@ -68,7 +68,7 @@ def scan_from(
     """One scan. ``legs`` are circles (x, y, radius) in the map, shape (legs, 3)."""
     laser = Pose3D.on_floor(map_from_robot) @ model.mount
     angles = model.angle_min_rad + model.angle_increment_rad * np.arange(model.beams)
-    # Seen from above, a beam of a tilted scanner goes less far than it measures.
+    # Projected to the floor, a beam of a tilted LIDAR is shorter than its measurement.
     ahead, aside = np.array(laser.rotated(1.0, 0.0, 0.0)), np.array(laser.rotated(0.0, 1.0, 0.0))
     cos, sin, up = np.outer(ahead, np.cos(angles)) + np.outer(aside, np.sin(angles))
     level = np.maximum(np.hypot(cos, sin), 1e-9)

@@ -1,6 +1,6 @@
-"""Maps on disk: pictures with a description, as map_server keeps them, and what slam_toolbox keeps as a pose graph.
+"""Map files: images with a description as of map_server, and a pose graph in place of slam_toolbox's.
 
-A name may have folders in it, but never leads out of the folder of the maps.
+Names may contain folders, but never lead out of the map folder.
 """
 
 import io
@@ -31,7 +31,7 @@ _MOST_BYTES = 64 * 1024 * 1024
 
 
 class MapFileError(Exception):
-    """A map cannot be saved or loaded; the text says why."""
+    """Map that cannot be saved or loaded, with the reason."""
 
 
 class NoSuchMap(MapFileError):  # noqa: N818 - it is an answer to the caller, not a fault of the program
@@ -39,7 +39,7 @@ class NoSuchMap(MapFileError):  # noqa: N818 - it is an answer to the caller, no
 
 
 class MapFiles:
-    """The maps in ``folder``, which is made when the first one is saved; without one in a temporary folder."""
+    """Maps in ``folder``, created with the first map; without one in a temporary folder."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
@@ -53,12 +53,12 @@ class MapFiles:
         return self._folder
 
     def close(self) -> None:
-        """Remove the temporary folder, where there is one."""
+        """Remove the temporary folder, if any."""
         if self._temporary is not None:
             self._temporary.cleanup()
 
     def save_picture(self, name: str, cells: NDArray[np.int8]) -> Path:
-        """Write NAME.pgm and NAME.yaml, and return the latter; ``cells`` is int8, row 0 at the bottom."""
+        """Write NAME.pgm and NAME.yaml; return the latter. ``cells`` is int8, row 0 at the bottom."""
         path = self._path(name)
         picture = np.full(cells.shape, _UNKNOWN, dtype=np.uint8)
         picture[cells == 0] = _FREE
@@ -81,7 +81,7 @@ class MapFiles:
         return described
 
     def load_picture(self, name: str) -> NDArray[np.int8]:
-        """The cells of NAME.yaml and its picture: int8, shape (height, width), row 0 at the bottom."""
+        """Cells of NAME.yaml and its image: int8, shape (height, width), row 0 at the bottom."""
         path = _with_ending(self._path(name), ".yaml")
         try:
             description: Any = parse_yaml(self._read(path).decode()).data
@@ -97,14 +97,14 @@ class MapFiles:
             raise MapFileError(f"{picture_path.name} {error}") from error
         cells = np.full(picture.shape, -1, dtype=np.int8)
         darkness = 1.0 - picture[::-1].astype(np.float64) / 255.0
-        # the grey of the unknown lies just below the free threshold that map_server writes, so it comes first
+        # the grey of unknown is just below map_server's free threshold, so it comes first
         unknown = picture[::-1] == _UNKNOWN
         cells[(darkness < _FREE_THRESH) & ~unknown] = 0
         cells[darkness > _OCCUPIED_THRESH] = 100
         return cells
 
     def save_graph(self, name: str, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> Path:
-        """Write NAME.posegraph: what the mapper needs to go on from here."""
+        """Write NAME.posegraph: the mapper's state for continuation."""
         path = _with_ending(self._path(name), ".posegraph")
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, evidence=evidence, known=known)
@@ -112,7 +112,7 @@ class MapFiles:
         return path
 
     def load_graph(self, name: str) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-        """What :meth:`save_graph` wrote."""
+        """Content of :meth:`save_graph`."""
         path = _with_ending(self._path(name), ".posegraph")
         if not path.is_file():
             raise NoSuchMap(f"there is no map '{name}'")
@@ -153,7 +153,7 @@ class MapFiles:
 
 
 def _grey(content: bytes) -> NDArray[np.uint8]:
-    """A PGM, as map_server writes maps, a PNG or a JPEG: uint8, shape (height, width). Raises PictureError."""
+    """PGM, as map_server writes maps, PNG or JPEG: uint8, shape (height, width). Raises PictureError."""
     head = _PGM_HEAD.match(content)
     if head is None:
         return np.asarray(decoded(content, cv2.IMREAD_GRAYSCALE), np.uint8)

@@ -1,4 +1,4 @@
-"""The map on ROS: the whole of it, its updates, and the services that save and load it."""
+"""Map on ROS: whole maps, updates, and the services to save and load."""
 
 import logging
 
@@ -22,10 +22,10 @@ _SERIALIZED, _NOT_WRITTEN = 0, 255
 
 
 class MapOnRos:
-    """Publishes the map as it grows, and obeys slam_toolbox's and the map server's services where the dress has them.
+    """Publishes the growing map, and executes slam_toolbox's and the map server's services if the model has them.
 
-    The whole map comes when it has grown by a tenth, and every five seconds while it changes; what changed in between
-    comes as updates. Who subscribes late gets the map of that moment.
+    The whole map is published when it has grown by a tenth, and every five seconds while it changes, with updates in
+    between. Late subscribers get the present map.
     """
 
     def __init__(self, wiring: Wiring, files: MapFiles) -> None:
@@ -44,7 +44,7 @@ class MapOnRos:
             wiring.serves(f"{toolbox}/serialize_map", "slam_toolbox", "SerializePoseGraph", self._serialize)
             wiring.serves(f"{toolbox}/deserialize_map", "slam_toolbox", "DeserializePoseGraph", self._deserialize)
             wiring.serves(f"{toolbox}/pause_new_measurements", "slam_toolbox", "Pause", self._pause)
-            # ROS 2 writes a node's parameter behind a colon
+            # in ROS 2 a node's parameter follows a colon
             node, between = dress.absolute(toolbox), "/" if wiring.dialect is Dialect.ROS1 else ":"
             wiring.server.params[f"{node}{between}paused_new_measurements"] = lambda: wiring.robot.mapping_paused
         if dress.map_saver is not None:
@@ -53,7 +53,7 @@ class MapOnRos:
             wiring.serves(f"{dress.map_server}/load_map", "nav2_msgs", "LoadMap", self._load)
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._steps += 1
         if self._steps % _LOOK_EVERY_STEPS or self._map is None:
             return
@@ -106,7 +106,7 @@ class MapOnRos:
         try:
             self._wiring.robot.mapper.restore(*self._files.load_graph(text(arguments, "filename", "args")))
         except (MapFileError, ValueError) as error:
-            # slam_toolbox too answers the same whatever happens, and only logs it
+            # slam_toolbox's answer is the same in any case, and the error is only logged
             logger.warning("The map was not loaded: %s", error)
             return {}
         if match_type in (START_AT_GIVEN_POSE, LOCALIZE_AT_POSE) and "initial_pose" in arguments:
@@ -119,7 +119,7 @@ class MapOnRos:
         return {}
 
     def _pause(self, _: Message) -> Message:
-        """As slam_toolbox does it: each call changes between the two, and the answer is always the same."""
+        """As in slam_toolbox: each call toggles, and the answer is always the same."""
         robot = self._wiring.robot
         robot.mapping_paused = not robot.mapping_paused
         return {"status": True}

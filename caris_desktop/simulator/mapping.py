@@ -1,4 +1,4 @@
-"""The map that the robot draws while it explores."""
+"""Occupancy mapping during exploration."""
 
 import math
 
@@ -16,12 +16,12 @@ WIDTH, HEIGHT = round(MAP_SIZE_M[0] / RESOLUTION_M), round(MAP_SIZE_M[1] / RESOL
 _HIT, _MISS, _LIMIT = 6, 2, 40
 _OCCUPIED_FROM, _FREE_FROM = 4, -2
 _CELLS_WORTH_TELLING = 10
-_SHIFT = 4  # cv2 draws with this many binary digits below a pixel
+_SHIFT = 4  # fractional bits of cv2's drawing coordinates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapChange:
-    """A rectangle of new cells: int8, shape (height, width), whose first belongs at column ``left``, row ``bottom``."""
+    """Rectangle of new cells: int8, shape (height, width), with its origin at column ``left``, row ``bottom``."""
 
     left: int
     bottom: int
@@ -29,7 +29,7 @@ class MapChange:
 
 
 class Mapper:
-    """Evidence per cell: scans that hit it speak for an obstacle, scans that pass it speak against."""
+    """Evidence per cell: hits increase it, passing beams decrease it."""
 
     def __init__(self) -> None:
         self._evidence = np.zeros((HEIGHT, WIDTH), dtype=np.int16)
@@ -37,15 +37,15 @@ class Mapper:
         self._published: NDArray[np.int8] | None = None
 
     def add(self, scan: LaserScan, map_from_robot: Pose2D) -> None:
-        """Take one scan, made at ``map_from_robot``, into the map; not one whose laser is nobody knows where."""
+        """Add one scan made at ``map_from_robot``; ignored without a laser pose."""
         if scan.robot_from_laser is None:
             return
         laser = map_from_robot @ scan.robot_from_laser
         ranges = scan.ranges_m.astype(np.float64)
-        # below its range a scanner tells nothing: blind beams
+        # readings below the range are from blind beams
         hit = np.isfinite(ranges) & (ranges >= scan.range_min_m)
         angles = laser.heading_rad + scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges))
-        # a beam that came back from nowhere frees what it passed, short of the farthest that counts
+        # a beam without an echo frees the cells up to the counted range
         reach = np.where(hit, ranges - RESOLUTION_M, np.where(np.isinf(ranges), scan.range_max_m * 0.8, 0.0))
         free = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
         outline = np.stack(
@@ -75,12 +75,12 @@ class Mapper:
         return cells
 
     def grid(self, *, stamp_ns: int) -> OccupancyGrid:
-        """The whole map."""
+        """Whole map."""
         origin = Pose2D(MAP_ORIGIN_M[0], MAP_ORIGIN_M[1], 0.0)
         return OccupancyGrid(stamp_ns, stamp_ns, RESOLUTION_M, origin, self.cells())
 
     def change(self) -> "MapChange | None":
-        """What changed since the last time that anything was given, as one rectangle; None when hardly a cell did."""
+        """Changes since the last returned ones, as one rectangle; None if only a few cells changed."""
         cells = self.cells()
         before = self._published if self._published is not None else np.full_like(cells, -1)
         rows, columns = np.nonzero(cells != before)
@@ -92,11 +92,11 @@ class Mapper:
         return MapChange(left, bottom, cells[bottom:top, left:right].copy())
 
     def snapshot(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-        """Everything the mapper knows, to be restored later: evidence, and which cells are known."""
+        """State for later restoration: evidence, and known cells."""
         return self._evidence.copy(), self._known.copy()
 
     def restore(self, evidence: NDArray[np.int16], known: NDArray[np.bool_]) -> None:
-        """Go on from a snapshot.
+        """Restore a snapshot.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Mapper:
         self._known = known.astype(bool)
 
     def replace(self, cells: NDArray[np.int8]) -> None:
-        """Take a finished map: int8, shape (HEIGHT, WIDTH), -1 unknown, 0 free, 100 occupied.
+        """Use a finished map: int8, shape (HEIGHT, WIDTH), -1 unknown, 0 free, 100 occupied.
 
         Raises
         ------
@@ -120,5 +120,5 @@ class Mapper:
 
     @property
     def known_share(self) -> float:
-        """Share of the cells that are known, 0..1."""
+        """Fraction of known cells, 0..1."""
         return float(np.count_nonzero(self._known)) / math.prod(self._known.shape)

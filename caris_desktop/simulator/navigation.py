@@ -1,4 +1,4 @@
-"""Navigation goals: plan a way, follow it, hold for people, and say how it went."""
+"""Goal navigation: plan a path, follow it, stop for people, and report the outcome."""
 
 import math
 from typing import Literal
@@ -26,7 +26,7 @@ _REPLAN_AFTER_S, _GIVE_UP_AFTER_S = 3.0, 25.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a goal has come."""
+    """Progress of a goal."""
 
     goal_id: str
     distance_left_m: float
@@ -35,7 +35,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class GoalEnded:
-    """A goal came to its end."""
+    """End of a goal."""
 
     goal_id: str
     ending: GoalEnding
@@ -43,7 +43,7 @@ class GoalEnded:
 
 
 class GoalFollower:
-    """Follows one goal at a time. Pure calculation: told the pose, it answers with the twist it wants."""
+    """Follows one goal at a time. Pure calculation: pose in, wanted twist out."""
 
     def __init__(self) -> None:
         self._goal_id: str | None = None
@@ -58,22 +58,22 @@ class GoalFollower:
 
     @property
     def top_mps(self) -> float:
-        """How fast it drives at most."""
+        """Maximum speed."""
         return self._top_mps
 
     def limit(self, top_mps: float) -> None:
-        """Drive no faster from now on; what is above its own speed lifts every limit."""
+        """Set the speed limit; a value above its own speed removes it."""
         self._top_mps = min(top_mps, CRUISE_MPS)
 
     @property
     def goal_id(self) -> str | None:
-        """The goal that is under way."""
+        """Present goal."""
         return self._goal_id
 
     def start(
         self, goal_id: str, target_in_map: Pose2D, *, pose: Pose2D, people: NDArray[np.float64], now_s: float
     ) -> list[GoalEnded]:
-        """Begin a goal; one under way is preempted. An unreachable goal ends at once."""
+        """Start a goal; preempts the present one. An unreachable goal ends at once."""
         ended = self.end("preempted", "a newer goal took its place")
         way = self._plan(pose, target_in_map, people)
         if way is None:
@@ -85,24 +85,24 @@ class GoalFollower:
         return ended
 
     def end(self, ending: GoalEnding, detail: str) -> list[GoalEnded]:
-        """End the goal that is under way, if there is one."""
+        """End the present goal, if any."""
         if self._goal_id is None:
             return []
         goal_id, self._goal_id, self._way = self._goal_id, None, []
         return [GoalEnded(goal_id, ending, detail)]
 
     def progress(self, now_s: float) -> Progress | None:
-        """How far the goal under way has come."""
+        """Progress of the present goal."""
         if self._goal_id is None:
             return None
         return Progress(self._goal_id, self._left_m, now_s - self._started_s)
 
     def way_from(self, pose: Pose2D) -> list[Point]:
-        """What is left of the way, beginning at ``pose``; empty without a goal."""
+        """Remaining path from ``pose``; empty without a goal."""
         return [(pose.x_m, pose.y_m), *self._way] if self._way else []
 
     def step(self, pose: Pose2D, people: NDArray[np.float64], now_s: float) -> tuple[Twist2D, list[GoalEnded]]:
-        """The twist wanted now, and the goal's end where it has come."""
+        """Wanted twist, and the goal's end if reached."""
         if self._goal_id is None:
             return ZERO_TWIST, []
         here = (pose.x_m, pose.y_m)
@@ -153,11 +153,11 @@ def _passed(here: Point, way: list[Point]) -> bool:
 
 
 def _ahead(here: Point, way: list[Point]) -> Point:
-    """The point of the way that lies one look-ahead from here."""
+    """Point of the path at the look-ahead distance."""
     last, left_m = here, _LOOK_AHEAD_M
     for point in way:
         stretch = math.dist(last, point)
-        # never cut a corner whose next stretch leads somewhere else
+        # never cut a corner whose next segment leads elsewhere
         if stretch >= left_m or (stretch > 0.15 and last == here):
             share = min(1.0, left_m / stretch) if stretch else 1.0
             return last[0] + (point[0] - last[0]) * share, last[1] + (point[1] - last[1]) * share
@@ -167,7 +167,7 @@ def _ahead(here: Point, way: list[Point]) -> Point:
 
 
 def _gap_to_people(here: Point, aim: Point, people: NDArray[np.float64]) -> float:
-    """Free distance ahead until somebody's body, ``inf`` when nobody is in the lane ahead."""
+    """Clearance ahead to the nearest person, ``inf`` if there is none in the lane."""
     reach = math.dist(here, aim)
     if reach < 1e-6 or not len(people):
         return math.inf

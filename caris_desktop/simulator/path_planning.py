@@ -1,4 +1,4 @@
-"""Ways through the building: a cost-to-go field over a grid, walked downhill and pulled straight."""
+"""Path planning: a cost-to-go field on a grid, followed downhill and straightened."""
 
 import math
 from functools import cache
@@ -23,7 +23,7 @@ _MAX_SWEEPS = 80
 def plan(
     start: Point, goal: Point, *, body_m: float, avoid: NDArray[np.float64] | None = None, give_way_m: float = 0.5
 ) -> list[Point] | None:
-    """A way from ``start`` to ``goal`` for a body that keeps ``body_m`` from everything, or None where there is none.
+    """Path from ``start`` to ``goal`` with a clearance of ``body_m``, or None.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def plan(
 
 
 def length_m(points: list[Point]) -> float:
-    """Length of a way."""
+    """Length of a path."""
     return sum(math.dist(a, b) for a, b in pairwise(points))
 
 
 def in_sight(a: Point, b: Point) -> bool:
-    """Whether nothing solid stands between two points."""
+    """True if there is no solid object between two points."""
     steps = max(2, int(math.dist(a, b) / 0.1))
     return all(
         clearance_m(a[0] + (b[0] - a[0]) * i / steps, a[1] + (b[1] - a[1]) * i / steps) > 0.05 for i in range(steps + 1)
@@ -67,7 +67,7 @@ def in_sight(a: Point, b: Point) -> bool:
 
 @cache
 def _clearance() -> NDArray[np.float64]:
-    """Distance of each cell's middle to the nearest solid thing, shape (ROWS, COLUMNS)."""
+    """Distance of each cell's centre to the nearest solid object, shape (ROWS, COLUMNS)."""
     xs, ys = _axes()
     clearance = np.full((ROWS, COLUMNS), np.inf)
     for x0, y0, x1, y1 in corners_of(SOLID).tolist():
@@ -121,10 +121,10 @@ def _nearest_free(point: Point, free: NDArray[np.bool_], within_m: float) -> tup
 
 
 def _cost_to_go(cost: NDArray[np.float64], goal: tuple[int, int]) -> NDArray[np.float64]:
-    """Least cost from each cell to the goal, by sweeping whole rows and columns until nothing improves.
+    """Minimum cost from each cell to the goal, by sweeps of rows and columns until nothing improves.
 
-    A sweep in one direction is a running minimum over ``field - walked``, where ``walked`` is the summed cost along
-    the line; so a straight stretch of any length costs one numpy call.
+    A sweep in one direction is a running minimum over ``field - walked``, where ``walked`` is the accumulated cost
+    along the line; so a straight segment of any length costs one numpy call.
     """
     field = np.full(cost.shape, _WALL_COST * 1e3)
     field[goal] = 0.0

@@ -1,4 +1,4 @@
-"""People who walk about, stop, leave and come back, and a visitor who comes up to the robot."""
+"""Simulated people who walk, stop, leave and return, and a visitor who approaches the robot."""
 
 import csv
 import math
@@ -31,9 +31,9 @@ OUTSIDE: Point = (2.55, -0.95)
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One person as the camera and the state service see them.
+    """One person for camera and state service.
 
-    ``looks`` numbers the cut-outs from photos; who has an ``appearance`` is drawn by it, from the side that is seen.
+    ``looks`` is the index of a photo sprite; a person with an ``appearance`` is rendered with it from the visible side.
     """
 
     x_m: float
@@ -48,7 +48,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """Somebody of ``FIGURES`` comes in at the door, stays before the robot, turns about there, and leaves."""
+    """A person of ``FIGURES`` enters at the door, stays in front of the robot, turns there, and leaves."""
 
     person: int
     comes_s: float
@@ -57,19 +57,19 @@ class Visit:
 
 
 class BadVisits(ValueError):  # noqa: N818 - the file does not say what it should; nothing is broken
-    """A file of visits cannot be used; the text says why."""
+    """Unusable file of visits, with the reason."""
 
 
 def visits_by_chance(
     people: int, seed: int, *, rounds: int = 20, at_once: int = 3, stays_s: float = 20.0
 ) -> list[Visit]:
-    """Everybody comes once a round, each time in another order and the same clothes; about ``at_once`` together."""
+    """Random visits: everybody once per round, in random order and the same clothes; about ``at_once`` at a time."""
     chance = random.Random(f"{seed}/visits")  # noqa: S311 - walks, no secrets
     visits, comes_s = [], 1.0
     for _ in range(rounds):
         for person in chance.sample(range(people), people):
             visits.append(Visit(person, comes_s, stays_s * chance.uniform(0.8, 1.2)))
-            # on the way in and out they are about ten seconds each
+            # about ten seconds each on the way in and out
             comes_s += (stays_s + 20.0) / at_once * chance.uniform(0.8, 1.2)
         comes_s += stays_s
     return visits
@@ -162,7 +162,7 @@ class _Person:
 
     @property
     def turned_away_rad(self) -> float:
-        """How far somebody who comes for a visit has turned from the robot, to be seen from every side."""
+        """Angle by which a visitor has turned away from the robot, to be seen from every side."""
         if self.role.visit is None:
             return 0.0
         return math.pi / 2.0 * (int(self.visit_left_s / _TURNS_EVERY_S) % 4)
@@ -174,7 +174,7 @@ def _visiting(visit: Visit) -> _Role:
 
 
 class Crowd:
-    """Everybody in the building. The same seed and the same robot motion give the same walks.
+    """All people in the building. Equal seed and robot motion give equal walks.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class Crowd:
 
     @property
     def seen(self) -> tuple[Seen, ...]:
-        """Everybody, for the camera."""
+        """All people, for the camera."""
         return tuple(
             Seen(
                 p.x_m,
@@ -216,7 +216,7 @@ class Crowd:
 
     @property
     def legs(self) -> NDArray[np.float64]:
-        """Circles (x, y, radius) of both legs of everybody, shape (2 * people, 3)."""
+        """Circles (x, y, radius) of all legs, shape (2 * people, 3)."""
         circles = []
         for person in self._people:
             cos, sin = math.cos(person.heading_rad), math.sin(person.heading_rad)
@@ -226,7 +226,7 @@ class Crowd:
         return np.array(circles).reshape(-1, 3)
 
     def step(self, robot: Pose2D, dt_s: float) -> None:
-        """Let ``dt_s`` pass."""
+        """Advance the simulation by ``dt_s``."""
         self._now_s += dt_s
         self._come_and_go()
         for index, person in enumerate(self._people):
@@ -236,7 +236,7 @@ class Crowd:
                 self._stand(person, robot, dt_s)
 
     def _come_and_go(self) -> None:
-        # who left is outside again and has nowhere to go
+        # a visitor who left is outside again without a destination
         self._people = [
             p for p in self._people if p.role.visit is None or not p.round or p.way or (p.x_m, p.y_m) != OUTSIDE
         ]
@@ -274,7 +274,7 @@ class Crowd:
         in_front = abs(wrap_angle(bearing - robot.heading_rad)) < 0.4
         if in_front and 1.4 < ahead_m < 2.8:
             return
-        # who is always there has the robot for themselves; visitors leave one another room
+        # the regular visitor has the robot to themselves; visits keep a distance from one another
         others = [p for p in self._people if p is not person] if person.role.visit is not None else ()
         spot = _spot_before(robot, others)
         if spot is not None and math.dist(spot, (person.x_m, person.y_m)) > 0.4:
@@ -307,7 +307,7 @@ class Crowd:
 
     def _in_somebodys_way(self, index: int, person: _Person, robot: Pose2D, at: Point) -> bool:
         others = [(robot.x_m, robot.y_m, ROBOT_RADIUS_M + BODY_M + 0.3)]
-        # the one with the lower number goes first, so that two never wait for each other
+        # the lower number goes first, so that two never wait for each other
         others += [(other.x_m, other.y_m, _PERSONAL_SPACE_M) for other in self._people[:index]]
         return any(
             math.dist(at, (x, y)) < space and math.dist(at, (x, y)) < math.dist((person.x_m, person.y_m), (x, y))
@@ -325,7 +325,7 @@ class Crowd:
 
 
 def _spot_before(robot: Pose2D, others: Sequence[_Person] = ()) -> Point | None:
-    """A free spot that the robot faces, about two metres away and in its sight."""
+    """Free position in front of the robot, about two metres away and in its sight."""
     for distance_m in (_VISIT_M, 2.4, 1.7):
         for off in (0.0, 0.2, -0.2, 0.35, -0.35):
             angle = robot.heading_rad + off

@@ -1,4 +1,4 @@
-"""Draws what the camera sees: walls, floor and ceiling by ray casting, furniture as boxes, people as cut-outs."""
+"""Camera renderer: walls, floor and ceiling by ray casting, furniture as boxes, people as sprites."""
 
 import math
 from collections.abc import Sequence
@@ -35,14 +35,14 @@ _MIDDLE_X, _MIDDLE_Y = (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0
 MOST_TILT_RAD = 0.75
 _TILT_STEP_RAD = 0.01
 _MOST_PIXELS = 1_200_000
-_BITS = 4  # cv2 draws with this many binary digits below a pixel
+_BITS = 4  # fractional bits of cv2's drawing coordinates
 _SHADES = {"west": 0.80, "east": 0.86, "south": 0.95, "north": 0.90, "top": 1.06, "bottom": 0.6}
 _BOB_M = 0.025
 
 
 @dataclass(frozen=True, slots=True)
 class _Decal:
-    """A flat picture on one side of a box."""
+    """Flat image on one side of a box."""
 
     side: str
     picture: Image
@@ -51,7 +51,7 @@ class _Decal:
 
 @dataclass(frozen=True, slots=True)
 class _Thing:
-    """Something that stands in the rooms; drawn as a whole, from the floor up."""
+    """Object in the rooms, drawn as a whole from the floor up."""
 
     outline: Box
     parts: tuple[Box, ...] = ()
@@ -61,7 +61,7 @@ class _Thing:
 
 @dataclass(frozen=True, slots=True)
 class _Lens:
-    """A pinhole that looks along the floor: everything is drawn with upright walls upright."""
+    """Pinhole with a horizontal axis, so that vertical walls stay vertical."""
 
     width_px: int
     height_px: int
@@ -72,7 +72,7 @@ class _Lens:
 
 
 class _Rays:
-    """What a lens sees of each column and row, calculated once."""
+    """Rays of each column and row of a lens, precomputed."""
 
     def __init__(self, lens: _Lens) -> None:
         self.lens = lens
@@ -89,7 +89,7 @@ def _level_lens(height_m: float) -> _Lens:
 
 
 def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
-    """A level lens wide and high enough for a tilted picture, and where each pixel of that lies in it (3 x 3)."""
+    """Level lens that covers a tilted image, and the mapping of its pixels (3 x 3)."""
     cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
     turned = np.array([(1.0, 0.0, 0.0), (0.0, cos, sin), (0.0, -sin, cos)])
     to_ray = np.array([(1 / FOCAL_PX, 0, -_MIDDLE_X / FOCAL_PX), (0, 1 / FOCAL_PX, -_MIDDLE_Y / FOCAL_PX), (0, 0, 1)])
@@ -98,14 +98,14 @@ def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
     seen /= seen[:, 2:]
     left, top = seen[:, :2].min(axis=0).tolist()
     right, bottom = seen[:, :2].max(axis=0).tolist()
-    # what is enlarged most is near and needs no more detail than this
+    # the most enlarged parts are near and need no more detail
     focal_px = FOCAL_PX * min(1.0, math.sqrt(_MOST_PIXELS / ((right - left) * (bottom - top))) / FOCAL_PX)
     lens = _Lens(
         width_px=math.ceil((right - left) * focal_px) + 2,
         height_px=math.ceil((bottom - top) * focal_px) + 2,
         focal_px=focal_px,
         middle_x_px=-left * focal_px + 0.5,
-        # no row looks exactly at the horizon, where floor and ceiling have no depth
+        # no row is exactly at the horizon, where floor and ceiling have no depth
         middle_y_px=math.floor(-top * focal_px) + 0.5,
         eye_height_m=height_m,
     )
@@ -114,7 +114,7 @@ def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
 
 
 class Painter:
-    """Draws pictures of the building.
+    """Renders images of the building.
 
     Parameters
     ----------
@@ -131,11 +131,11 @@ class Painter:
         self._rays = _Rays(_level_lens(MOUNT_HEIGHT_M))
 
     def paint(self, view: View) -> Image:
-        """The picture, BGR, uint8, shape (480, 640, 3). Tilts beyond 0.75 rad are drawn as 0.75 rad."""
+        """Image, BGR, uint8, shape (480, 640, 3). Tilt is limited to 0.75 rad."""
         tilt_rad = round(min(max(view.tilt_rad, -MOST_TILT_RAD), MOST_TILT_RAD) / _TILT_STEP_RAD) * _TILT_STEP_RAD
         if tilt_rad == 0.0:
             return self._paint_level(view, _level_lens(view.height_m))
-        # a camera that only turns about its own centre sees the level picture seen from elsewhere: a homography
+        # a camera rotating about its own centre sees a homography of the level image
         lens, from_picture = _lens_around(tilt_rad, view.height_m)
         level = self._paint_level(view, lens)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -232,7 +232,7 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     entry, _, _ = entry_and_exit(eye.x_m, eye.y_m, eye.ray_x, eye.ray_y, corners_of([thing.outline]))
     box = thing.outline
     middle, _ = eye.relative((box.x0_m + box.x1_m) / 2.0, (box.y0_m + box.y1_m) / 2.0)
-    # soft edges and parts that hang over reach into columns that miss the outline
+    # soft edges and overhanging parts reach into columns beyond the outline
     hidden = depth < np.where(np.isfinite(entry[0]), entry[0], middle) - 0.02
     shapes = [
         (points, _shaded(part.colour, _SHADES[side]))
@@ -257,7 +257,7 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
 
 
 def _bounds(shapes: list[NDArray[np.float32]], lens: _Lens) -> tuple[int, int, int, int]:
-    """The part of the picture that the shapes and their soft edges touch: left, top, right, bottom."""
+    """Bounding box of the shapes and their soft edges in the image: left, top, right, bottom."""
     points = np.concatenate(shapes)
     left, top = np.floor(points.min(axis=0)).tolist()
     right, bottom = np.ceil(points.max(axis=0)).tolist()
@@ -270,14 +270,14 @@ def _bounds(shapes: list[NDArray[np.float32]], lens: _Lens) -> tuple[int, int, i
 
 
 def _runs(hidden: NDArray[np.bool_], start: int, end: int) -> list[slice]:
-    """Neighbouring hidden columns between ``start`` and ``end``, as slices."""
+    """Contiguous hidden columns between ``start`` and ``end``, as slices."""
     edges = np.flatnonzero(np.diff(hidden[start:end].astype(np.int8), prepend=0, append=0)) + start
     return [slice(first, last) for first, last in edges.reshape(-1, 2).tolist()]
 
 
 @dataclass(frozen=True, slots=True)
 class _Eye:
-    """Where the camera stands and looks; rays of each column, shape (width,), with the depth as their unit."""
+    """Pose of the camera; rays of each column, shape (width,), in units of depth."""
 
     x_m: float
     y_m: float
@@ -299,7 +299,7 @@ def _around(person: Seen) -> Box:
 
 
 def _far_to_near(things: list[_Thing], x_m: float, y_m: float) -> list[_Thing]:
-    """An order in which nothing is drawn before what it hides."""
+    """Painter's order: hidden objects first."""
     left = sorted(things, key=lambda thing: -_distance(thing.outline, x_m, y_m))
     ordered = []
     while left:
@@ -317,7 +317,7 @@ def _far_to_near(things: list[_Thing], x_m: float, y_m: float) -> list[_Thing]:
 
 
 def _may_hide(near: Box, far: Box, x_m: float, y_m: float) -> bool:
-    """Whether ``near`` lies on the camera's side of a plane between two boxes, so that it may hide ``far``."""
+    """True if ``near`` is on the camera's side of a plane between two boxes, so that it may hide ``far``."""
     if (near.x1_m <= far.x0_m and x_m < far.x0_m) or (near.x0_m >= far.x1_m and x_m > far.x1_m):
         return not ((far.y1_m <= near.y0_m and y_m < near.y0_m) or (far.y0_m >= near.y1_m and y_m > near.y1_m))
     if (near.y1_m <= far.y0_m and y_m < far.y0_m) or (near.y0_m >= far.y1_m and y_m > far.y1_m):
@@ -334,7 +334,7 @@ def _bottom_up(parts: tuple[Box, ...], eye: _Eye) -> list[Box]:
 
 
 def _sides_seen(box: Box, eye: _Eye) -> list[tuple[str, list[Corner]]]:
-    """The sides of ``box`` that face the camera, each with its corners clockwise from the left top."""
+    """Sides of ``box`` that face the camera, with their corners clockwise from the top left."""
     sides: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
     if eye.x_m < box.x0_m:
         sides.append(("west", (box.x0_m, box.y1_m), (box.x0_m, box.y0_m)))
@@ -358,7 +358,7 @@ def _sides_seen(box: Box, eye: _Eye) -> list[tuple[str, list[Corner]]]:
 
 
 def _projected(corners: list[Corner], lens: _Lens) -> NDArray[np.float32] | None:
-    """Pixels of a flat shape, cut off just before the camera; None where nothing of it is in front."""
+    """Pixels of a flat shape, clipped at the camera; None if nothing is in front."""
     if all(corner[0] < _NEAR_M for corner in corners):
         return None
     if any(corner[0] < _NEAR_M for corner in corners):
@@ -427,7 +427,7 @@ def _between(corners: list[Corner], u: float, v: float) -> Corner:
 
 
 def _shadow(picture: Image, x: float, y: float, px_per_m: float, *, hidden: NDArray[np.bool_], lens: _Lens) -> None:
-    """The dark spot where somebody stands."""
+    """Contact shadow of a person."""
     flat = min(0.5, px_per_m / lens.focal_px * lens.eye_height_m)
     half_width, half_height = 0.34 * px_per_m, max(1.0, 0.34 * px_per_m * flat)
     x0, x1 = max(0, int(x - half_width)), min(lens.width_px, int(x + half_width) + 1)

@@ -1,4 +1,4 @@
-"""Cutting many horizontal rays with many boxes and circles at once."""
+"""Intersection of many horizontal rays with many boxes and circles at once."""
 
 from collections.abc import Iterable
 
@@ -19,7 +19,7 @@ def corners_of(boxes: Iterable[Box]) -> Array:
 def entry_and_exit(
     x_m: float, y_m: float, cos: Array, sin: Array, corners: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Where rays from (x, y) enter and leave each box.
+    """Entry and exit distances of rays from (x, y) for each box.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def entry_and_exit(
 
 
 def circle_hits(x_m: float, y_m: float, cos: Array, sin: Array, circles: Array) -> Array:
-    """Distance to each circle (x, y, radius; shape (circles, 3)) along each unit ray, ``inf`` where missed."""
+    """Distance to each circle (x, y, radius; shape (circles, 3)) along each unit ray, ``inf`` if missed."""
     to_x, to_y = circles[:, 0:1] - x_m, circles[:, 1:2] - y_m
     along = to_x * cos + to_y * sin
     beside = to_y * cos - to_x * sin

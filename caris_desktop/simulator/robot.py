@@ -1,4 +1,4 @@
-"""The simulated robot: ties base, LIDAR, navigation, people and map together in fixed steps of time."""
+"""Simulated robot: base, LIDAR, navigation, people and map in fixed time steps."""
 
 import math
 from collections import deque
@@ -23,7 +23,7 @@ from caris_desktop.simulator.navigation import GoalEnded, GoalFollower, Progress
 from caris_desktop.simulator.people import Crowd, Seen, Visit
 
 ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
-_FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # what the wheels' encoders believe
+_FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # scale errors of the wheel encoders
 _BATTERY_LASTS_S = 4.0 * 3600.0
 _LOCALISATION_NOISE_M, _LOCALISATION_NOISE_RAD = 0.008, 0.004
 _FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD = 1.0, 0.7
@@ -36,7 +36,7 @@ _NOBODY = np.zeros((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What the camera needs to draw one picture. ``tilt_rad``: down positive."""
+    """Camera pose and people for one image. ``tilt_rad``: down positive."""
 
     map_from_camera: Pose2D
     people: tuple[Seen, ...]
@@ -46,7 +46,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What the robot is made of: its base, scanner, head and where its camera sits."""
+    """Hardware of the robot: base, LIDAR, head and camera mounting."""
 
     base: BaseModel = DIFFERENTIAL
     lidar: LidarModel | None = ALL_AROUND
@@ -60,9 +60,9 @@ DEFAULT_BODY = Body()
 
 
 class Robot:
-    """The robot and its surroundings. Told commands, stepped every 20 ms, asked for what its sensors see.
+    """Robot and surroundings: receives commands, is stepped every 20 ms, and returns sensor data.
 
-    The same seed and the same commands in the same steps give the same run. No clock but the number of steps is used.
+    Equal seed and commands per step give equal runs. The step count is its only clock.
 
     Parameters
     ----------
@@ -114,17 +114,17 @@ class Robot:
 
     @property
     def truth(self) -> BaseState:
-        """Where the base really is."""
+        """True pose and velocity."""
         return self._base
 
     @property
     def pose_in_map(self) -> Pose2D:
-        """Where the robot believes it is: right within a centimetre or two, unless it was told something else."""
+        """Localized pose: accurate to one or two centimetres, unless it was set otherwise."""
         return self._believed
 
     @property
     def map_from_odom(self) -> Pose2D:
-        """The correction that localisation makes to the odometry."""
+        """Odometry correction by the localization."""
         return self._believed @ self._odom_from_robot.inverse()
 
     @property
@@ -137,17 +137,17 @@ class Robot:
 
     @property
     def touches(self) -> int:
-        """How often it has touched something since it was last placed."""
+        """Number of collisions since it was last placed."""
         return self._base.collisions - self._touches_before
 
     @property
     def min_gap_m(self) -> float:
-        """The smallest free distance to anything since it was last placed; ``inf`` before the first step."""
+        """Minimum clearance since it was last placed; ``inf`` before the first step."""
         return self._min_gap_m
 
     @property
     def gap_m(self) -> float:
-        """Free distance to whatever is nearest now, people included."""
+        """Present clearance, including people."""
         pose = self._base.pose_in_map
         return base.gap_m(pose.x_m, pose.y_m, self.body.base.radius_m, self._bodies)
 
@@ -161,18 +161,18 @@ class Robot:
 
     @property
     def goal_id(self) -> str | None:
-        """The navigation goal that is under way."""
+        """Present navigation goal."""
         return self._follower.goal_id
 
     def drive(self, twist: Twist2D) -> None:
-        """Take a velocity command; it holds for 0.5 s. One that moves ends a navigation goal."""
+        """Apply a velocity command for 0.5 s. Motion ends a navigation goal."""
         if twist.moving:
             self._ended.extend(self._follower.end("aborted", "somebody drives the robot directly"))
         self._wanted = twist
         self._lease_until_s = self.now_s + base.LEASE_S
 
     def limit_goals(self, top_mps: float) -> None:
-        """Goals are driven no faster from now on."""
+        """Set the speed limit of navigation."""
         self._follower.limit(max(0.0, top_mps))
 
     @property
@@ -180,7 +180,7 @@ class Robot:
         return self._follower.top_mps
 
     def go(self, goal_id: str, target_in_map: Pose2D) -> bool:
-        """Start a navigation goal. False where it is refused because of the emergency stop."""
+        """Start a navigation goal. False if the emergency stop is set."""
         if self.emergency_stopped:
             return False
         self._wanted = ZERO_TWIST
@@ -196,13 +196,13 @@ class Robot:
         return True
 
     def cancel_goal(self) -> None:
-        """Cancel the navigation goal that is under way, if there is one."""
+        """Cancel the present navigation goal, if any."""
         self._ended.extend(self._follower.end("cancelled", "the goal was cancelled"))
 
     def place(self, pose_in_map: Pose2D) -> bool:
-        """Put the robot somewhere, standing and knowing where it is; touches and gap are counted anew.
+        """Place the robot, standing still and localized; resets collisions and clearance.
 
-        False, and nothing happens, where it does not fit.
+        False, without effect, if it does not fit.
         """
         if not base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
             return False
@@ -216,7 +216,7 @@ class Robot:
         return True
 
     def assume_pose(self, pose_in_map: Pose2D) -> None:
-        """Tell the localisation where the robot is. It finds its way back from an error that is not too large."""
+        """Set the localized pose. It converges to the truth from a limited error."""
         truth = self._base.pose_in_map
         self._pose_error = Pose2D(
             pose_in_map.x_m - truth.x_m,
@@ -227,17 +227,17 @@ class Robot:
 
     @property
     def localised(self) -> bool:
-        """Whether what it believes is right, or soon will be."""
+        """True if the localized pose is right or will converge."""
         return _within(self._pose_error, _FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD)
 
     @property
     def path_in_map(self) -> list[tuple[float, float]]:
-        """What is left of the way to the goal, beginning at the robot; empty without a goal."""
+        """Remaining path to the goal from the robot; empty without a goal."""
         return self._follower.way_from(self._navigation_pose)
 
     @property
     def plans_made(self) -> int:
-        """Changes with each new way."""
+        """Counter of path plans."""
         return self._follower.plans_made
 
     def set_emergency_stop(self, stopped: bool) -> None:
@@ -254,11 +254,11 @@ class Robot:
         return ended
 
     def progress(self) -> Progress | None:
-        """How far the goal under way has come."""
+        """Progress of the present goal."""
         return self._follower.progress(self.now_s)
 
     def step(self) -> None:
-        """Let 20 ms pass."""
+        """Advance the simulation by 20 ms."""
         self._steps += 1
         if self._crowd is not None:
             self._crowd.step(self._base.pose_in_map, STEP_S)
@@ -277,9 +277,9 @@ class Robot:
         self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / _BATTERY_LASTS_S)
 
     def scan(self, *, stamp_ns: int) -> LaserScan:
-        """What the LIDAR sees now; the localisation and the map learn from it.
+        """Present LIDAR scan, which also updates localization and map.
 
-        A robot without a LIDAR gives what its mapping sees, which is the default one.
+        A robot without a LIDAR returns its mapping sensor's scan, the default one.
         """
         scan = lidar.scan_from(
             self._base.pose_in_map,
@@ -299,26 +299,26 @@ class Robot:
         return scan
 
     def odometry(self, *, stamp_ns: int) -> Odometry:
-        """What the wheels tell: a pose that drifts away, and the velocity."""
+        """Odometry: a drifting pose, and the velocity."""
         twist = Twist2D(self._base.forward_mps, self._base.left_mps, self._base.turn_radps)
         return Odometry(stamp_ns, stamp_ns, self._odom_from_robot, twist)
 
     def view(self) -> View:
-        """What the camera would see now."""
+        """Present view of the camera."""
         camera = self._base.pose_in_map @ self.body.robot_from_camera
         turned = replace(camera, heading_rad=wrap_angle(camera.heading_rad + self.head.pan_rad))
         return View(turned, self.people, self.head.tilt_rad, self.body.camera_height_m)
 
     @property
     def _navigation_pose(self) -> Pose2D:
-        """Where navigation takes the robot to be: as wrong as the localisation, without its noise."""
+        """Pose for navigation: with the localization error, without its noise."""
         truth, error = self._base.pose_in_map, self._pose_error
         if error == _NO_ERROR:
             return truth
         return Pose2D(truth.x_m + error.x_m, truth.y_m + error.y_m, wrap_angle(truth.heading_rad + error.heading_rad))
 
     def _less_wrong(self) -> Pose2D:
-        """The error of the localisation after one more scan."""
+        """Localization error after one more scan."""
         error = self._pose_error
         if error == _NO_ERROR or not self.localised:
             return error

@@ -1,4 +1,4 @@
-"""The clock of the simulated robot: this computer's, one that disagrees with it, or simulation time."""
+"""Clock of the simulated robot: this computer's, one with offset and drift, or simulation time."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class RobotClock:
-    """What the robot takes the time to be.
+    """Robot time.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class RobotClock:
         self._drifts_from_ns = 0
 
     def now_ns(self) -> int:
-        """The time that goes into stamps."""
+        """Time for stamps."""
         true_ns = self._true_ns()
         return true_ns + self._offset_ns + round((true_ns - self._drifts_from_ns) * self._drift)
 
@@ -30,7 +30,7 @@ class RobotClock:
         return self.now_ns() / _NS_PER_S
 
     def disagree(self, *, offset_s: float = 0.0, drift_ppm: float = 0.0) -> None:
-        """From now on be ``offset_s`` ahead, and ``drift_ppm`` millionths of the time more with each second."""
+        """Set an offset of ``offset_s`` and a drift of ``drift_ppm``."""
         self._offset_ns = round(offset_s * _NS_PER_S)
         self._drift = drift_ppm * 1e-6
         self._drifts_from_ns = self._true_ns()

@@ -1,4 +1,4 @@
-"""The robot's face on ROS: which topics and services its dress has, and what is published when."""
+"""Simulated robot on ROS: topics and services of its model, and periodic publishing."""
 
 import logging
 import math
@@ -39,7 +39,7 @@ _AT_BASE = Pose2D(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class _Periodic:
-    """Something published every ``steps`` simulation steps; without a ``topic`` whether or not anybody takes it."""
+    """Message published every ``steps`` simulation steps; without a ``topic``, regardless of subscribers."""
 
     steps: int
     topic: str
@@ -47,7 +47,7 @@ class _Periodic:
 
 
 class RobotTopics:
-    """Publishes the robot's sensors on a :class:`BridgeServer` and obeys its command topics and services."""
+    """Publishes the robot's sensors on a :class:`BridgeServer` and executes its commands and services."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class RobotTopics:
         maps: MapFiles | None = None,
         lines: Sequence[str] = (),
     ) -> None:
-        """``lines`` are what a participant says, one each time the robot has spoken."""
+        """``lines`` are a participant's sentences, one after each utterance of the robot."""
         self._wiring = wiring
         self._robot = wiring.robot
         self._steps = 0
@@ -88,7 +88,7 @@ class RobotTopics:
 
     @property
     def faults(self) -> Faults:
-        """What is broken at the moment."""
+        """Present faults."""
         return self._wiring.faults
 
     @property
@@ -97,11 +97,11 @@ class RobotTopics:
 
     @property
     def camera_topic(self) -> str | None:
-        """Where the pictures go; None without a camera."""
+        """Topic of the images; None without a camera."""
         return self._camera
 
     def publish_due(self) -> None:
-        """Publish what this step brings. Called once after every step of the robot."""
+        """Publish this step's messages; called after every simulation step."""
         self._steps += 1
         for entry in self._periodic:
             if self._steps % entry.steps == 0 and (not entry.topic or self._wiring.wanted(entry.topic)):
@@ -113,12 +113,12 @@ class RobotTopics:
                 part.publish_due()
 
     def catch_up(self, skipped_s: float) -> None:
-        """So much simulated time was skipped: what goes on without it is published."""
+        """Continue after skipped simulation time."""
         if self.sound is not None:
             self.sound.catch_up(skipped_s)
 
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
-        """Publish one camera picture and, where somebody wants it, what the camera is like."""
+        """Publish one camera image and, if subscribed, the camera info."""
         wiring, camera = self._wiring, self._wiring.dress.camera
         if camera is None or self._camera is None:
             return
@@ -130,7 +130,7 @@ class RobotTopics:
             self._publish_camera_info(info, frame)
 
     def stop(self) -> None:
-        """Be silent, and let nothing happen later."""
+        """Stop publishing and cancel pending work."""
         if self.voice is not None:
             self.voice.stop()
         if self.sound is not None:
@@ -171,7 +171,7 @@ class RobotTopics:
         self._every(5, "", self._publish_scan)
         if dress.pose:
             pose = wiring.publishes(dress.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
-            # latched, so that it is worth publishing also while nobody listens yet
+            # latched, so that it is published without subscribers, too
             self._every(5, "", lambda: self._publish_pose(pose))
         if dress.battery:
             battery = dress.battery
@@ -230,7 +230,7 @@ class RobotTopics:
         odom_from_base = self._robot.odometry(stamp_ns=stamp_ns).pose_in_odom
         placements = [Placement(odom, wiring.frame(dress.base_frame), odom_from_base), *self._head.turning_frames()]
         if dress.pose is not None:
-            # only a robot that localises itself knows where it is in a map
+            # only a robot with localization knows its pose in a map
             placements.insert(0, Placement(wiring.frame(dress.map_frame), odom, self._robot.map_from_odom))
         wiring.publish(self._tf, encoding.transforms(wiring.dialect, placements, stamp_ns=stamp_ns))
 
@@ -290,11 +290,11 @@ class RobotTopics:
         stamped = velocity.type == "TwistStamped" or (velocity.type == "either" and "twist" in message)
         unknown = set(message) - ({"header", "twist"} if stamped else {"linear", "angular"})
         if unknown:
-            # as rosbridge does with a message of another type
+            # as rosbridge does for a message of another type
             raise MessageError(
                 f"{velocity.topic}: the message has a field '{min(unknown)}' that its type does not have"
             )
-        # TwistStamped wraps the same twist; ROS itself fills fields that a client leaves out with zero
+        # TwistStamped wraps the same twist; ROS fills omitted fields with zero
         plain = message_of(message.get("twist", {}), "TwistStamped.twist") if stamped else message
         axes = {"x": 0.0, "y": 0.0, "z": 0.0}
         whole = {part: axes | message_of(plain.get(part, {}), f"Twist.{part}") for part in ("linear", "angular")}
@@ -366,7 +366,7 @@ class RobotTopics:
             self._wiring.publish(self._stop_state, messages.encode_bool(stopped))
 
     def _state(self) -> Message:
-        """The truth, for tests and for looking inside: nothing here is on any topic of the robot."""
+        """True state, for tests and debugging: none of it is on a topic."""
         robot, truth_ = self._robot, self._robot.truth
         view = robot.view()
         camera = view.map_from_camera

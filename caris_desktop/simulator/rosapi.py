@@ -1,4 +1,4 @@
-"""The listing services of rosapi, about a :class:`BridgeServer`."""
+"""Query services of rosapi, for a :class:`BridgeServer`."""
 
 import json
 from collections.abc import Callable
@@ -70,7 +70,7 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
         }
 
     def speakers(name: str) -> list[str]:
-        """All clients are one node to ROS: the bridge."""
+        """Publishers of a topic; to ROS all clients are one node: the bridge."""
         topic = server.topics.get(name)
         return sorted({node if node == ROBOT_NODE else BRIDGE_NODE for node in topic.publishers}) if topic else []
 
@@ -90,7 +90,7 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
 
     def action_servers(_: Message) -> Message:
         names = set(server.actions)
-        # as rosapi finds those of ROS 1: by their topics
+        # as rosapi finds ROS 1 actions: by their topics
         for topic in server.topics:
             base, leaf = topic.rsplit("/", 1)
             if leaf == "goal" and all(f"{base}/{other}" in server.topics for other in ("cancel", "status", "result")):

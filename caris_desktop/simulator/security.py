@@ -1,4 +1,4 @@
-"""Who may come in: rosauth's signed introduction, and the certificate of a secured link."""
+"""Access control: rosauth's signed authentication, and TLS certificates."""
 
 import hashlib
 import hmac
@@ -14,12 +14,12 @@ _CLOCKS_DIFFER_AT_MOST_S = 5.0
 
 
 def authentication_code(secret: str, *, client: str, dest: str, rand: str, time_s: int, level: str, end_s: int) -> str:
-    """The mac that rosauth expects: SHA-512 of everything written one after the other, as hexadecimal digits."""
+    """rosauth's MAC: SHA-512 of the concatenated fields, in hexadecimal."""
     return hashlib.sha512(f"{secret}{client}{dest}{rand}{time_s}{level}{end_s}".encode()).hexdigest()
 
 
 def introduces_itself(operation: dict[str, Any], secret: str, *, now_s: float) -> bool:
-    """Whether an ``auth`` operation is signed with ``secret``, of this moment, and has not run out.
+    """True if an ``auth`` operation is signed with ``secret``, current, and not expired.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def introduces_itself(operation: dict[str, Any], secret: str, *, now_s: float) -
 
 
 def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """The server's side of a secured link.
+    """TLS context of the server.
 
     Raises
     ------

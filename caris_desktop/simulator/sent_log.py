@@ -1,6 +1,4 @@
-"""Logs of every message that was delivered to a client, and of every one that the robot obeyed: losses and late
-commands are counted against them.
-"""
+"""Logs of delivered messages and of executed commands, to count losses and late commands."""
 
 import json
 import time
@@ -19,12 +17,12 @@ class _Lines:
         self._file.close()
 
     def _write(self, line: dict[str, Any]) -> None:
-        # CBOR brings bytes and undefined values, too.
+        # CBOR includes bytes and undefined values, too.
         self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
 
 
 class SentLog(_Lines):
-    """One JSON line per message and client: ``at_ns`` (this machine's clock), ``client``, ``topic``, ``sequence`` (of
+    """One JSON line per message and client: ``at_ns`` (this computer's clock), ``client``, ``topic``, ``sequence`` (of
     the topic, from 1), ``stamp_ns`` (of the header, null without one) and ``bytes``.
 
     Raises
@@ -34,7 +32,7 @@ class SentLog(_Lines):
     """
 
     def delivered(self, client: str, published: Published, size_bytes: int) -> None:
-        """Note one message."""
+        """Log one delivered message."""
         self._write({
             "at_ns": time.time_ns(),
             "client": client,
@@ -46,9 +44,9 @@ class SentLog(_Lines):
 
 
 class ObeyedLog(_Lines):
-    """One JSON line per message that the robot took from a client and obeyed: ``at_ns`` (monotonic clock, the same for
-    every process of this machine), ``client``, ``topic`` and ``message``; one per service that it carried out:
-    ``at_ns``, ``client``, ``service`` and ``request``; and one per client: ``at_ns``, ``connected``.
+    """One JSON line per executed message of a client: ``at_ns`` (monotonic clock, shared by all processes), ``client``,
+    ``topic`` and ``message``; per executed service call: ``at_ns``, ``client``, ``service`` and ``request``; and per
+    client: ``at_ns``, ``connected``.
 
     Raises
     ------
@@ -57,15 +55,15 @@ class ObeyedLog(_Lines):
     """
 
     def connected(self, client: str) -> None:
-        """Note a client that has just been let in."""
+        """Log an accepted client."""
         self._write({"at_ns": time.monotonic_ns(), "connected": client})
 
     def obeyed(self, client: str, topic: str, message: dict[str, Any]) -> None:
-        """Note one message."""
+        """Log one executed message."""
         self._write({"at_ns": time.monotonic_ns(), "client": client, "topic": topic, "message": message})
 
     def called(self, client: str, service: str, request: Any) -> None:
-        """Note one call of a service."""
+        """Log one executed service call."""
         self._write({"at_ns": time.monotonic_ns(), "client": client, "service": service, "request": request})
 
 

@@ -49,15 +49,15 @@ _REFUSALS_KEPT = 100
 
 
 class CallFailed(Exception):  # noqa: N818 - it is an answer to the caller, not a fault of the program
-    """A service cannot do what it was asked; the text is the answer."""
+    """A service refused or failed; the text is its answer."""
 
 
 @dataclass(slots=True)
 class Topic:
-    """A topic that somebody publishes or subscribes. ``latched``: late subscribers get the last message.
+    """Topic with a publisher or subscriber. ``latched``: late subscribers get the last message.
 
-    ``other_types`` are accepted besides its own. The robot's own topics stay, with the robot as ``publishers`` or as
-    the one who listens; others last as long as any client has to do with them.
+    ``other_types`` are accepted in addition. The robot's own topics are permanent, with the robot as publisher or
+    subscriber; others exist while any client uses them.
     """
 
     type: str
@@ -72,7 +72,7 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedService:
-    """A service of the robot's own."""
+    """Service of the robot."""
 
     type: str
     call: Callable[[Message], Message]
@@ -80,7 +80,7 @@ class SimulatedService:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """A ROS 2 action: ``start`` takes (goal id, goal, reply); ``cancel`` takes the goal id."""
+    """ROS 2 action: ``start`` takes (goal id, goal, reply); ``cancel`` takes the goal id."""
 
     type: str
     start: Callable[[str, Message, Callable[[Message], None]], None]
@@ -98,20 +98,20 @@ class Client:
         self.services: dict[str, str] = {}
         self.advertised: set[str] = set()
         self.admitted = False
-        # What it has sent and what is not handled yet, and whether a goal or a call holds it up.
+        # Received and unhandled messages, and whether a goal or a call blocks them.
         self.queue: deque[Message] = deque()
         self.held = False
 
     def abort(self) -> None:
-        """Cut the socket without a word, as a failing network does."""
+        """Abort the connection without closing it, as a failing network does."""
         self.connection.transport.abort()
 
 
 class _Connection(ServerConnection):
-    """Reads what lies in its socket to the end, also when the other side has gone meanwhile.
+    """Reads its socket to the end even if the peer is gone.
 
-    A server that was stopped wakes up and may write before it reads; the failure to write would throw the rest away,
-    which the system has taken for it long ago.
+    A suspended server may write before it reads on resuming; the failed write would otherwise discard received data
+    that its system has acknowledged.
     """
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -124,10 +124,10 @@ class _Connection(ServerConnection):
 
 
 class BridgeServer:
-    """The server. Everything runs in the event loop that :meth:`start` is called in.
+    """The server, in the event loop of :meth:`start`.
 
-    What rosbridge refuses without a word is refused here without a word: ``refusals`` has the newest, for whoever
-    wants to know why nothing happens, as the log of a real one has.
+    What rosbridge refuses silently is refused silently here: ``refusals`` has the newest reasons, like a real one's
+    log.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class BridgeServer:
         goals_in_new_threads: bool = False,
         services_in_new_threads: bool = False,
     ) -> None:
-        """``topics_glob``: as rosbridge's parameter, no other topics are let through; empty for all."""
+        """``topics_glob``: rosbridge's parameter; other topics are ignored; empty for all."""
         self.dialect = dialect
         self._topics_glob = topics_glob
         self._goals_hold = dialect is Dialect.ROS2 and not goals_in_new_threads
@@ -185,7 +185,7 @@ class BridgeServer:
         self._server: Server | None = None
 
     async def start(self, host: str, port: int, *, tls: ssl.SSLContext | None = None) -> int:
-        """Listen, and return the port; 0 chooses a free one.
+        """Listen, and return the port; 0 selects a free one.
 
         Raises
         ------
@@ -208,13 +208,13 @@ class BridgeServer:
         return int(self._server.sockets[0].getsockname()[1])
 
     async def stop(self) -> None:
-        """Close every client and stop listening."""
+        """Disconnect every client and stop listening."""
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
 
     def drop_link(self, seconds: float) -> None:
-        """Cut every client off in a moment, so that who asked gets an answer, and refuse new ones for a while."""
+        """Disconnect every client after a moment, so that requests get an answer, and refuse new ones for a while."""
 
         def drop() -> None:
             self._refused_until_s = asyncio.get_running_loop().time() + seconds
@@ -224,11 +224,11 @@ class BridgeServer:
         asyncio.get_running_loop().call_later(_DROP_AFTER_S, drop)
 
     def has_subscribers(self, name: str) -> bool:
-        """Whether any client takes this topic."""
+        """True if any client is subscribed to this topic."""
         return any(client.outbox.takes(name) for client in self.clients)
 
     def publish(self, name: str, message: Message) -> None:
-        """Publish a message of the robot's own, or relay one of a client."""
+        """Publish a message of the robot, or relay a client's."""
         topic = self.topics[name]
         topic.sequence += 1
         published = self._published(name, message)
@@ -237,7 +237,7 @@ class BridgeServer:
         self._later(lambda: self._deliver(published))
 
     def keep(self, name: str, message: Message) -> None:
-        """Give late subscribers of a latched topic this message, without publishing it to the present ones."""
+        """Set the message for late subscribers of a latched topic, without publishing it."""
         self.topics[name].last = self._published(name, message)
 
     def _published(self, name: str, message: Message) -> Published:
@@ -246,7 +246,7 @@ class BridgeServer:
         return Published(name, message, sequence=topic.sequence, in_cbor=in_cbor)
 
     def send_raw(self, contents: Iterable[str | bytes]) -> None:
-        """Send every client what is no proper message of the protocol."""
+        """Send malformed messages to every client."""
         for content in contents:
             for client in self.clients:
                 if client.admitted:
@@ -283,7 +283,7 @@ class BridgeServer:
     async def _serve_client(self, connection: ServerConnection) -> None:
         raw = connection.transport.get_extra_info("socket")
         if raw is not None:
-            # the system's own buffer would hold seconds of old pictures for a slow client
+            # the system's own buffer would hold seconds of old images for a slow client
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         outbox = ClientOutbox(asyncio.get_running_loop().time, unwritable=self._note_unwritable)
         client = Client(next(self._numbers), connection, outbox)
@@ -299,7 +299,7 @@ class BridgeServer:
                     asyncio.get_running_loop().call_later(self.latency_s, self._receive, client, content)
                 else:
                     self._receive(client, content)
-                # The real one reads in one thread and obeys in another, which forgets the rest when the client leaves.
+                # The real one reads in one thread and executes in another, which drops the rest when the client leaves.
                 await asyncio.sleep(0)
                 if connection.state is State.CLOSED:
                     break
@@ -383,7 +383,7 @@ class BridgeServer:
 
     @staticmethod
     def _decode_bytes(content: bytes) -> Message:
-        # some clients send their JSON in binary frames; CBOR goes one way only
+        # some clients send JSON in binary frames; CBOR is only sent, never received
         try:
             return decode_json(content.decode("utf-8"))
         except UnicodeDecodeError as error:
@@ -409,7 +409,7 @@ class BridgeServer:
         if name not in handlers:
             raise ProtocolError(f"Unknown operation: {name[:100]}. Allowed operations: {list(handlers)}")
         if "fragment_size" in operation:
-            # whatever operation it comes with, it is for everything that this client is sent
+            # with any operation, it applies to everything sent to this client
             size = operation["fragment_size"]
             client.outbox.fragment_size = max(1, size) if isinstance(size, int) else None
         if name in _GLOBBED and not self._lets_through(operation):
@@ -422,7 +422,7 @@ class BridgeServer:
         return not self._topics_glob or any(fnmatch.fnmatch(topic, glob) for glob in self._topics_glob)
 
     def _topic(self, name: str, type_: str | None) -> Topic:
-        """The topic, which comes to be with its first use; like rosbridge, another type than its own is refused."""
+        """Topic by name, created on first use; as in rosbridge, another type is refused."""
         topic = self.topics.get(name)
         if type_ is None and topic is None:
             raise ProtocolError(f"Cannot infer topic type for topic {name} as it is not yet advertised")
@@ -439,7 +439,7 @@ class BridgeServer:
         return topic
 
     def _retire(self, client: Client, name: str) -> None:
-        """A client publishes here no more; rosbridge keeps its publisher for a while."""
+        """Remove a client's publisher; rosbridge retains it for a while."""
 
         def forget() -> None:
             topic = self.topics.get(name)
@@ -459,7 +459,7 @@ class BridgeServer:
     def _advertise(self, client: Client, operation: Message) -> None:
         name = _name(operation, "topic")
         topic = self._topic(name, text(operation, "type", "advertise"))
-        # who advertises first decides whether it is latched; later ones are only warned
+        # the first advertisement sets latching; later ones only cause warnings
         topic.latched = topic.latched or (operation.get("latch") is True and not topic.publishers)
         topic.publishers.add(client.name)
         client.advertised.add(name)
@@ -492,7 +492,7 @@ class BridgeServer:
         if not client.outbox.takes(name) and len(client.outbox.topics) >= _MAX_SUBSCRIPTIONS:
             raise ProtocolError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
         for key in ("throttle_rate", "fragment_size", "queue_length"):
-            # a whole number, or nothing at all: neither 200.0 nor null
+            # an integer or nothing: neither 200.0 nor null
             if key in operation and not isinstance(operation[key], int):
                 raise ProtocolError(
                     f"Expected field {key} to be one of (<class 'int'>,). Invalid value: {operation[key]}"
@@ -555,7 +555,7 @@ class BridgeServer:
         self._answer(client, {**response, "values": values, "result": succeeded}, request_id)
 
     def _call(self, name: str, arguments: Any) -> Message:
-        """Raises MessageError for what rosbridge itself refuses, and CallFailed as the service does."""
+        """Call a service. Raises MessageError for rosbridge's refusals, and CallFailed for the service's."""
         service = self.services.get(name)
         if service is None:
             raise MessageError(f"Service {name} does not exist")
@@ -621,7 +621,7 @@ class BridgeServer:
         client.held = self._goals_hold
         action = self.actions.get(name)
         if action is None:
-            # The real one waits for the answer of an action server, and tells nobody that there is none.
+            # The real one waits for an action server without reporting that there is none.
             self._note_refusal(f"{client.name}: no action server takes {name}")
             return
         try:
@@ -637,7 +637,7 @@ class BridgeServer:
 
     def _fragment(self, client: Client, operation: Message) -> None:
         if not isinstance(operation.get("total"), int):
-            # it counts to the total, which it never is then
+            # it counts towards the total, which is then never reached
             raise ProtocolError("error while trying to append a fragment: its total is not a whole number")
         whole = client.fragments.add(operation)
         if whole is not None:

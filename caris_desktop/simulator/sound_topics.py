@@ -1,4 +1,4 @@
-"""The microphone and the loudspeaker on ROS, and the participant who can be made to speak."""
+"""Microphone and loudspeaker on ROS, and the simulated participant's speech."""
 
 import time
 from collections.abc import Sequence
@@ -24,9 +24,8 @@ SPEAKING_TOPIC = "/simulator/participant/speaking"
 class SoundOnRos:
     """audio_common_msgs/AudioData out and in, plain samples of one channel at 16 kHz.
 
-    The participant speaks before the robot whether or not anybody listens: std_msgs/String on ``SAY_TOPIC``, or the
-    service ``/simulator/say``; ``/simulator/prepare`` only makes the sound of what may be said. std_msgs/Bool on
-    ``SPEAKING_TOPIC`` says when they speak.
+    The participant speaks with or without subscribers: by std_msgs/String on ``SAY_TOPIC``, or the service
+    ``/simulator/say``; ``/simulator/prepare`` only synthesises. std_msgs/Bool on ``SPEAKING_TOPIC`` is true meanwhile.
     """
 
     def __init__(self, wiring: Wiring, told: AudioTopics, lines: Sequence[str] = ()) -> None:
@@ -48,7 +47,7 @@ class SoundOnRos:
 
     @property
     def state(self) -> Message:
-        """What was said before the robot, in seconds from now (below zero: past), and what came to its loudspeaker."""
+        """Participant's sentences, in seconds from now (negative: past), and audio received by the loudspeaker."""
         now_ns = time.monotonic_ns()
         return {
             "speaking": self.participant.speaking or "",
@@ -64,15 +63,13 @@ class SoundOnRos:
         }
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._steps += 1
         if self._steps % _STEPS == 0:
             self._publish_sound()
 
     def catch_up(self, skipped_s: float) -> None:
-        """The robot's time was skipped for so long, what was to be heard meanwhile was not: its sound comes now, as
-        from a driver that has kept it.
-        """
+        """Publish the audio of skipped simulation time at once, as a driver with a buffer would."""
         for _ in range(round(skipped_s * RATE_HZ / (_STEPS * _STEP_SAMPLES))):
             self._publish_sound()
 
@@ -85,7 +82,7 @@ class SoundOnRos:
             self._wiring.publish(self._topic, encode_audio_data(samples))
 
     def on_voice(self, spoken: Spoken | None) -> None:
-        """The robot's own voice begins to play this, or falls silent."""
+        """The robot's voice starts playing this, or stops."""
         if spoken is not None:
             self.microphone.leak_voice(at_rate(spoken.samples, spoken.rate_hz))
         else:

@@ -1,4 +1,4 @@
-"""The robot's voice: real audio from espeak-ng, spoken one sentence after the other, and interruptible."""
+"""Robot voice: audio from espeak-ng, one sentence at a time, interruptible."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ _CHARS_PER_S = 14.0
 
 @dataclass(frozen=True, slots=True)
 class Spoken:
-    """Audio of one sentence: int16, shape (samples,); no samples where only its length is known."""
+    """Audio of one sentence: int16, shape (samples,); empty if only its duration is known."""
 
     samples: NDArray[np.int16]
     rate_hz: int
@@ -35,7 +35,7 @@ class Spoken:
 
 
 async def render(text: str) -> Spoken:
-    """Speech audio of ``text`` from espeak-ng; without espeak-ng an estimate of how long it would take."""
+    """Audio of ``text`` from espeak-ng; without it an estimated duration."""
     program = shutil.which("espeak-ng")
     if program is None:
         return estimate(text)
@@ -61,7 +61,7 @@ async def render(text: str) -> Spoken:
 
 
 def estimate(text: str) -> Spoken:
-    """How long ``text`` takes to say, without audio."""
+    """Estimated duration of ``text``, without audio."""
     return Spoken(np.zeros(0, dtype=np.int16), 22050, 0.3 + len(text) / _CHARS_PER_S)
 
 
@@ -69,7 +69,7 @@ def _from_wav(content: bytes) -> Spoken | None:
     try:
         with wave.open(io.BytesIO(content)) as file:
             rate_hz = file.getframerate()
-            # a stream has no true length in its header, so read to the end of the bytes
+            # a stream's header lacks the true length, so read to the end
             samples = np.frombuffer(file.readframes(len(content)), dtype=np.int16)
     except (wave.Error, EOFError, ValueError):
         logger.exception("espeak-ng gave no readable audio")
@@ -78,7 +78,7 @@ def _from_wav(content: bytes) -> Spoken | None:
 
 
 class Loudspeaker:
-    """Plays through the default output where there is one. In a thread of its own: sound servers may hang."""
+    """Plays through the default output, if any. In its own thread, as sound servers may hang."""
 
     def __init__(self, *, muted: bool = False) -> None:
         self._orders: queue.SimpleQueue[Spoken | None] = queue.SimpleQueue()
@@ -95,11 +95,11 @@ class Loudspeaker:
         self._order(spoken)
 
     def stop(self) -> None:
-        """Silence; returns at once."""
+        """Stop playing; returns at once."""
         self._order(None)
 
     def _order(self, order: Spoken | None) -> None:
-        # the thread ends when there is nothing to play on, and then nobody takes orders
+        # the thread ends without an output device, and then accepts no commands
         if self._thread is not None and self._thread.is_alive():
             self._orders.put(order)
 
@@ -119,7 +119,7 @@ class Loudspeaker:
 
 def _silence(device: Any) -> None:
     try:
-        # what the device has buffered already is not to be heard either
+        # discard the device's buffer as well
         device.get_stream().abort()
     except RuntimeError:
         return  # nothing was played yet
@@ -131,17 +131,17 @@ def _find_device() -> Any:
         import sounddevice
 
         sounddevice.check_output_settings()
-    except Exception as error:  # OSError without PortAudio, its own kinds of error without a device
+    except Exception as error:  # OSError without PortAudio, its own types without a device
         logger.info("No sound device here (%s); the robot speaks without sound", error)
         return None
     return sounddevice
 
 
 class Voice:
-    """Speaks what it is given, in order. ``on_speaking`` hears True when a sentence begins and False when it ends.
+    """Speaks sentences in order. ``on_speaking`` gets True at the start of a sentence and False at its end.
 
-    ``on_sound`` gets what comes out of the loudspeaker from now on, None when that is cut off; ``on_said`` is called
-    when it came to its end.
+    ``on_sound`` gets the loudspeaker's audio from now on, None when it is cut off; ``on_said`` is called at its regular
+    end.
     """
 
     def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
@@ -156,7 +156,7 @@ class Voice:
             logger.warning("espeak-ng is not installed: the robot makes no sound and only takes the time to speak")
 
     def say(self, text: str) -> bool:
-        """Queue a sentence. False when it is empty or too much waits already."""
+        """Queue a sentence. False if it is empty or the queue is full."""
         text = text.strip()[:MAX_SENTENCE_CHARS]
         if not text or len(self._waiting) >= _MAX_WAITING:
             return False
@@ -166,7 +166,7 @@ class Voice:
         return True
 
     def stop(self) -> None:
-        """Interrupt the sentence that is spoken and forget those that wait."""
+        """Interrupt the present sentence and clear the queue."""
         self._waiting.clear()
         if self._task is not None:
             self._task.cancel()

@@ -1,4 +1,4 @@
-"""The voice on ROS: a topic of sentences, or PAL's text-to-speech action."""
+"""Robot speech on ROS: a topic of sentences, or PAL's text-to-speech action."""
 
 import logging
 
@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 
 
 class SpeechOnTopics:
-    """std_msgs/String in; Bool while it speaks and Empty to stop it where the dress has them."""
+    """std_msgs/String in; Bool while it speaks, and Empty to stop it, if the model has them."""
 
     def __init__(self, wiring: Wiring, told: SpeechTopics, *, muted: bool) -> None:
         self._wiring = wiring
@@ -27,7 +27,7 @@ class SpeechOnTopics:
         self._on_speaking(False)
 
     def publish_due(self) -> None:
-        """Nothing is due: what there is to tell is told when it happens."""
+        """Do nothing: messages are published when they occur."""
 
     def _on_say(self, message: Message) -> None:
         if not self.voice.say(messages.decode_string(message)):
@@ -39,7 +39,7 @@ class SpeechOnTopics:
 
 
 class SpeechOnAction:
-    """pal_interaction_msgs/TtsAction: one sentence at a time, a newer goal preempts the one that is spoken."""
+    """pal_interaction_msgs/TtsAction: one sentence at a time; a newer goal preempts the present one."""
 
     def __init__(self, wiring: Wiring, told: SpeechAction, *, muted: bool) -> None:
         self.voice = Voice(self._on_speaking, muted=muted)
@@ -51,7 +51,7 @@ class SpeechOnAction:
         )
 
     def publish_due(self) -> None:
-        """Called once after every step of the robot."""
+        """Publish due messages; called after every simulation step."""
         self._server.publish_due()
 
     def _on_goal(self, goal_id: str, goal: Message) -> None:
@@ -59,7 +59,7 @@ class SpeechOnAction:
         sentence = text_or_empty(raw, "text", "TtsGoal.rawtext").strip()
         language = text_or_empty(raw, "lang_id", "TtsGoal.rawtext")
         if not sentence or not language:
-            # PAL's server needs both; without a language it has no voice to speak with
+            # PAL's server requires both; the language selects the voice
             missing = "rawtext.text" if not sentence else "rawtext.lang_id"
             self._server.finish(GoalStatus(goal_id, actions.ABORTED, f"{missing} is empty"), _result("", "aborted"))
             return

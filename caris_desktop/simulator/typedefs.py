@@ -1,8 +1,8 @@
-"""The definitions of the ROS types that the simulated robot uses, as rosapi tells them.
+"""Definitions of the simulated robot's ROS types, as reported by rosapi.
 
-Written as in .msg, .srv and .action files; the parts of a service are divided by ``---``. Types that differ between
-ROS 1 and ROS 2 have both. The type store of ``rosbags`` knows 65 of these 117, no service and no action, gives a time
-of ROS 1 the name that it has in ROS 2, and takes 0.2 s to load.
+Written as in .msg, .srv and .action files; parts of a service are separated by ``---``. Types that differ between ROS 1
+and ROS 2 have both. ``rosbags``' type store knows 65 of these 117, no service and no action, uses the ROS 2 name for
+ROS 1's time, and takes 0.2 s to load.
 """
 
 import re
@@ -156,29 +156,29 @@ class _Field:
 
 
 def message_typedefs(dialect: Dialect, type_: str) -> list[dict[str, Any]]:
-    """rosapi's TypeDefs of a message type and of everything within it; empty where it is not known."""
+    """rosapi's TypeDefs of a message type and its nested types; empty if unknown."""
     return _typedefs(dialect, plain_name(type_), 0)
 
 
 def service_typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
-    """The same of the request (0) or the response (1) of a service; of the goal, result and feedback of an action."""
+    """The same of a service's request (0) or response (1), or of an action's goal, result and feedback."""
     return _typedefs(dialect, plain_name(type_), part)
 
 
 def misfit(dialect: Dialect, type_: str, message: Any) -> str | None:
-    """What of ``message`` its type does not allow, as rosbridge would refuse it; None where all is well.
+    """Mismatch of ``message`` with its type, for which rosbridge would refuse it; None if there is none.
 
-    Fields that are left out are filled with zero by ROS. A type whose definition is not known allows everything.
+    ROS fills omitted fields with zero. A type without a definition permits everything.
     """
     definition = _part_of(dialect, type_)
     return None if definition is None else _misfit(dialect, plain_name(type_), definition, message, "")
 
 
 def cbor_refusal(dialect: Dialect, type_: str, message: dict[str, Any]) -> str | None:
-    """Why rosbridge cannot write ``message`` as CBOR, as it fails itself; None where it can.
+    """Reason why rosbridge cannot encode ``message`` as CBOR; None if it can.
 
-    Its encoder knows lists of numbers by names such as ``float64[]``. What has another name is taken for a message or a
-    list of messages: a list of fixed length, in ROS 1 also one of texts and times with anything in it.
+    Its encoder recognises number lists by names such as ``float64[]``. Other names count as messages or lists of
+    messages: fixed-length lists, and in ROS 1 also non-empty lists of texts and times.
     """
     for entry in _values(_part_of(dialect, type_)):
         values = message.get(entry.name)
@@ -201,17 +201,17 @@ def _is_no_list_of_cbor(dialect: Dialect, type_: str) -> bool:
 
 
 def is_known(dialect: Dialect, type_: str) -> bool:
-    """Whether the robot has this type installed."""
+    """True if the robot has this type installed."""
     return _part_of(dialect, type_) is not None
 
 
 def field_names(dialect: Dialect, type_: str) -> list[str]:
-    """The names of the fields in their order; empty where the type is not known."""
+    """Field names in order; empty if the type is unknown."""
     return [entry.name for entry in _values(_part_of(dialect, type_))]
 
 
 def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
-    """``message`` as ROS passes it on: with zeros in the fields that were left out."""
+    """``message`` as ROS passes it on: with zeros in omitted fields."""
     whole = blank(dialect, type_)
     for name, value in message.items():
         inside = whole.get(name)
@@ -226,7 +226,7 @@ def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, A
 
 
 def blank(dialect: Dialect, type_: str, *, part: int = 0) -> dict[str, Any]:
-    """A message with every field zero, false or empty."""
+    """Message with every field zero, false or empty."""
     return {entry.name: _blank(dialect, entry) for entry in _values(_part_of(dialect, type_, part))}
 
 
@@ -271,7 +271,7 @@ def _misfit_of_one(dialect: Dialect, type_: str, value: Any, where: str) -> str 
     elif type_ == "string":
         fits = isinstance(value, str)
     elif type_.startswith("float"):
-        # rosbridge writes infinity as null, and takes no null back
+        # rosbridge writes infinity as null, and does not accept null
         fits = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     elif type_ in _PRIMITIVES:
         fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -282,7 +282,7 @@ def _misfit_of_one(dialect: Dialect, type_: str, value: Any, where: str) -> str 
 
 
 def _part_of(dialect: Dialect, type_: str, part: int = 0) -> str | None:
-    """One part of a definition; None where there is none of that type or number."""
+    """One part of a definition; None if there is none of that type or number."""
     name, special = plain_name(type_), _ROS1 if dialect is Dialect.ROS1 else _ROS2
     parts = special.get(name, _BOTH.get(name, "")).split("---")
     return parts[part] if part < len(parts) and (name in special or name in _BOTH) else None
@@ -320,7 +320,7 @@ def _typedef(name: str, entries: list[_Field]) -> dict[str, Any]:
 
 
 def _values(definition: str | None) -> Iterator[_Field]:
-    """The fields without the constants."""
+    """Fields without constants."""
     return (entry for entry in _fields(definition or "") if entry.value is None)
 
 
@@ -330,7 +330,7 @@ def _fields(definition: str) -> Iterator[_Field]:
         if found is None:
             continue
         array = found["array"]
-        # as rosapi tells it: -1 is no array, 0 one of any length
+        # as in rosapi: -1 is no array, 0 one of any length
         length = -1 if array is None else int(array.strip("[]").removeprefix("<=") or 0)
         yield _Field(found["type"], found["name"], length, found["value"])
 

@@ -1,4 +1,4 @@
-"""What floor, ceiling and walls look like, painted once into one big picture that the camera looks up in."""
+"""Textures of floor, ceiling and walls, painted once into one sheet for the camera renderer."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ _ACCENTS = ((120, 92, 44), (60, 110, 190), (84, 128, 84), (70, 84, 160), (150, 1
 
 
 def sheet() -> tuple[Image, NDArray[np.float32]]:
-    """The painted sheet, and where each wall side lies on it.
+    """Painted sheet, and the position of each wall side on it.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
             left += picture.shape[1] + _GAP_PX
     whole = np.zeros((top + WALL_STRIP_PX + _GAP_PX, SHEET_WIDTH_PX, 3), dtype=np.uint8)
     for x, y, picture in painted:
-        # the camera interpolates, so what lies beyond an edge must look like the edge
+        # the camera interpolates, so pixels beyond an edge must equal the edge
         wider = cv2.copyMakeBorder(picture, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
         whole[y : y + wider.shape[0], x : x + wider.shape[1]] = wider
     floor = _floor(grain)
@@ -75,14 +75,14 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
 
 
 def sign(text: str) -> Image:
-    """A door sign, BGR."""
+    """Door sign, BGR."""
     picture = np.full((80, 360, 3), (92, 66, 38), dtype=np.uint8)
     _write(picture, text, colour=(250, 250, 250), share=0.5)
     return picture
 
 
 def books(width_px: int, height_px: int, seed: int) -> Image:
-    """The front of a full bookshelf, BGR."""
+    """Front of a full bookshelf, BGR."""
     chance = np.random.default_rng(seed)
     picture = np.full((height_px, width_px, 3), (66, 96, 128), dtype=np.uint8)
     boards = 5
@@ -108,7 +108,7 @@ def _floor(grain: np.random.Generator) -> Image:
         left, top = _floor_px(x0), _floor_py(y0)
         patch = picture[top : _floor_py(y1), left : _floor_px(x1)]
         patch[:] = _FLOORS[kind](patch.shape[0], patch.shape[1], grain)
-    # what stands on the floor takes the light away around it
+    # objects on the floor darken their surroundings
     shade = np.full((height, width), 1.0, dtype=np.float32)
     for box in SOLID:
         corner, opposite = (_floor_px(box.x0_m), _floor_py(box.y0_m)), (_floor_px(box.x1_m), _floor_py(box.y1_m))

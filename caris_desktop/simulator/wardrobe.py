@@ -1,6 +1,6 @@
-"""The dresses: the names and types of real robots, written down from what their makers publish.
+"""Robot models: interface names and types of real robots, from what their makers publish.
 
-Nothing here is taken from the profiles in ``resources/robots``: a mistake in one must show in the other.
+Nothing here is copied from the profiles in ``resources/robots``: a mistake in one must show in the other.
 
 - TIAGo and its base (ROS 1): pal-robotics/tiago_robot, pmb2_robot (twist_mux), tiago_tutorials, pal_msgs (TtsAction)
 - TurtleBot3 (ROS 2 Jazzy and Humble): ROBOTIS-GIT/turtlebot3 (bringup, node, navigation2, cartographer)
@@ -36,11 +36,11 @@ DEFAULT = "generic"
 
 
 class NoSuchDress(ValueError):  # noqa: N818 - the user asked for what is not there; nothing is broken
-    """There is no such dress, or not for this ROS; the text says what there is."""
+    """Unknown robot model, or not for this ROS; the text lists the available ones."""
 
 
 def dress_named(name: str, ros: int | None = None, *, namespace: str | None = None, holonomic: bool = False) -> Dress:
-    """The dress, for ROS 1 or 2 where it comes for both.
+    """Robot model by name, for ROS 1 or 2 if it exists for both.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def dress_named(name: str, ros: int | None = None, *, namespace: str | None = No
 
 
 def dress_names() -> tuple[str, ...]:
-    """All dresses."""
+    """Names of all models."""
     return tuple(sorted(_DRESSES))
 
 
@@ -134,7 +134,7 @@ def _tiago() -> Dress:
             robot_from_camera=Pose2D(0.16, 0.0, 0.0),
             camera_height_m=1.1,
         ),
-        # the inputs of the multiplexer, by rising priority, and the controller behind it
+        # the inputs of the multiplexer, by ascending priority, and the controller behind it
         velocity=tuple(
             VelocityInput(topic)
             for topic in (
@@ -162,7 +162,7 @@ def _tiago() -> Dress:
         head=HeadTopics("JointTrajectory", "/head_controller/command", "head_1_joint", "head_2_joint", tilt_sign=-1),
         speech=SpeechAction("/tts"),
         navigation=Navigation("/move_base", "/move_base_simple/goal", "/move_base/GlobalPlanner/plan"),
-        # told of the red button on its back, which nobody can press from afar
+        # state of the red button on its back, which cannot be pressed remotely
         stop_state="/power/is_emergency",
         orders=(
             Order("action", "/play_motion", "play_motion_msgs", "PlayMotion"),
@@ -275,8 +275,8 @@ _POSE_SERVICES = tuple(
 
 
 def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
-    """naoqi_driver and naoqi_pose as their bringup packages start them; the ROS navigation stack runs beside them where
-    there is a scan.
+    """naoqi_driver and naoqi_pose as started by their bringup packages, with the ROS navigation stack if there is a
+    scan.
     """
     return Dress(
         name=name,
@@ -309,7 +309,7 @@ def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
 
 
 def _pepper() -> Dress:
-    # three scanners of 15 beams each, put together into 61 with two blind gaps of 8
+    # three scanners of 15 beams each, merged into 61 with two blind gaps of 8
     lidar = LidarModel(
         beams=61,
         angle_min_rad=-2.0944,

@@ -1,4 +1,4 @@
-"""The wire to one client: passes messages on at once, or at the pace of a slow link, and notes what was delivered."""
+"""Connection to one client: sends at once, or at the rate of a slow link, and logs deliveries."""
 
 import asyncio
 from collections import deque
@@ -14,7 +14,7 @@ _STEP_S = 0.1
 
 
 class Socket(Protocol):
-    """Where messages go; ``send`` waits while the other side does not take them."""
+    """Destination of messages; ``send`` waits for the peer."""
 
     async def send(self, message: str | bytes) -> None: ...
 
@@ -26,8 +26,8 @@ Delivered = Callable[[Published, int], None]
 class ClientWire:
     """Sends to ``socket`` in order.
 
-    ``rate_bytes_s`` is asked before each message; None is as fast as the socket takes it. With a rate, each message
-    needs as long as its bytes do, after those that were before it: it arrives late, and none is left out.
+    ``rate_bytes_s`` is queried before each message; None is unlimited. With a rate, messages are delayed by their size,
+    one after the other, and none is dropped.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class ClientWire:
         self._pump: asyncio.Task[None] | None = None
 
     async def send(self, message: str | bytes, of: Published | None = None) -> None:
-        """Send, or put on the slow link when that has room; ``of`` is the message that this is the last piece of.
+        """Send, or queue on the slow link when there is space; ``of`` is the message that this piece completes.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class ClientWire:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Forget what has not been sent."""
+        """Drop unsent messages."""
         if self._pump is not None:
             self._pump.cancel()
 
@@ -77,7 +77,7 @@ class ClientWire:
             await self._transmit(_size(message))
             try:
                 await self._socket.send(message)
-            except Exception as error:  # handed to whoever sends next, who handles it
+            except Exception as error:  # raised to the next sender
                 self._error = error
             else:
                 self._note(message, of)
@@ -89,7 +89,7 @@ class ClientWire:
                 return
 
     async def _transmit(self, left_bytes: float) -> None:
-        # in small steps, so that a link that becomes fast again does so for the message that is on it too
+        # in small steps, so that a rate change applies to the present message, too
         while left_bytes > 0.0 and (rate_bytes_s := self._rate_bytes_s()) is not None:
             step_s = min(left_bytes / rate_bytes_s, _STEP_S)
             await asyncio.sleep(step_s)
@@ -101,5 +101,5 @@ class ClientWire:
 
 
 def _size(message: str | bytes) -> int:
-    # JSON is almost all ASCII, so that counting characters is near enough and costs nothing
+    # JSON is almost all ASCII, so counting characters is accurate enough and free
     return len(message)

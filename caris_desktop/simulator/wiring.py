@@ -1,4 +1,4 @@
-"""What all parts of the robot's face on ROS share: the server, the dress, the clock, and how topics are offered."""
+"""ROS context of the simulated robot's parts: server, robot model, clock, and topic registration."""
 
 from collections.abc import Callable
 from dataclasses import field
@@ -17,7 +17,7 @@ _WRONG_FRAME = "nowhere"
 
 @dataclass(slots=True)
 class Wiring:
-    """``faults`` are the present ones. Names are those of the dress: relative ones take its namespace."""
+    """``faults`` are the present ones. Names are those of the model: relative ones are in its namespace."""
 
     robot: Robot
     server: BridgeServer
@@ -33,11 +33,11 @@ class Wiring:
         return self.clock.now_ns()
 
     def frame(self, name: str) -> str:
-        """The frame to write into a header: the true one, unless that fault is injected."""
+        """Frame for a header: the true one, unless that fault is injected."""
         return _WRONG_FRAME if self.faults.frames_wrong else name
 
     def publishes(self, name: str, package: str, kind: str, *, latched: bool = False) -> str:
-        """Offer a topic that the robot publishes, and return its name on the wire."""
+        """Register a topic that the robot publishes; return its absolute name."""
         absolute = self.dress.absolute(name)
         self.server.topics[absolute] = Topic(type_name(self.dialect, package, kind), latched, publishers={ROBOT_NODE})
         return absolute
@@ -51,20 +51,20 @@ class Wiring:
         *,
         other_types: tuple[str, ...] = (),
     ) -> None:
-        """Offer a topic that the robot listens to. What its type does not allow is refused as rosbridge does it."""
+        """Register a topic that the robot subscribes to, with type checks as in rosbridge."""
         type_ = type_name(self.dialect, package, kind)
         self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=on_message, other_types=other_types)
 
     def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
-        """Offer a service. What its type does not allow is refused as rosbridge does it."""
+        """Register a service, with type checks as in rosbridge."""
         self.server.services[self.dress.absolute(name)] = SimulatedService(
             service_type_name(self.dialect, package, kind), call
         )
 
     def wanted(self, name: str) -> bool:
-        """Whether anybody takes this topic, by its name on the wire."""
+        """True if the topic (absolute name) has subscribers."""
         return self.server.has_subscribers(name)
 
     def publish(self, name: str, message: dict[str, Any]) -> None:
-        """Publish by the name on the wire."""
+        """Publish by absolute name."""
         self.server.publish(name, message)
