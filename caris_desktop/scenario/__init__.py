@@ -1,1 +1,1 @@
-"""The scenario file."""
+"""Scenario files: schema, loading, editing, sharing."""

@@ -1,4 +1,4 @@
-"""How much the language model may do by itself."""
+"""Automation levels of the language model."""
 
 from typing import Annotated, get_args
 
@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 
 def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:
-    """Those that a scenario of that level allows, from off upwards."""
+    """Levels that a scenario with that maximum permits, from off upwards."""
     levels: tuple[AssistanceLevel, ...] = get_args(AssistanceLevel)
     return levels[: levels.index(highest) + 1]
 

@@ -1,4 +1,4 @@
-"""What a scenario says of the assistant: which language model, and how it is asked."""
+"""Assistant section of a scenario: the language model and its prompts."""
 
 from typing import Annotated, Literal
 

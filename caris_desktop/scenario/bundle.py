@@ -1,7 +1,7 @@
-"""A scenario with what it refers to in one file, to be handed on. Nothing in such a file is ever executed.
+"""Scenario bundles: a scenario and its referenced files in one file, for sharing. Nothing in it is ever executed.
 
-It is a zip archive of plain YAML files: ``scenario/NAME.yaml``, and beside it ``robot/NAME.yaml`` and
-``face/NAME.yaml`` as far as the scenario names such and they do not come with the program.
+A zip archive of plain YAML files: ``scenario/NAME.yaml``, and ``robot/NAME.yaml`` and ``face/NAME.yaml`` if the
+scenario refers to ones that are not shipped with the program.
 """
 
 import io
@@ -41,12 +41,12 @@ _AT_FIRST = (1980, 1, 1, 0, 0, 0)  # the same content gives the same file
 
 
 class BundleError(Exception):
-    """A file that cannot be used, or written; the text says what is wrong and what is allowed."""
+    """Unusable or unwritable bundle; the text says what is wrong and what is allowed."""
 
 
 @dataclass(frozen=True, slots=True)
 class BundledFile:
-    """One YAML file, by its name without the ending."""
+    """One YAML file, named without its suffix."""
 
     kind: PartKind
     name: str
@@ -61,8 +61,8 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True)
 class Unpacked:
-    """Where the scenario lies now; what got another name, though nobody chose one, as there was something else under
-    its own; and where what was replaced lies now.
+    """Path of the imported scenario; files renamed because of a conflict without a decision; and paths of replaced
+    files.
     """
 
     path: Path
@@ -72,8 +72,8 @@ class Unpacked:
 
 @dataclass(frozen=True, slots=True)
 class NameConflict:
-    """``part`` has the name of something else, which lies at ``there`` and says ``text``. ``own``: it is the user's and
-    may be replaced; what comes with the program is not. ``free`` is a name that nothing has.
+    """Import conflict: ``part`` has the name of another file at ``there`` with ``text``. ``own``: it is the user's and
+    may be replaced; shipped files may not. ``free`` is an unused name.
     """
 
     part: BundledFile
@@ -85,7 +85,7 @@ class NameConflict:
 
 @dataclass(frozen=True, slots=True)
 class ImportQuestion:
-    """A scenario that came as one file, in which names are those of something else: what is to become of them?"""
+    """Bundle with name conflicts that need a decision."""
 
     path: Path
     conflicts: tuple[NameConflict, ...]
@@ -96,12 +96,12 @@ Known = Callable[[PartKind, str], tuple[Path, str] | None]
 
 
 def bundle_name(stem: str) -> str:
-    """A name that may stand in a bundle, for any file."""
+    """Name for a bundle's file."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-_")[:60] or "scenario"
 
 
 def write_bundle(bundle: Bundle, path: Path) -> None:
-    """Raises BundleError."""
+    """Write a bundle. Raises BundleError."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         about = json.dumps({"format": "caris-scenario", "version": BUNDLE_VERSION})
@@ -117,7 +117,7 @@ def write_bundle(bundle: Bundle, path: Path) -> None:
 
 
 def read_bundle(path: Path) -> Bundle:
-    """What is in the file, as far as it may be; the scenario in it is checked. Raises BundleError."""
+    """Read a bundle, with validation of its scenario. Raises BundleError."""
     try:
         if path.stat().st_size > MAX_BUNDLE_BYTES:
             raise BundleError(
@@ -150,7 +150,7 @@ def read_bundle(path: Path) -> Bundle:
 
 
 def conflicts_of(bundle: Bundle, folders: Mapping[PartKind, Path], known: Known) -> tuple[NameConflict, ...]:
-    """What has the name of something else, the scenario first."""
+    """Name conflicts, the scenario's first."""
     found = []
     for part in (bundle.scenario, *bundle.beside):
         there = known(part.kind, part.name)
@@ -163,10 +163,10 @@ def conflicts_of(bundle: Bundle, folders: Mapping[PartKind, Path], known: Known)
 def unpack(
     bundle: Bundle, folders: Mapping[PartKind, Path], known: Known, decided: Iterable[SameName] = ()
 ) -> Unpacked:
-    """Put the files where they belong, none over another one unless that was ``decided``.
+    """Write the files to their folders, without overwriting unless ``decided``.
 
-    What is the same is used as it is; what differs gets another name, by which the scenario then refers to it, or takes
-    the place of what is put aside. Raises BundleError, and leaves everything as it was then.
+    Identical files are reused; different ones are renamed, with references updated in the scenario, or replace the file
+    that is moved aside. Raises BundleError, with everything unchanged.
     """
     renamed: list[tuple[BundledFile, str]] = []
     written: list[Path] = []
@@ -249,7 +249,7 @@ def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
             raise BundleError(tr("'{filename}' is in it twice.").format(filename=entry.filename))
         seen.add(entry.filename.casefold())
         with archive.open(entry) as file:
-            raw = file.read(MAX_FILE_BYTES + 1)  # what it says of its size is not relied on
+            raw = file.read(MAX_FILE_BYTES + 1)  # the declared size is untrusted
         if len(raw) > MAX_FILE_BYTES:
             raise BundleError(
                 tr("'{filename}' is too large. Allowed: {most} bytes.").format(
@@ -281,7 +281,7 @@ def _kind_and_name(entry: str) -> tuple[PartKind, str]:
 
 
 def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:
-    """``text`` with other names of robot and face, where those got other ones."""
+    """``text`` with renamed robot and face."""
     scenario = parse_scenario(text, path=Path("scenario.yaml"))
     robot = names.get(("robot", scenario.robot), scenario.robot)
     face = names.get(("face", scenario.face.face), scenario.face.face)
@@ -290,5 +290,5 @@ def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:
 
 
 def names_of(parts: Iterable[tuple[BundledFile, str]]) -> str:
-    """What got which name, for the wizard."""
+    """Renamed files, for the wizard."""
     return ", ".join(f"{part.name} → {name}" for part, name in parts)

@@ -1,7 +1,7 @@
-"""A scenario file while it is edited: one text that is changed place by place, with every step undone and redone.
+"""Scenario document for editing: text changed place by place, with undo and redo.
 
-The text is what counts, and what the form shows follows from it; comments, order and columns stay as their author left
-them. A mistake loses nothing: the text holds it, its sentence names line and place, and only saving waits for it.
+The text is authoritative, and the form derives from it; comments, order and columns are preserved. Mistakes are
+tolerated: the text contains them, their messages give line and place, and only saving is blocked.
 """
 
 from collections.abc import Callable, Mapping
@@ -57,7 +57,7 @@ _ID = "id"
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """What is wrong at a place of the file, in a sentence; ``line`` is counted from 1."""
+    """Mistake at a place in the file, as a sentence; ``line`` counts from 1."""
 
     path: KeyPath
     line: int
@@ -66,7 +66,7 @@ class Mistake:
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """``unreadable`` says why ``data`` are not what ``text`` says, but what it said last."""
+    """``unreadable`` is the reason why ``data`` are from an earlier text."""
 
     text: str
     data: dict[str, Any]
@@ -75,7 +75,7 @@ class _State:
 
 @dataclass(frozen=True, slots=True)
 class UndoStep:
-    """What was done, to be undone: ``path`` is the place, of which ``words`` is what a person calls it."""
+    """Undo step: ``path`` is the changed place, ``words`` its display name."""
 
     before: _State
     path: KeyPath
@@ -84,9 +84,9 @@ class UndoStep:
 
 
 class ScenarioDocument:
-    """``velocity_topic_of`` is as for ``load_scenario``.
+    """``velocity_topic_of`` as for ``load_scenario``.
 
-    Raises YamlSourceError or ValueError where ``text`` is none that a form can show.
+    Raises YamlSourceError or ValueError if ``text`` cannot be shown in a form.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class ScenarioDocument:
 
     @property
     def data(self) -> dict[str, Any]:
-        """What the form shows: never to be changed in place."""
+        """Data of the form; never change it in place."""
         return self._state.data
 
     @property
@@ -128,7 +128,7 @@ class ScenarioDocument:
 
     @property
     def unreadable(self) -> Mistake | None:
-        """Why the text, as it was typed, cannot be shown as a form."""
+        """Reason why the text cannot be shown as a form."""
         return self._state.unreadable
 
     @property
@@ -136,7 +136,7 @@ class ScenarioDocument:
         return self._state.text != self._saved.text
 
     def value(self, path: KeyPath) -> Any:
-        """What the file says there, or else what it means by saying nothing; ABSENT where that is nothing."""
+        """Value at a place or its default; ABSENT if there is none."""
         said = self.said(path)
         if said is not ABSENT or not path:
             return said
@@ -149,10 +149,10 @@ class ScenarioDocument:
             return ABSENT
 
     def said(self, path: KeyPath) -> Any:
-        """What the file itself says there."""
+        """Value at a place in the file itself."""
         found = value_at(self.data, path)
         if found is ABSENT and path and isinstance(path[-1], str):
-            # A text in place of a group says what the group's first key would.
+            # A text in place of a group is the value of its first key.
             above = value_at(self.data, path[:-1])
             if isinstance(above, str):
                 group = group_at(form_at(Scenario, self.data, path[:-1]), above)
@@ -161,7 +161,7 @@ class ScenarioDocument:
 
     @property
     def mistakes(self) -> tuple[Mistake, ...]:
-        """All that keeps it from being saved, by their lines."""
+        """All mistakes that block saving, by line."""
         if self._checked is None or self._checked[0] is not self._state:
             self._checked = (self._state, self._found_mistakes())
             if not self._checked[1]:
@@ -178,7 +178,7 @@ class ScenarioDocument:
 
     @property
     def scenario(self) -> Scenario | None:
-        """As it was last without a mistake; None where it never was."""
+        """Last version without a mistake; None if there is none."""
         meant = self._state if not self.mistakes else self._without_mistakes
         if meant is not None and meant is not self._valid_state:
             self._valid = value_from(Scenario, migrate(meant.data))
@@ -186,7 +186,7 @@ class ScenarioDocument:
         return self._valid
 
     def line_of(self, path: KeyPath) -> int:
-        """The line at which that place begins, or what it is in."""
+        """First line of that place, or of the part that contains it."""
         if self._lines is None or self._lines[0] != self.text:
             try:
                 self._lines = (self.text, quick_data(self.text))
@@ -195,19 +195,17 @@ class ScenarioDocument:
         return self._lines[1].line_of(path)
 
     def differences(self) -> tuple[Difference, ...]:
-        """What has changed since it was saved."""
+        """Changes since the last save."""
         return tuple(differences(Scenario, self.saved_data, self.data))
 
     def words(self, path: KeyPath) -> tuple[str, ...]:
-        """What a person calls the place, from the outside in."""
+        """Display name of the place, from the outside in."""
         return tuple(called(Scenario, self.data, path))
 
     # ---- what is done
 
     def set(self, path: KeyPath, value: Any) -> None:
-        """Let the file say ``value`` there. One change after the other at the same place is one step. Where it is the
-        name of an entry, whatever refers to the entry goes on doing so.
-        """
+        """Set a value. Successive changes at one place are one undo step. Renaming an entry updates its references."""
         if self.said(path) == value and type(self.said(path)) is type(value):
             return
         before = self._before_step(path)
@@ -223,7 +221,7 @@ class ScenarioDocument:
             self._change(path, with_value_at(self.data, path, value), path, value)
 
     def clear(self, path: KeyPath) -> None:
-        """Let the file say nothing there, so that the default holds."""
+        """Remove a value, so that the default applies."""
         if value_at(self.data, path) is ABSENT or isinstance(path[-1], int):
             return
         if (shorter := self._as_text(path)) is not None:
@@ -231,14 +229,14 @@ class ScenarioDocument:
             return
         gone = path
         data = without_at(self.data, path)
-        # A group that was there only for this goes with it.
+        # Remove a group that existed only for this.
         while len(gone) > 1 and value_at(data, gone[:-1]) == {} and value_at(self.saved_data, gone[:-1]) is ABSENT:
             gone = gone[:-1]
             data = without_at(data, gone)
         self._change(path, data, gone, ABSENT)
 
     def add(self, path: KeyPath, entry: Any) -> None:
-        """Put an entry into the list, at the place that ``path`` ends with."""
+        """Insert an entry into a list, at the index at the end of ``path``."""
         above, place = path[:-1], path[-1]
         entries = self.value(above)
         entries = list(entries) if isinstance(entries, list) else []
@@ -254,7 +252,7 @@ class ScenarioDocument:
         self._keep(path, data, write, goes_on=False)
 
     def remove(self, path: KeyPath) -> None:
-        """Take an entry out of its list."""
+        """Remove an entry from its list."""
         above = path[:-1]
         if value_at(self.data, above) is ABSENT:
             self.set(above, without_at(self.value(above), path[-1:]))
@@ -274,7 +272,7 @@ class ScenarioDocument:
         self._keep(path, data, write, goes_on=False)
 
     def move(self, path: KeyPath, place: int) -> None:
-        """Put an entry at another place of its list."""
+        """Move an entry within its list."""
         above, index = path[:-1], int(path[-1])
         entries = list(self.value(above))
         if not 0 <= place < len(entries) or place == index:
@@ -291,14 +289,14 @@ class ScenarioDocument:
         self._keep(path, data, write, goes_on=False)
 
     def set_text(self, text: str) -> None:
-        """The whole text as somebody wrote it. Where a form cannot show it, that stays as it was."""
+        """Replace the whole text. If a form cannot show it, the form's data stay."""
         if text == self.text:
             return
         state = _read(text, self._state.data)
         self._push((), state, goes_on=True)
 
     def take_over(self, path: KeyPath, other: Mapping[str, Any]) -> None:
-        """Say there what another file says."""
+        """Use another file's value at that place."""
         value = value_at(other, path)
         self.pause()
         if value is ABSENT:
@@ -308,7 +306,7 @@ class ScenarioDocument:
         self.pause()
 
     def pause(self) -> None:
-        """What is done next is a step of its own."""
+        """Begin a new undo step."""
         if self._done and self._done[-1].goes_on:
             last = self._done[-1]
             self._done[-1] = UndoStep(last.before, last.path, last.words, goes_on=False)
@@ -338,16 +336,14 @@ class ScenarioDocument:
         return step
 
     def revert(self) -> None:
-        """Back to what was saved; this too can be undone."""
+        """Revert to the saved version; can be undone."""
         if self.changed:
             self._push((), self._saved, goes_on=False)
 
     # ---- the file
 
     def note_saved(self, sent: str, text: str, path: Path) -> None:
-        """The file at ``path`` says ``text`` now, which was written of ``sent``; what came after that is still to be
-        saved.
-        """
+        """Note that the file at ``path`` now has ``text``, written from ``sent``; later changes remain unsaved."""
         self.pause()
         self.path = path
         if self.text == sent:
@@ -359,9 +355,9 @@ class ScenarioDocument:
             self.rebase(text)
 
     def rebase(self, text: str) -> tuple[Difference, ...]:
-        """The file says ``text`` by now, written by somebody else: what was changed here is changed in that, and told.
+        """Apply the local changes to ``text``, which another program wrote; return them.
 
-        Raises YamlSourceError, ValueError where it is no text that a form can show; then nothing has happened.
+        Raises YamlSourceError or ValueError if a form cannot show the text; then nothing has changed.
         """
         other = _read(text)
         if other.unreadable is not None:
@@ -380,7 +376,7 @@ class ScenarioDocument:
     # ---- within
 
     def _change(self, told: KeyPath, data: dict[str, Any], path: KeyPath, value: Any) -> None:
-        """``data`` are those of now with ``value`` at ``path``; ``told`` is the place that the person changed."""
+        """``data`` include ``value`` at ``path``; ``told`` is the place that the user changed."""
         names = self._names_before(path)
 
         def write(text: str) -> str:
@@ -389,12 +385,12 @@ class ScenarioDocument:
         self._keep(told, data, write, goes_on=value is not ABSENT)
 
     def _before_step(self, path: KeyPath) -> _State:
-        """As it was before the changes at that place that are one step with the next one."""
+        """State before the present undo step, if it continues at that place."""
         last = self._done[-1] if self._done else None
         return last.before if last is not None and last.goes_on and last.path == path else self._state
 
     def _referring(self, data: dict[str, Any], path: KeyPath) -> list[KeyPath]:
-        """The places that refer to an entry by what stands at ``path``: by its name, or by its id."""
+        """Places that refer to an entry by the name or id at ``path``."""
         name = value_at(data, path)
         if len(path) < 3 or not isinstance(path[-2], int) or not isinstance(name, str) or not name:
             return []
@@ -405,13 +401,13 @@ class ScenarioDocument:
             for place, rule, said in references(Scenario, data)
             if rule.refers[:-1] == path[:-2]
             and said not in rule.else_one_of
-            # An id goes before a title that is written like it.
+            # An id takes precedence over an equal title.
             and (said == name if key == _ID else key == rule.refers[-1] and _same(said, name) and said not in ids)
         ]
 
     def _rename(self, before: _State, path: KeyPath, name: str, along: list[KeyPath]) -> None:
-        """From the state before the step on, so that a name that is half typed, or for a moment that of another entry,
-        loses nothing.
+        """Rename from the state before the step, so that partially typed names, or temporary duplicates, break no
+        references.
         """
         others = value_at(before.data, path[:-2])
         taken = any(
@@ -441,7 +437,7 @@ class ScenarioDocument:
         except (UnusualLayoutError, YamlSourceError):
             written = False
         if not written:
-            # An unusual layout: what it says counts more than how it looks.
+            # Unusual layout: the content matters more than the formatting.
             text = yaml_text(data)
         self._push(path, _State(text, data), goes_on=goes_on)
 
@@ -455,7 +451,7 @@ class ScenarioDocument:
         self._state = state
 
     def _names_before(self, path: KeyPath) -> tuple[str, ...]:
-        """The keys that go before the first one on the way that is not there yet."""
+        """Keys that precede the first missing one on the path."""
         for number, part in enumerate(path):
             if value_at(self.data, path[: number + 1]) is ABSENT and isinstance(part, str):
                 above = path[:number]
@@ -465,7 +461,7 @@ class ScenarioDocument:
         return ()
 
     def _left_out(self, path: KeyPath) -> Any:
-        """What holds where the file says nothing."""
+        """Default value of a place."""
         try:
             parent = form_at(Scenario, self.data, path[:-1])
             key = key_of(parent, value_at(self.data, path[:-1]), str(path[-1]))
@@ -477,8 +473,8 @@ class ScenarioDocument:
         return "" if default is ABSENT and key.form.kind is str else default
 
     def _placed(self, path: KeyPath, value: Any) -> tuple[KeyPath, Any]:
-        """What is to be set so that ``value`` stands at ``path``: the group where a text stands in its place and
-        another key of it is set, the list where it has been there by default alone; else as given.
+        """Place and value to set for ``value`` at ``path``: the whole group if a text abbreviates it and another key is
+        set, the whole list if it existed only as a default; else as given.
         """
         for number in range(1, len(path)):
             above = path[:number]
@@ -497,7 +493,7 @@ class ScenarioDocument:
         return path, value
 
     def _as_text(self, path: KeyPath) -> str | None:
-        """What is left of a group without that key, where a text alone can say it and said it before."""
+        """Abbreviation as text of a group without that key, if possible and used before."""
         above = path[:-1]
         group_data = value_at(self.data, above)
         if not above or not isinstance(group_data, Mapping) or isinstance(value_at(self.saved_data, above), Mapping):
@@ -516,7 +512,7 @@ def _same(one: str, other: str) -> bool:
 
 
 def _read(text: str, last: dict[str, Any] | None = None) -> _State:
-    """What a text says that anybody may have written; ``last`` is what holds where it says nothing of use."""
+    """State from any text; ``last`` is used if it is unusable."""
     try:
         source = parse_yaml(text)
         path: KeyPath = ()
@@ -538,7 +534,9 @@ def _read(text: str, last: dict[str, Any] | None = None) -> _State:
 
 
 def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | None:
-    """Where ``data`` are built otherwise than declared, so that no form shows them; single values may be anything."""
+    """First place of ``data`` whose structure deviates from the schema, so that no form can show it; scalars may be
+    anything.
+    """
     form = form_of(hint)
     if text_of(form.kind) is not None and isinstance(data, str):
         return None

@@ -1,4 +1,4 @@
-"""What a scenario says of the robot's face."""
+"""Face section of a scenario."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""Reads and writes scenario files; whatever is wrong is told with file, line and what is allowed."""
+"""Reading and writing of scenario files; mistakes are reported with file, line and allowed values."""
 
 import hashlib
 import re
@@ -33,22 +33,22 @@ _SCHEMA_COMMENT = re.compile(r"^[ \t]*#[ \t]*yaml-language-server:[^\r\n]*", re.
 
 
 class ScenarioError(Exception):
-    """A scenario file that cannot be used. The text names file, line, what is wrong and what is allowed."""
+    """Unusable scenario file. The text names file, line, mistake and allowed values."""
 
 
 class OtherFileError(ScenarioError):
-    """Where one was to be written stands something that was not to be replaced."""
+    """The target contains a file that must not be replaced."""
 
 
 def schema_path() -> Path:
-    """The JSON Schema of scenario files, for the loader and for editors."""
+    """JSON Schema of scenario files, for the loader and for editors."""
     return resources_dir() / "schemas" / "scenario.schema.json"
 
 
 def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None) -> Scenario:
-    """Read, migrate and check one scenario file.
+    """Read, migrate and validate one scenario file.
 
-    ``velocity_topic_of`` tells where a robot takes velocities, by its name in the file: no control may publish there.
+    ``velocity_topic_of`` returns the velocity topic of a robot by its name in the file: no control may publish there.
 
     Raises
     ------
@@ -61,10 +61,10 @@ def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = l
 
 
 def save_scenario(scenario: Scenario, path: Path) -> Scenario:
-    """Write ``scenario`` to ``path``, whole or not at all. Gives it as it loads from there now.
+    """Write ``scenario`` to ``path`` atomically; return it as loaded from there.
 
-    What the file says already, or else the file that the scenario came from, stays as its author wrote it, comments and
-    order included; only what differs is written anew.
+    Text in the target, or else in the scenario's source file, is preserved including comments and order; only
+    differences are rewritten.
 
     Raises
     ------
@@ -75,13 +75,13 @@ def save_scenario(scenario: Scenario, path: Path) -> Scenario:
 
 
 def save_places(scenario: Scenario, path: Path) -> Scenario:
-    """As :func:`save_scenario`, but of a file that is there only the places change, whatever else it says by now."""
+    """As :func:`save_scenario`, but changing only the places of an existing file."""
     known = _known(path)
     return _save(scenario if known is None else replace(known[1], places=scenario.places), path, known)
 
 
 def save_layout(scenario: Scenario, path: Path) -> Scenario:
-    """As :func:`save_places`, for the arrangements of the panels."""
+    """As :func:`save_places`, for the panel layouts."""
     known = _known(path)
     if known is None:
         return _save(scenario, path, known)
@@ -98,8 +98,8 @@ def save_text(
     replaces: str = "",
     velocity_topic_of: Callable[[str], str | None] = lambda _robot: None,
 ) -> str:
-    """Write ``text`` to ``path``, whole or not at all; gives what stands there then. From the folder of ``came_from``
-    into another one, its comment for editors leads to the schema from there.
+    """Write ``text`` to ``path`` atomically; return the file's content. If the folder differs from that of
+    ``came_from``, the schema comment for editors is updated.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def save_text(
 
 
 def _known(path: Path) -> tuple[str, Scenario] | None:
-    """Text and meaning of a file; None where there is none. Raises ScenarioError."""
+    """Text and content of a file; None if it does not exist. Raises ScenarioError."""
     if not path.is_file():
         return None
     text = _decoded(_read(path), path)
@@ -146,16 +146,16 @@ def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) ->
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
-    """The content of a scenario file for ``scenario``, in the order in which it is written."""
+    """Content of a scenario file, in writing order."""
     data: dict[str, Any] = data_of(Scenario, scenario)
     return data
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """The text of the file that ``scenario`` was read from, or would be written to where that has changed.
+    """Text of the scenario's source file, or its generated text if it has changed.
 
-    It goes into recordings: the comment that tells editors where the schema lies on this computer is not in it.
-    ``scenario.sha256`` is that of the whole file.
+    For recordings: without the schema comment for editors, which contains a local path. ``scenario.sha256`` is that of
+    the whole file.
     """
     if scenario.path is not None:
         try:
@@ -170,7 +170,7 @@ def scenario_text(scenario: Scenario) -> str:
 def parse_scenario(
     text: str, *, path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
 ) -> Scenario:
-    """The scenario that a text describes, as if it stood in ``path``. Raises ScenarioError."""
+    """Parse a scenario, as if from ``path``. Raises ScenarioError."""
     try:
         source = parse_yaml(text)
     except YamlSourceError as error:
@@ -195,13 +195,13 @@ def parse_scenario(
 def mistakes(
     data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
 ) -> list[Problem]:
-    """All that is wrong with the content of a scenario file, of any version."""
+    """All mistakes in the content of a scenario file of any version."""
     data = migrate(data)
     return list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
 
 
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
-    """From the file that ``scenario`` came from, if that is still there."""
+    """Text for a new file, from the scenario's source file if it still exists."""
     comment = _schema_comment(path)
     text = yaml_text(data)
     try:
@@ -209,16 +209,16 @@ def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str
         if origin is not None:
             text, _said = _changed(*origin, data, path)
     except ScenarioError:
-        # It is no longer what the scenario was read from; then there is nothing to keep.
+        # The source file has changed; there is nothing to preserve.
         pass
-    # A reference to the schema from another folder leads nowhere in this one.
+    # A relative schema reference is invalid in another folder.
     text, found = _SCHEMA_COMMENT.subn(lambda _match: comment, text, count=1)
     text = text if found else f"{comment}\n{text}"
     return text, parse_scenario(text, path=path.resolve())
 
 
 def _changed(before: str, said: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
-    """``before``, which says ``said``, so that it says ``data``; as it was wherever both agree."""
+    """``before`` with content ``said``, changed to ``data``; unchanged where both agree."""
     try:
         text = edited(before, scenario_data(said), data)
         saved = parse_scenario(text, path=path.resolve())
@@ -268,7 +268,7 @@ def _at_line(path: Path, line: int, problem: object) -> str:
 
 
 def _shown(path: Path) -> str:
-    """The path as a person wrote it, shortened for shipped files."""
+    """Path for display, shortened for shipped files."""
     try:
         return str(Path(layouts_dir().name) / path.resolve().relative_to(layouts_dir().resolve()))
     except (ValueError, OSError):
@@ -278,7 +278,7 @@ def _shown(path: Path) -> str:
 def _meaning_problems(
     data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
 ) -> Iterator[Problem]:
-    """What a schema cannot say."""
+    """Mistakes that a schema cannot express."""
     seen_places: set[str] = set()
     for index, place in enumerate(data.get("places", [])):
         name = place["name"].casefold()

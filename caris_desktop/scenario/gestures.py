@@ -1,4 +1,4 @@
-"""What the robot does at one key without a word: it nods, looks at somebody, or uses a control of its own."""
+"""Gestures of a scenario: robot actions on one key (nod, look, or a control)."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated
@@ -33,7 +33,7 @@ class Gesture:
 
 
 def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:
-    """Keys that two would have, of which ``of_phrases`` have some; the paths begin at their list."""
+    """Duplicate keys, including those ``of_phrases``; paths are relative to their list."""
     gestures = tuple(gestures)
     by_place = tr("the key {key} is already that of the gesture '{title}' by its place.")
     its_own = tr("the key {key} is already that of the gesture '{title}'.")

@@ -1,4 +1,4 @@
-"""The arrangement of the panels as plain data, as scenario files and recordings hold it."""
+"""Panel layout as plain data, for scenario files and recordings."""
 
 import json
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from caris_desktop.scenario.model import LayoutNode, Scenario
 
 
 def own_layout(scenario: Scenario, kind: SizeClass) -> LayoutNode | None:
-    """What the scenario's file itself says for such a screen; None where that follows from its usual layout."""
+    """Layout in the scenario's file for such a screen; None if it derives from the usual one."""
     if kind == "compact":
         return scenario.layout_compact
     return scenario.layout_large if kind == "large" else scenario.layout
 
 
 def with_layout(scenario: Scenario, kind: SizeClass, tree: LayoutNode | None) -> Scenario:
-    """The scenario with another arrangement for such a screen; only the usual one is always there."""
+    """Scenario with another layout for such a screen; only the usual one is mandatory."""
     if kind == "compact":
         return replace(scenario, layout_compact=tree)
     if kind == "large":
@@ -32,20 +32,20 @@ def with_layout(scenario: Scenario, kind: SizeClass, tree: LayoutNode | None) ->
 
 
 def layout_from_data(node: dict[str, Any]) -> LayoutNode:
-    """The tree that checked data describe."""
+    """Layout from validated data."""
     layout: LayoutNode = value_from(LayoutNode, node)
     return layout
 
 
 def checked_layout(node: Any) -> LayoutNode:
-    """As :func:`layout_from_data`, from data that nobody has checked. Raises ValueError."""
+    """As :func:`layout_from_data`, for unvalidated data. Raises ValueError."""
     for _path, problem in problems(LayoutNode, node, ("layout",)):
         raise ValueError(tr("not an arrangement of panels: {problem}").format(problem=problem[:200]))
     return layout_from_data(node)
 
 
 def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iterator[Problem]:
-    """What the declaration of a tree cannot say. ``seen`` are the panels that stand elsewhere."""
+    """Problems that the schema cannot express. ``seen`` are panels used elsewhere."""
     if "children" in node:
         weights = node.get("weights")
         if weights is not None and len(weights) != len(node["children"]):
@@ -74,11 +74,11 @@ def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iter
 
 
 def layout_data(node: LayoutNode) -> dict[str, Any]:
-    """What a file says of the tree."""
+    """File content of the layout."""
     data: dict[str, Any] = data_of(LayoutNode, node)
     return data
 
 
 def layout_text(node: LayoutNode) -> str:
-    """The tree as one line of JSON, as records hold it."""
+    """Layout as one line of JSON, for recordings."""
     return json.dumps(layout_data(node))

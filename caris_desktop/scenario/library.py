@@ -1,4 +1,4 @@
-"""Which scenarios there are: those that come with the program and the user's own."""
+"""Scenario library: shipped scenarios and the user's own."""
 
 import functools
 import re
@@ -19,13 +19,13 @@ _LONGEST_STEM = 60
 
 
 def own_file_called(title: str) -> Path:
-    """Where a scenario of that title is kept as one of the user's own."""
+    """Path for a new own scenario of that title."""
     stem = re.sub(r"[\W_]+", "-", title.casefold()).strip("-")[:_LONGEST_STEM].strip("-")
     return user_scenarios_dir() / f"{stem or 'scenario'}.yaml"
 
 
 def own_file(path: Path | None) -> Path:
-    """Where a scenario is saved: in its own file, or in the user's copy of a shipped one."""
+    """Path for saving: the scenario's own file, or the user's copy of a shipped one."""
     if path is not None and not path.resolve().is_relative_to(layouts_dir().resolve()):
         return path
     return user_scenarios_dir() / (path.name if path is not None else "scenario.yaml")
@@ -33,8 +33,8 @@ def own_file(path: Path | None) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioChoice:
-    """One file of the library. Of one that cannot be opened the title is its file name; of one of the user's own whose
-    title another has too, its file name is in it.
+    """One file of the library. An unreadable file is listed by its name; an own file with a duplicate title gets its
+    name added.
     """
 
     title: str
@@ -42,12 +42,12 @@ class ScenarioChoice:
 
 
 def user_scenarios_dir() -> Path:
-    """Where the user's own scenarios lie; need not exist."""
+    """Folder of the user's own scenarios; may not exist."""
     return Path(platformdirs.user_config_dir("caris-desktop", appauthor=False)) / "scenarios"
 
 
 def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...]:
-    """Shipped scenarios, then the user's, each by file name. A user's file stands in for a shipped one of its name."""
+    """Shipped scenarios, then the user's, each by file name. An own file replaces a shipped one of the same name."""
     titles = {path: title_of(path) for path in scenario_files(user_dir=user_dir)}
     times = Counter(titles.values())
     return tuple(
@@ -57,14 +57,14 @@ def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...
 
 
 def scenario_files(*, user_dir: Path | None = None) -> tuple[Path, ...]:
-    """The files of ``list_scenarios``, which are not read for it."""
+    """Files of ``list_scenarios``, without reading them."""
     own = _files(user_scenarios_dir() if user_dir is None else user_dir)
     own_names = {path.stem for path in own}
     return (*(path for path in _files(layouts_dir()) if path.stem not in own_names), *own)
 
 
 def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> Path:
-    """The file that is meant: a path, or the name of a scenario in the library with or without its suffix.
+    """Scenario file by path, or by name in the library with or without its suffix.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def title_of(path: Path) -> str:
-    """The scenario's title, read anew where the file is another one than it was; of a broken one its file name."""
+    """Title, cached until the file changes; for a broken file its name."""
     try:
         stat = path.stat()
     except OSError:

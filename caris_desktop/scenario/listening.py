@@ -1,4 +1,4 @@
-"""How a scenario has what is said turned into text."""
+"""Speech recognition section of a scenario."""
 
 from typing import Annotated, Literal
 

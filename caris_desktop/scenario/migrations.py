@@ -1,4 +1,4 @@
-"""Which scenario files are read, and what is done to those of older versions."""
+"""Versions and migrations of scenario files."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from caris_desktop.scenario.model import SCENARIO_VERSION
 
 
 def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 0 is a file that does not say its version; nothing else differs."""
+    """Version 0 is a file without a version; nothing else differs."""
     return data
 
 
@@ -22,7 +22,7 @@ def migrate(
     migrations: Mapping[int, Migration] = MIGRATIONS,
     newest: int = SCENARIO_VERSION,
 ) -> dict[str, Any]:
-    """``data`` as the newest version would hold it; the argument is left alone.
+    """``data`` migrated to the newest version; the argument is unchanged.
 
     Raises
     ------

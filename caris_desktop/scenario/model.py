@@ -1,7 +1,7 @@
-"""What a scenario decides: layout, permissions, phrases, prompts, places. Plain data, never code.
+"""Schema of scenarios: layout, permissions, phrases, prompts, places. Plain data, never code.
 
-These declarations are the only place where a setting is added. The check and its messages, the JSON Schema for editors
-and the page of the guide follow from them; ``python -m caris_desktop.app.reference`` writes the latter two anew.
+Settings are declared only here. Validation, messages, the JSON Schema for editors and the guide page derive from these
+declarations; ``python -m caris_desktop.app.reference`` rewrites the latter two.
 """
 
 import math
@@ -122,7 +122,7 @@ class Permissions:
     notes: Annotated[bool, Rule("Notes of the wizard, kept with the session.", quiet=True)] = True
 
     def withheld(self, needed: Iterable[Permission]) -> Permission | None:
-        """The first of these that the scenario does not give; None where it gives them all."""
+        """First missing permission; None if all are granted."""
         return next((permission for permission in needed if not getattr(self, permission)), None)
 
 
@@ -494,12 +494,12 @@ class Scenario:
         return (self.filler, *self.fillers) if self.filler else ()
 
     def next_filler(self, said: int) -> str:
-        """One after the other, after so many were said; empty where there is none."""
+        """Fillers in rotation, after ``said`` of them; empty without any."""
         return self.every_filler[said % len(self.every_filler)] if self.filler else ""
 
     def highest_level(self, function: AssistedFunction) -> AssistanceLevel:
-        """The most that may be done without being asked for: off where the language model may not be asked, and for
-        what could not be said.
+        """Highest permitted automation level: off without permission for the language model or for speech, as
+        applicable.
         """
         if function != "fillers" and not self.permissions.assistant:
             return "off"
@@ -510,12 +510,12 @@ class Scenario:
 
     @property
     def assisted(self) -> tuple[AssistedFunction, ...]:
-        """What may be done without being asked for, or suggested."""
+        """Functions with automation or suggestions."""
         functions: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
         return tuple(function for function in functions if self.highest_level(function) != "off")
 
     @property
     def covers_people(self) -> bool:
-        """Whether people have to be found in time, so that they can be covered in pictures that are kept or shown."""
+        """True if people must be detected in time to be blurred in stored or displayed images."""
         pictures = self.permissions.video_recording or self.permissions.photos or self.blur.shown
         return self.blur.who != "nobody" and pictures

@@ -1,4 +1,4 @@
-"""A key that a scenario gives to one of its phrases or gestures."""
+"""Keys assigned to phrases and gestures in a scenario."""
 
 from caris_desktop.domain.declared import Rule
 
@@ -8,5 +8,5 @@ _ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, as Ctrl+G; not the keys w
 
 
 def own_key(meaning: str) -> Rule:
-    """How it is declared; ``meaning`` is what the key does there."""
+    """Field declaration; ``meaning`` is the key's function."""
     return Rule(meaning, pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)

@@ -1,4 +1,4 @@
-"""What a scenario says of how its panels are when a wizard first opens it; what that wizard changes comes back."""
+"""Initial panel settings of a scenario; the wizard's own changes are stored separately."""
 
 from dataclasses import field
 from typing import Annotated, Literal

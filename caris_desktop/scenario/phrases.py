@@ -1,4 +1,4 @@
-"""The sentences of a scenario that are one key away: plain, with what goes along with them, or in titled groups."""
+"""Phrases of a scenario: plain, with options, or in titled groups."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated
@@ -60,20 +60,20 @@ PhraseEntry = Sentence | Phrase | PhraseGroup
 
 @dataclass(frozen=True, slots=True)
 class PhraseKeys:
-    """What F1 to F8 mean while a group is chosen. ``title`` is empty for the phrases that stand in no group."""
+    """Phrases on F1 to F8 while a group is selected. ``title`` is empty for ungrouped phrases."""
 
     title: str
     phrases: tuple[Phrase, ...]
 
 
 class _Grouped:
-    """Those that were asked for last: of one scenario they are asked for again and again, and it may have thousands."""
+    """Cache of the last result: the same scenario is queried repeatedly, and may have thousands of phrases."""
 
     last: tuple[Iterable[PhraseEntry], tuple[PhraseKeys, ...]] = ((), ())
 
 
 def phrase_groups(entries: Iterable[PhraseEntry]) -> tuple[PhraseKeys, ...]:
-    """The groups in their order; what stands in none comes first."""
+    """Groups in order; ungrouped phrases first."""
     if not isinstance(entries, tuple):
         return _grouped(tuple(entries))
     last = _Grouped.last
@@ -93,7 +93,7 @@ def _grouped(entries: tuple[PhraseEntry, ...]) -> tuple[PhraseKeys, ...]:
 
 
 def sentences(entries: Iterable[PhraseEntry]) -> tuple[str, ...]:
-    """What there is to say, of every group."""
+    """Sentences of all groups."""
     return tuple(phrase.say for group in phrase_groups(entries) for phrase in group.phrases)
 
 
@@ -102,7 +102,7 @@ def _as_phrase(entry: str | Phrase) -> Phrase:
 
 
 def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
-    """What is wrong with phrases beside one another; the paths begin at their list."""
+    """Conflicts between phrases; paths are relative to their list."""
     entries = tuple(entries)
     loose = [index for index, entry in enumerate(entries) if not isinstance(entry, PhraseGroup)]
     for index in loose[KEYS_OF_A_GROUP : KEYS_OF_A_GROUP + 1]:

@@ -1,4 +1,4 @@
-"""What the wizard looks after by hand before a recording, as a scenario has it."""
+"""Manual pre-session checks of a scenario."""
 
 from typing import Annotated
 
@@ -23,6 +23,6 @@ PreflightEntry = CheckTitle | ManualCheck
 
 
 def manual_checks(entries: tuple[PreflightEntry, ...]) -> tuple[ManualCheck, ...]:
-    """All of them in full, each title once."""
+    """Checks in full form, without duplicate titles."""
     full = (entry if isinstance(entry, ManualCheck) else ManualCheck(entry) for entry in entries)
     return tuple({each.check: each for each in full}.values())

@@ -1,4 +1,4 @@
-"""The protocol of a study: its steps in order, what belongs to each, and where one goes on from there."""
+"""Study protocol of a scenario: steps, their content, and branches."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -98,7 +98,7 @@ class ProtocolStep:
 
     @property
     def expected_s(self) -> float:
-        """Zero where nothing is expected."""
+        """Expected duration; zero if none is given."""
         return self.minutes * _SECONDS
 
 
@@ -114,7 +114,7 @@ class ProtocolSettings:
 
 
 def step_named(steps: Iterable[ProtocolStep], name: str) -> ProtocolStep | None:
-    """By its id, or else by its title."""
+    """Step by id, else by title."""
     steps = tuple(steps)
     by_id = (step for step in steps if step.step_id == name)
     by_title = (step for step in steps if step.title.casefold() == name.casefold())
@@ -122,7 +122,7 @@ def step_named(steps: Iterable[ProtocolStep], name: str) -> ProtocolStep | None:
 
 
 def step_after(steps: Sequence[ProtocolStep], step: ProtocolStep) -> ProtocolStep | None:
-    """The one that comes next if the participant does nothing else; None where it ends with this one."""
+    """Next step without a branch; None after the last one."""
     if step.then:
         return step_named(steps, step.then)
     following = steps.index(step) + 1
@@ -130,7 +130,7 @@ def step_after(steps: Sequence[ProtocolStep], step: ProtocolStep) -> ProtocolSte
 
 
 def protocol_problems(settings: ProtocolSettings, places: Sequence[str]) -> Iterator[Problem]:
-    """What is wrong with steps beside one another and with ``places``; the paths begin at the protocol."""
+    """Problems between steps, and with ``places``; paths start at the protocol."""
     steps = settings.steps
     seen: set[str] = set()
     for index, step in enumerate(steps):

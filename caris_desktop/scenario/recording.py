@@ -1,4 +1,4 @@
-"""What a scenario says of recordings: labels of marks, kinds of wizard error, who else hears of both."""
+"""Recording section of a scenario: mark labels, wizard error kinds, markers."""
 
 from typing import Annotated
 
@@ -78,6 +78,6 @@ class RecordingSettings:
 
     @property
     def error_kinds(self) -> tuple[ErrorKind, ...]:
-        """Those that are offered, in the order of their keys."""
+        """Error kinds in the order of their keys."""
         given = (each if isinstance(each, ErrorKind) else ErrorKind(each) for each in self.errors)
         return tuple(given) or USUAL_ERRORS

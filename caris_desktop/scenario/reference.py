@@ -1,4 +1,4 @@
-"""What tells people about the scenario file: its JSON Schema and its page of the guide, both from the declaration.
+"""Derived documentation of scenario files: JSON Schema and guide page.
 
 ``python -m caris_desktop.app.reference`` writes them into ``resources/``.
 """
@@ -45,7 +45,7 @@ saves a place or an arrangement of panels, your comments, the order of your keys
 
 
 def reference_files() -> dict[Path, str]:
-    """What each of these files says."""
+    """Content of each derived file."""
     return {
         schema_path(): schema_text(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario"),
         resources_dir() / "guide" / "scenario-file.md": _PAGE_HEAD + reference(Scenario),

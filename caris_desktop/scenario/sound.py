@@ -1,4 +1,4 @@
-"""What a scenario says of sound: which microphone hears the participant, and what the wizard hears and says."""
+"""Sound section of a scenario: the participant's microphone, and the wizard's audio."""
 
 from typing import Annotated, Literal
 
@@ -37,7 +37,7 @@ class SoundSettings:
     ] = "auto"
 
     def ear_with(self, *, robot_hears: bool) -> str:
-        """What ``auto`` means with this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+        """Resolve ``auto`` for this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
         if self.ear == "auto":
             return "robot" if robot_hears else "computer"
         return self.ear

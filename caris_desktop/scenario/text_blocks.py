@@ -1,4 +1,4 @@
-"""Text of several lines as YAML has it: blocks of lines as they are, blocks that are folded, or one quoted line."""
+"""YAML representations of multi-line text: literal blocks, folded blocks, or one quoted line."""
 
 import re
 import textwrap
@@ -14,13 +14,13 @@ Block = tuple[str, list[str]]
 
 
 def one_line(text: str) -> str:
-    """In quotation marks, with its line ends written as characters."""
+    """Quoted, with escaped line ends."""
     written: str = yaml.safe_dump("".join(text), default_style='"', allow_unicode=True, width=float("inf"))
     return written.rstrip("\n")
 
 
 def written_block(text: str, column: int, *, folded: bool) -> Block | None:
-    """The lines of ``text``; None where no block can say it. ``folded``: lines that are long go on in the next one."""
+    """Block lines of ``text``; None if no block can represent it. ``folded``: long lines are wrapped."""
     if folded and (block := folded_again(text, column, [])):
         return block
     body = text.rstrip("\n")
@@ -31,12 +31,12 @@ def written_block(text: str, column: int, *, folded: bool) -> Block | None:
 
 
 def body_of(lines: str) -> list[str]:
-    """The lines of a block without their indentation."""
+    """Lines of a block without indentation."""
     return textwrap.dedent(lines.replace("\r\n", "\n")).split("\n")
 
 
 def folded_again(text: str, column: int, body: list[str]) -> Block | None:
-    """``text`` in folded lines, those of ``body`` that say the same left as they are; None where that cannot be."""
+    """``text`` in folded lines, preserving equal ones of ``body``; None if impossible."""
     known = {" ".join(lines): lines for lines in _paragraphs(body)}
     lines: list[str] = []
     for number, part in enumerate(text.split("\n")):
@@ -59,7 +59,7 @@ def _paragraphs(lines: list[str]) -> list[list[str]]:
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """Broken at single blanks alone: a line break stands for one."""
+    """Wrap at single spaces only: a line break stands for one."""
     lines = [""]
     for word in re.split(r"(?<! ) (?! )", text):
         if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
@@ -70,7 +70,7 @@ def _wrapped(text: str, width: int) -> list[str]:
 
 
 def _checked(text: str, mark: str, lines: list[str]) -> Block | None:
-    """The block, if it says ``text``: some texts begin with blanks, or hold what no file may."""
+    """The block, if it parses to ``text``: leading blanks or special characters may prevent that."""
     try:
         said = yaml.safe_load("\n".join((f"a: {mark}", *lines, "b:", "")))
     except yaml.YAMLError:

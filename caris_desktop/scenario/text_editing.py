@@ -1,7 +1,7 @@
-"""YAML that people wrote: some values change, every other character stays.
+"""Editing of YAML text that preserves every character outside of the changed values.
 
-Not by ruamel.yaml, which writes the whole file anew: comments stay, but columns, indentation and blanks become its own,
-and the comment below a list goes with the list when that is replaced.
+ruamel.yaml is not used, since it rewrites the whole file: comments stay, but columns, indentation and blank lines
+change, and a comment after a list is lost with the list.
 """
 
 import difflib
@@ -23,33 +23,32 @@ _SHORT = 60
 
 
 class UnusualLayoutError(Exception):
-    """The text is laid out in a way that cannot be changed here and there; it has to be written whole."""
+    """Layout that cannot be edited in place; the whole text must be rewritten."""
 
 
 class _Edit(NamedTuple):
-    """``text`` in place of what stands from ``start`` to ``end``."""
+    """``text`` replaces ``start`` to ``end``."""
 
     start: int
     end: int
     text: str
 
 
-# libyaml's composer gives the same nodes twenty times as fast, where it is there.
+# libyaml's composer, if available, returns the same nodes twenty times as fast.
 _Fastest: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _FastLoader: Any = type("_FastLoader", (PlainScalars, _Fastest), {"yaml_implicit_resolvers": {}})
 know_scalars(_FastLoader)
 
 
 def quick_data(text: str) -> LocatedData:
-    """What a text says that the program itself has written; others are for ``parse_yaml``, which trusts nobody."""
+    """Data of trusted text, written by the program; ``parse_yaml`` is for all other text."""
     return located(_root(text))
 
 
 def edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """``text``, which says ``old``, so that it says ``new``.
+    """Change ``text``, whose content is ``old``, to ``new``.
 
-    ``old`` may have keys that the text leaves out because they have their default. Comments within what is replaced or
-    removed go with it.
+    ``old`` may have keys that the text omits as defaults. Comments within replaced or removed parts are lost.
 
     Raises
     ------
@@ -61,8 +60,8 @@ def edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
 
 def with_value(text: str, path: KeyPath, value: Any, behind: Sequence[str] = ()) -> str:
-    """``text`` so that ``value`` stands at ``path``. Keys on the way are added where they are missing: the first of
-    them behind the last of those named ``behind``, or before all others.
+    """Set ``value`` at ``path``. Missing keys on the path are added: the first one after the last of those named
+    ``behind``, or before all others.
 
     Raises UnusualLayoutError.
     """
@@ -71,7 +70,7 @@ def with_value(text: str, path: KeyPath, value: Any, behind: Sequence[str] = ())
 
 
 def without(text: str, path: KeyPath) -> str:
-    """``text`` without the key or entry at ``path``; a group or list of which nothing is left stays, empty.
+    """Remove the key or entry at ``path``; an emptied group or list stays.
 
     Raises UnusualLayoutError.
     """
@@ -80,13 +79,13 @@ def without(text: str, path: KeyPath) -> str:
 
 
 def with_entry(text: str, path: KeyPath, value: Any) -> str:
-    """``text`` with one more entry in a list, at the place that ``path`` ends with. Raises UnusualLayoutError."""
+    """Insert an entry into a list, at the index at the end of ``path``. Raises UnusualLayoutError."""
     whole = _ended(text)
     return _applied(text, whole, _Editor(whole).entry_added_at(_root(whole), path, value))
 
 
 def with_entry_moved(text: str, path: KeyPath, place: int) -> str:
-    """``text`` with the entry at ``path`` at another place of its list, comments above and behind it included.
+    """Move the entry at ``path`` within its list, including its comments.
 
     Raises UnusualLayoutError.
     """
@@ -125,7 +124,7 @@ def _applied(text: str, whole: str, edits: list[_Edit]) -> str:
 
 
 class _Editor:
-    """Finds the edits of one text."""
+    """Computes the edits of one text."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -199,9 +198,7 @@ class _Editor:
         ]
 
     def _span(self, parent: SequenceNode, number: int) -> tuple[int, int]:
-        """From where to where an entry goes that is moved: its lines with the comments that are its own, if it has
-        lines of its own.
-        """
+        """Span of an entry to move: its lines with its own comments, if it has lines of its own."""
         node = parent.value[number]
         if parent.flow_style:
             return node.start_mark.index, self._end(node)
@@ -218,10 +215,10 @@ class _Editor:
     # ---- what differs
 
     def mapping(self, node: MappingNode, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[_Edit]:
-        """Keys that changed, went or came."""
+        """Edits for changed, removed and added keys."""
         entries = {key.value: (key, value) for key, value in node.value}
         if not any(name in entries for name in new):
-            # It is something else altogether.
+            # Different content altogether.
             raise UnusualLayoutError
         edits: list[_Edit] = []
         before: Node | None = None
@@ -246,7 +243,7 @@ class _Editor:
             pass
         between = self._text[key.end_mark.index : value.start_mark.index]
         if "#" in between or not between.lstrip().startswith(":"):
-            # A comment stands before the value: it stays, and what follows keeps its column.
+            # A comment before the value: it stays, and what follows preserves its column.
             return [self._replaced(value, wanted)]
         start = key.end_mark.index + between.index(":") + 1
         column = key.start_mark.column + 2
@@ -259,7 +256,7 @@ class _Editor:
         return [_Edit(start, self._end(value), replacement)]
 
     def _text_edit(self, start: int, value: Node, wanted: str, column: int) -> _Edit:
-        """Text behind a key, as a block of lines where it had one or has several lines. A comment behind it stays."""
+        """Edit of a text value, as a block if it was one or has several lines. A trailing comment stays."""
         end = self._end(value)
         style = value.style if isinstance(value, ScalarNode) else None
         in_block = "\n" in wanted or (style in ("|", ">") and len(wanted) > _SHORT)
@@ -286,18 +283,18 @@ class _Editor:
         return _Edit(start, end, self._line_end.join((f" {mark}{behind}", *lines)))
 
     def _in_brackets(self, node: Node) -> bool:
-        """Whether it stands in a list or group on one line, where commas and brackets mean something."""
+        """True inside a flow list or mapping, where commas and brackets are syntax."""
         if self._brackets is None:
             self._brackets = list(_brackets(_root(self._text)))
         return any(start < node.start_mark.index < end for start, end in self._brackets)
 
     def _starts_line(self, key: Node) -> bool:
-        """Whether a key stands in a block: within brackets no text has lines of its own."""
+        """True if a key is in a block: text inside brackets has no lines of its own."""
         before = self._text[self._line_start(key.start_mark.index) : key.start_mark.index]
         return not before.strip(" -")
 
     def _within(self, node: Node, said: Any, wanted: Any) -> list[_Edit]:
-        """Edits inside of a mapping or list, or of a scalar; UnusualLayoutError where it must be replaced whole."""
+        """Edits inside a mapping, list or scalar; UnusualLayoutError if it must be replaced."""
         if isinstance(node, MappingNode) and isinstance(said, dict) and isinstance(wanted, dict) and node.value:
             return self.mapping(node, said, wanted)
         if isinstance(node, SequenceNode) and isinstance(said, list) and isinstance(wanted, list):
@@ -338,13 +335,13 @@ class _Editor:
             return [self._replaced(node, wanted)]
 
     def _replaced(self, node: Node, wanted: Any) -> _Edit:
-        """All of a value, beginning where it began."""
+        """Replace a whole value, from its start."""
         column = node.start_mark.column
         flow = not _nested(wanted, column) or getattr(node, "flow_style", False)
         return _Edit(node.start_mark.index, self._end(node), _flow(wanted) if flow else self._block(wanted, column))
 
     def _removed(self, parent: Node, start: Any, value: Node, *, introduced_by: str) -> _Edit:
-        """A key with its value, or an item, with its lines or from between its brackets."""
+        """Remove a key with its value, or an item: its lines, or its part between brackets."""
         if getattr(parent, "flow_style", False):
             return self._removed_between(parent, start.index, value)
         line_start = self._line_start(start.index)
@@ -352,7 +349,7 @@ class _Editor:
         if lead == introduced_by:
             return _Edit(line_start, self._after_line(self._end(value)), "")
         if lead.strip("- ") == "" and isinstance(parent, MappingNode) and parent.value[0][1] is value:
-            # The first key of an entry: the next one follows the dash in its place.
+            # The first key of an entry: the next one moves behind the dash.
             return _Edit(start.index, parent.value[1][0].start_mark.index, "")
         raise UnusualLayoutError
 
@@ -377,12 +374,12 @@ class _Editor:
             first = parent.value[0][0].start_mark.index
             at = self._line_start(first)
             if self._text[at:first].strip(" "):
-                # Behind the dash of an entry, or of the whole file.
+                # After the dash of an entry, or at the start of the file.
                 return _Edit(first, first, f"{_flow(name)}:{shown}{self._line_end}{' ' * column}")
             return _Edit(at, at, f"{' ' * column}{_flow(name)}:{shown}{self._line_end}")
         at = self._after_line(self._end(before))
         while self._comment_column(at) > column:
-            # It belongs to what stands above.
+            # The comment belongs to the entry above.
             at = self._after_line(at)
         return _Edit(at, at, " " * column + f"{_flow(name)}:{shown}{self._line_end}")
 
@@ -403,7 +400,7 @@ class _Editor:
             if self._text[at : parent.start_mark.index].strip(" "):
                 raise UnusualLayoutError
             while self._comment_column(above := self._line_start(at - 1)) == column:
-                # It belongs to the item that is first until now.
+                # The comment belongs to the item that was first.
                 at = above
         else:
             at = self._after_line(self._end(before))
@@ -411,7 +408,7 @@ class _Editor:
         return _Edit(at, at, f"{' ' * column}- {shown}{self._line_end}")
 
     def _added_between(self, parent: Node, before: Node | None, shown: str) -> _Edit:
-        """Within brackets."""
+        """Insertion within brackets."""
         if before is not None:
             end = self._end(before)
             return _Edit(end, end, f", {shown}")
@@ -421,7 +418,7 @@ class _Editor:
         return _Edit(start, start, f"{shown}, ")
 
     def _end(self, node: Node) -> int:
-        """Where its content ends: blocks themselves reach to whatever follows, comments and empty lines included."""
+        """End of the content: block nodes themselves extend over following comments and empty lines."""
         if isinstance(node, (MappingNode, SequenceNode)) and not node.flow_style and node.value:
             last = node.value[-1]
             return self._end(last[1] if isinstance(last, tuple) else last)
@@ -432,7 +429,7 @@ class _Editor:
         return end
 
     def _comment_column(self, line_start: int) -> int:
-        """Where the comment begins of which the line consists; -1 if it is something else."""
+        """Column of the comment in a comment line; else -1."""
         line = self._text[line_start : self._after_line(line_start)] if line_start < len(self._text) else ""
         return line.index("#") if line.lstrip().startswith("#") else -1
 
@@ -447,12 +444,12 @@ class _Editor:
         return self._text[start : self._after_line(start)]
 
     def _block(self, value: Any, column: int) -> str:
-        """Lines that stand at ``column``; the first has no indentation. What is short goes on one line."""
+        """Lines at ``column``, the first without indentation. Short values go on one line."""
         return (self._line_end + " " * column).join(_block_lines(value, column))
 
 
 def _list_and_place(root: Node, path: KeyPath) -> tuple[SequenceNode, int]:
-    """The list in which the place lies, and where in it. Raises UnusualLayoutError where there is none."""
+    """List and index of the place. Raises UnusualLayoutError if there is none."""
     *above, place = path
     parent: Node | None = root
     for part in above:
@@ -471,7 +468,7 @@ def _child(node: Node, part: str | int) -> Node | None:
 
 
 def _is_nothing(node: Node) -> bool:
-    """``key:`` with no value behind it, or a group without keys."""
+    """True for ``key:`` without a value, or a group without keys."""
     return (isinstance(node, ScalarNode) and node.tag.endswith(":null")) or (
         isinstance(node, MappingNode) and not node.value
     )
@@ -489,12 +486,12 @@ def _start(entry: Any) -> int:
 
 
 def _identity(item: Any) -> str:
-    """By which an entry is found again: its name if it has one."""
+    """Identity of an entry: its name if it has one."""
     return str(item["name"]) if isinstance(item, dict) and "name" in item else json.dumps(item)
 
 
 def _nested(value: Any, column: int) -> bool:
-    """Whether it is too much for one line: something in it holds something else, or it is too long, or has lines."""
+    """True if the value needs several lines: nested, too long, or multi-line."""
     if not isinstance(value, (dict, list)) or not value:
         return False
     items = list(value.values()) if isinstance(value, dict) else value
@@ -506,7 +503,7 @@ def _nested(value: Any, column: int) -> bool:
 
 
 def _block_lines(value: Any, column: int) -> list[str]:
-    """``value`` in lines, the first of which stands where it begins."""
+    """``value`` in lines, without indentation of the first."""
     if not _nested(value, column):
         return [_plain(value)]
     lines: list[str] = []
@@ -528,7 +525,7 @@ def _block_lines(value: Any, column: int) -> list[str]:
 
 
 def _brackets(node: Node) -> Iterator[tuple[int, int]]:
-    """From where to where there are brackets."""
+    """Spans of brackets."""
     if isinstance(node, (MappingNode, SequenceNode)):
         if node.flow_style:
             yield node.start_mark.index, node.end_mark.index
@@ -538,14 +535,14 @@ def _brackets(node: Node) -> Iterator[tuple[int, int]]:
 
 
 def _plain(value: Any) -> str:
-    """On one line of its own, where a text needs quotation marks less often."""
+    """One line in block context, where texts need fewer quotation marks."""
     if not isinstance(value, str) or "\n" in value:
         return _flow(value)
     return dumped([value], default_flow_style=False, width=10_000).rstrip("\n").removeprefix("- ")
 
 
 def _flow(value: Any) -> str:
-    """On one line, with the quotation marks that it needs within brackets."""
+    """One line in flow context, quoted as necessary."""
     if isinstance(value, str) and "\n" in value:
         return one_line(value)
     if isinstance(value, dict):

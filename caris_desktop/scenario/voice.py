@@ -1,4 +1,4 @@
-"""What a scenario says of this computer's voice."""
+"""Speech synthesis section of a scenario."""
 
 from typing import Annotated
 
