@@ -1,1 +1,1 @@
-"""ROS message definitions and their codecs; no sockets."""
+"""ROS message codecs and definitions; no sockets."""

@@ -1,4 +1,4 @@
-"""Goals of actions as ROS 1 (actionlib) and ROS 2 (through rosbridge) carry them, those of navigation in particular."""
+"""Action goals of ROS 1 (actionlib) and ROS 2 (through rosbridge), in particular navigation."""
 
 from typing import Any, Literal
 
@@ -52,7 +52,7 @@ ROS2_ENDINGS: dict[int, Ending] = {
 
 @dataclass(frozen=True, slots=True)
 class GoalStatus:
-    """Where one actionlib goal stands; ``status`` is a number of actionlib_msgs/GoalStatus."""
+    """State of one actionlib goal; ``status`` is a number of actionlib_msgs/GoalStatus."""
 
     goal_id: str
     status: int
@@ -60,13 +60,13 @@ class GoalStatus:
 
     @property
     def ending(self) -> Ending | None:
-        """How the goal ended, or None while it has not."""
+        """Outcome of the goal, None while it is active."""
         return _ENDINGS.get(self.status)
 
 
 @dataclass(frozen=True, slots=True)
 class GoalFeedback:
-    """Progress of a navigation goal; each value is None where the robot does not tell it."""
+    """Progress of a navigation goal; values are None if not reported."""
 
     pose_in_map: Pose2D | None
     distance_left_m: float | None
@@ -74,24 +74,24 @@ class GoalFeedback:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """How a ROS 2 goal ended."""
+    """Outcome of a ROS 2 goal."""
 
     ending: Ending
     detail: str = ""
 
 
 def encode_goal_id(dialect: Dialect, goal_id: str, *, stamp_ns: int = 0) -> Message:
-    """actionlib_msgs/GoalID. On the cancel topic an empty id with the zero time cancels every goal."""
+    """Encode actionlib_msgs/GoalID. On the cancel topic an empty id with zero time cancels every goal."""
     return {"stamp": encode_time(dialect, stamp_ns), "id": goal_id}
 
 
 def decode_goal_id(message: Any) -> str:
-    """The id of an actionlib_msgs/GoalID, possibly empty."""
+    """Id of an actionlib_msgs/GoalID, possibly empty."""
     return text(message_of(message, "GoalID"), "id", "GoalID", most=_MAX_GOAL_ID_CHARS)
 
 
 def encode_action_goal(goal_id: str, goal: Message, *, stamp_ns: int) -> Message:
-    """The ActionGoal of any action of ROS 1."""
+    """Encode the ActionGoal of any ROS 1 action."""
     return {
         "header": encode_header(Dialect.ROS1, stamp_ns=stamp_ns, frame_id=""),
         "goal_id": encode_goal_id(Dialect.ROS1, goal_id, stamp_ns=stamp_ns),
@@ -100,12 +100,12 @@ def encode_action_goal(goal_id: str, goal: Message, *, stamp_ns: int) -> Message
 
 
 def encode_action_feedback(status: GoalStatus, feedback: Message, *, stamp_ns: int) -> Message:
-    """The ActionFeedback of any action of ROS 1."""
+    """Encode the ActionFeedback of any ROS 1 action."""
     return {**_actionlib_envelope(status, stamp_ns), "feedback": feedback}
 
 
 def decode_action_feedback(message: Any, what: str) -> tuple[GoalStatus, Message]:
-    """Status and feedback of the ActionFeedback of any action of ROS 1."""
+    """Status and feedback of any ROS 1 action's ActionFeedback."""
     action_feedback = message_of(message, what)
     return _decode_status(part(action_feedback, "status", what), f"{what}.status"), part(
         action_feedback, "feedback", what
@@ -113,30 +113,30 @@ def decode_action_feedback(message: Any, what: str) -> tuple[GoalStatus, Message
 
 
 def encode_action_result(status: GoalStatus, result: Message, *, stamp_ns: int) -> Message:
-    """The ActionResult of any action of ROS 1."""
+    """Encode the ActionResult of any ROS 1 action."""
     return {**_actionlib_envelope(status, stamp_ns), "result": result}
 
 
 def decode_action_result(message: Any, what: str) -> tuple[GoalStatus, Message]:
-    """Final status and result of the ActionResult of any action of ROS 1."""
+    """Final status and result of any ROS 1 action's ActionResult."""
     action_result = message_of(message, what)
     status = _decode_status(part(action_result, "status", what), f"{what}.status")
     return status, part(action_result, "result", what) if "result" in action_result else {}
 
 
 def encode_move_base_target(target_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
-    """move_base_msgs/MoveBaseGoal."""
+    """Encode move_base_msgs/MoveBaseGoal."""
     return {"target_pose": encode_pose_stamped(Dialect.ROS1, target_in_map, stamp_ns=stamp_ns, frame_id=frame_id)}
 
 
 def decode_move_base_feedback(feedback: Any) -> GoalFeedback:
-    """move_base_msgs/MoveBaseFeedback, which tells the pose and no distance."""
+    """Decode move_base_msgs/MoveBaseFeedback, which has a pose and no distance."""
     base_position = part(message_of(feedback, "MoveBaseFeedback"), "base_position", "MoveBaseFeedback")
     return GoalFeedback(decode_pose_stamped(base_position, stamp_ns=0).pose_in_map, None)
 
 
 def encode_goal_status_array(statuses: list[GoalStatus], *, stamp_ns: int) -> Message:
-    """actionlib_msgs/GoalStatusArray."""
+    """Encode actionlib_msgs/GoalStatusArray."""
     return {
         "header": encode_header(Dialect.ROS1, stamp_ns=stamp_ns, frame_id=""),
         "status_list": [_encode_status(status, stamp_ns) for status in statuses],
@@ -144,14 +144,14 @@ def encode_goal_status_array(statuses: list[GoalStatus], *, stamp_ns: int) -> Me
 
 
 def decode_goal_status_array(message: Any) -> tuple[GoalStatus, ...]:
-    """actionlib_msgs/GoalStatusArray."""
+    """Decode actionlib_msgs/GoalStatusArray."""
     what = "GoalStatusArray"
     entries = objects(message_of(message, what), "status_list", what, most=_MAX_GOALS)
     return tuple(_decode_status(entry, f"{what}.status_list[{index}]") for index, entry in enumerate(entries))
 
 
 def decode_ros2_goal_status_array(message: Any) -> tuple[tuple[str, int], ...]:
-    """action_msgs/GoalStatusArray: the UUID of each goal as 32 hexadecimal digits, and its status of action_msgs."""
+    """Decode action_msgs/GoalStatusArray: UUID of each goal as 32 hexadecimal digits, and its status."""
     what = "GoalStatusArray"
     entries = objects(message_of(message, what), "status_list", what, most=_MAX_GOALS)
     return tuple(
@@ -164,25 +164,25 @@ def decode_ros2_goal_status_array(message: Any) -> tuple[tuple[str, int], ...]:
 
 
 def encode_cancel_goal(uuid_hex: str) -> Message:
-    """The request of action_msgs/srv/CancelGoal for one goal."""
+    """Encode the request of action_msgs/srv/CancelGoal for one goal."""
     stamp = encode_time(Dialect.ROS2, 0)
     return {"goal_info": {"goal_id": {"uuid": list(bytes.fromhex(uuid_hex))}, "stamp": stamp}}
 
 
 def encode_navigate_to_pose_goal(target_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
-    """The goal (``args`` of ``send_action_goal``) of nav2_msgs/action/NavigateToPose."""
+    """Encode the goal (``args`` of ``send_action_goal``) of nav2_msgs/action/NavigateToPose."""
     pose = encode_pose_stamped(Dialect.ROS2, target_in_map, stamp_ns=stamp_ns, frame_id=frame_id)
     return {"pose": pose, "behavior_tree": ""}
 
 
 def encode_cancel_every_goal() -> Message:
-    """The request of action_msgs/srv/CancelGoal for which a zero id with the zero time means every goal."""
+    """Encode the request of action_msgs/srv/CancelGoal for every goal: zero id and zero time."""
     stamp = encode_time(Dialect.ROS2, 0)
     return {"goal_info": {"goal_id": {"uuid": [0] * _UUID_BYTES}, "stamp": stamp}}
 
 
 def means_every_goal(message: Any) -> bool:
-    """Whether a request of action_msgs/srv/CancelGoal is for every goal; ROS fills fields left out with zero."""
+    """True if a request of action_msgs/srv/CancelGoal is for every goal; ROS fills omitted fields with zero."""
     what = "CancelGoal.goal_info"
     info = message_of(message_of(message, "CancelGoal").get("goal_info", {}), what)
     goal_id = message_of(info.get("goal_id", {}), f"{what}.goal_id")
@@ -195,7 +195,7 @@ def means_every_goal(message: Any) -> bool:
 
 
 def decode_navigate_to_pose_goal(message: Any) -> Pose2D:
-    """The target of a NavigateToPose goal."""
+    """Target of a NavigateToPose goal."""
     goal = message_of(message, "NavigateToPose goal")
     return decode_pose_stamped(part(goal, "pose", "NavigateToPose goal"), stamp_ns=0).pose_in_map
 
@@ -203,7 +203,7 @@ def decode_navigate_to_pose_goal(message: Any) -> Pose2D:
 def encode_navigate_to_pose_feedback(
     pose_in_map: Pose2D, *, distance_left_m: float, time_left_s: float, elapsed_s: float, stamp_ns: int
 ) -> Message:
-    """The ``values`` of an ``action_feedback`` of NavigateToPose."""
+    """Encode the ``values`` of NavigateToPose's ``action_feedback``."""
     return {
         "current_pose": encode_pose_stamped(Dialect.ROS2, pose_in_map, stamp_ns=stamp_ns),
         "navigation_time": encode_time(Dialect.ROS2, int(elapsed_s * 1e9)),
@@ -214,7 +214,7 @@ def encode_navigate_to_pose_feedback(
 
 
 def decode_navigate_to_pose_feedback(feedback: Any) -> GoalFeedback:
-    """The ``values`` of an ``action_feedback`` of NavigateToPose."""
+    """Decode the ``values`` of NavigateToPose's ``action_feedback``."""
     what = "NavigateToPose feedback"
     values = message_of(feedback, what)
     pose = None
@@ -225,9 +225,9 @@ def decode_navigate_to_pose_feedback(feedback: Any) -> GoalFeedback:
 
 
 def decode_ros2_result(operation: Any) -> GoalResult:
-    """A whole rosbridge ``action_result`` operation.
+    """Decode a whole rosbridge ``action_result`` operation.
 
-    A failed call carries ``result: false`` and a text instead of values.
+    A failed call has ``result: false`` and a text instead of values.
     """
     what = "action_result"
     envelope = message_of(operation, what)
@@ -242,7 +242,9 @@ def decode_ros2_result(operation: Any) -> GoalResult:
 
 
 def action_package_and_name(action_type: str) -> tuple[str, str]:
-    """``pal_interaction_msgs/TtsAction`` and ``nav2_msgs/action/NavigateToPose`` without what differs between them."""
+    """Package and name of an action type in either dialect: ``pal_interaction_msgs/TtsAction``,
+    ``nav2_msgs/action/NavigateToPose``.
+    """
     package, _, name = action_type.partition("/")
     name = name.removeprefix("action/")
     return package, name.removesuffix("Action") or name
@@ -250,7 +252,7 @@ def action_package_and_name(action_type: str) -> tuple[str, str]:
 
 def _uuid_of(goal_id: Message, what: str) -> bytes:
     uuid = goal_id.get("uuid")
-    # A list, or what rosbridge makes of uint8[]: base64 text in JSON, a byte string in CBOR.
+    # A list, or rosbridge's form of uint8[]: base64 text in JSON, bytes in CBOR.
     if isinstance(uuid, list):
         try:
             return bytes(uuid)

@@ -1,4 +1,4 @@
-"""Sound as rosbridge carries it: audio_common_msgs, of audio_common in ROS 1 and of its branch for ROS 2."""
+"""Audio messages (audio_common_msgs), of audio_common in ROS 1 and its ROS 2 branch."""
 
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ Coding = Literal["wave", "mp3"]
 
 @dataclass(frozen=True, slots=True)
 class AudioPacket:
-    """What one message carries: samples without a head, or a piece of an mp3 stream."""
+    """Content of one message: raw samples, or a piece of an mp3 stream."""
 
     content: bytes
     robot_stamp_ns: int | None
@@ -25,7 +25,7 @@ class AudioPacket:
 
 @dataclass(frozen=True, slots=True)
 class AudioForm:
-    """How the bytes of a topic are to be read."""
+    """Audio format of a topic."""
 
     coding: Coding
     rate_hz: int
@@ -33,7 +33,7 @@ class AudioForm:
 
 
 def decode_audio_data(message: Any) -> AudioPacket:
-    """audio_common_msgs/AudioData, or AudioDataStamped, whose stamp is that of its first sample."""
+    """Decode audio_common_msgs/AudioData, or AudioDataStamped, whose stamp is that of its first sample."""
     audio = message_of(message, "AudioData")
     if "audio" in audio:
         data = part(audio, "audio", "AudioDataStamped")
@@ -43,12 +43,12 @@ def decode_audio_data(message: Any) -> AudioPacket:
 
 
 def encode_audio_data(samples: NDArray[np.int16]) -> Message:
-    """audio_common_msgs/AudioData in the coding wave; ``samples`` has the shape (samples, channels)."""
+    """Encode audio_common_msgs/AudioData as wave; ``samples`` has the shape (samples, channels)."""
     return {"data": np.ascontiguousarray(samples, dtype="<i2").tobytes()}
 
 
 def decode_audio_info(message: Any) -> AudioForm:
-    """audio_common_msgs/AudioInfo."""
+    """Decode audio_common_msgs/AudioInfo."""
     info = message_of(message, "AudioInfo")
     coding = text(info, "coding_format", "AudioInfo", most=40).lower()
     if coding not in ("wave", "mp3"):
@@ -64,7 +64,7 @@ def decode_audio_info(message: Any) -> AudioForm:
 
 
 def encode_audio_info(form: AudioForm, *, bitrate: int = 0) -> Message:
-    """audio_common_msgs/AudioInfo."""
+    """Encode audio_common_msgs/AudioInfo."""
     return {
         "channels": form.channels,
         "sample_rate": form.rate_hz,
@@ -75,7 +75,7 @@ def encode_audio_info(form: AudioForm, *, bitrate: int = 0) -> Message:
 
 
 def samples_of(content: bytes, channels: int) -> NDArray[np.int16]:
-    """S16LE as int16, shape (samples, channels). Raises MessageError where the bytes are no whole samples."""
+    """S16LE as int16, shape (samples, channels). Raises MessageError for incomplete samples."""
     if len(content) % (2 * channels):
         raise MessageError(f"{len(content)} bytes of sound are no whole samples of {channels} channel(s)")
     return np.frombuffer(content, "<i2").astype(np.int16).reshape(-1, channels)

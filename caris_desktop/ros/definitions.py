@@ -1,4 +1,4 @@
-"""The fields of ROS messages: as types tell them, and those of the types that robots tell and are commanded with."""
+"""Field definitions of ROS messages: parsing, and the types used by robots and commands."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -15,7 +15,7 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
     "uint32": (0, 2**32 - 1),
     "int64": (-(2**63), 2**63 - 1),
     "uint64": (0, 2**64 - 1),
-    # byte is signed in ROS 1 and not in ROS 2, and char the other way round in one of them; either is let through.
+    # byte is signed in ROS 1 and unsigned in ROS 2, char in one of them vice versa; both are accepted.
     "byte": (-(2**7), 2**8 - 1),
     "char": (-(2**7), 2**8 - 1),
     "octet": (0, 2**8 - 1),
@@ -37,7 +37,7 @@ class FieldType:
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """The fields of a type, and of the types within it by their plain names (``package/Name``)."""
+    """Fields of a type, and of its nested types by plain name (``package/Name``)."""
 
     fields: tuple[FieldType, ...]
     nested: Mapping[str, tuple[FieldType, ...]]
@@ -45,22 +45,22 @@ class Definition:
 
 @lru_cache(maxsize=1)
 def shipped_definitions() -> dict[str, tuple[FieldType, ...]]:
-    """Those that this program knows by itself, by plain name: a service's request, an action's goal as ``...Goal``."""
+    """Known definitions by plain name: a service's request, an action's goal as ``...Goal``."""
     return {name: parse_fields(text) for name, text in DEFINITION_TEXTS.items()}
 
 
 def shipped_definition(type_: str) -> Definition | None:
-    """The definition of one of them; None where it is not known."""
+    """Known definition of a type, or None."""
     known = shipped_definitions()
     fields = known.get(plain_name(type_))
     return None if fields is None else Definition(fields, known)
 
 
 def cbor_carries(type_: str) -> bool:
-    """Whether rosbridge can send messages of this type as CBOR. False also where the type is not known here.
+    """True if rosbridge can send this type as CBOR; False for unknown types.
 
-    Of a type that holds a list of fixed length or, in ROS 1, one of texts or of times it sends nothing at all, and no
-    error either (its issues 526 and 864; ROS 2 has the first of them too). JSON carries everything.
+    It silently drops types with fixed-length lists or, in ROS 1, lists of texts or times (its issues 526 and 864; the
+    first also in ROS 2). JSON supports everything.
     """
     definition = shipped_definition(type_)
     return definition is not None and all(_cbor_carries(field, definition) for field in definition.fields)
@@ -78,7 +78,7 @@ def _cbor_carries(field: FieldType, definition: Definition) -> bool:
 
 
 def parse_fields(text: str) -> tuple[FieldType, ...]:
-    """The fields of a message definition as ``.msg`` files write them, separated by line ends or semicolons."""
+    """Parse the fields of a ``.msg`` definition, separated by line ends or semicolons."""
     fields = []
     for line in text.replace(";", "\n").splitlines():
         if not line.strip():

@@ -1,4 +1,4 @@
-"""What differs between ROS 1 and ROS 2 on the wire of rosbridge: type names and the spelling of time."""
+"""Differences between ROS 1 and ROS 2 in rosbridge's protocol: type names and time."""
 
 from enum import Enum
 from typing import Any
@@ -8,39 +8,39 @@ _KINDS_IN_TYPE_NAMES = frozenset({"msg", "srv", "action"})
 
 
 class Dialect(Enum):
-    """Which ROS the other side runs."""
+    """ROS version of the other side."""
 
     ROS1 = 1
     ROS2 = 2
 
 
 def type_name(dialect: Dialect, package: str, name: str) -> str:
-    """The name of a message type: ``geometry_msgs/Twist`` or ``geometry_msgs/msg/Twist``."""
+    """Message type name: ``geometry_msgs/Twist`` or ``geometry_msgs/msg/Twist``."""
     return f"{package}/{name}" if dialect is Dialect.ROS1 else f"{package}/msg/{name}"
 
 
 def service_type_name(dialect: Dialect, package: str, name: str) -> str:
-    """The name of a service type: ``std_srvs/SetBool`` or ``std_srvs/srv/SetBool``."""
+    """Service type name: ``std_srvs/SetBool`` or ``std_srvs/srv/SetBool``."""
     return f"{package}/{name}" if dialect is Dialect.ROS1 else f"{package}/srv/{name}"
 
 
 def action_type_name(dialect: Dialect, package: str, name: str) -> str:
-    """The name of an action type: ``move_base_msgs/MoveBaseAction`` or ``nav2_msgs/action/NavigateToPose``."""
+    """Action type name: ``move_base_msgs/MoveBaseAction`` or ``nav2_msgs/action/NavigateToPose``."""
     return f"{package}/{name}Action" if dialect is Dialect.ROS1 else f"{package}/action/{name}"
 
 
 def same_type(one: str, other: str) -> bool:
-    """Whether two type names mean the same type, in whichever dialect each of them is written."""
+    """True if two type names mean the same type, in either dialect."""
     return plain_name(one) == plain_name(other)
 
 
 def plain_name(type_: str) -> str:
-    """A type's name as ROS 1 spells it, whichever dialect it is written in."""
+    """Type name in ROS 1 spelling, from either dialect."""
     return "/".join(part for part in type_.split("/") if part not in _KINDS_IN_TYPE_NAMES)
 
 
 def encode_time(dialect: Dialect, time_ns: int) -> dict[str, int]:
-    """A ROS time: ``{secs, nsecs}`` or ``{sec, nanosec}``."""
+    """Encode a ROS time: ``{secs, nsecs}`` or ``{sec, nanosec}``."""
     seconds, nanoseconds = divmod(time_ns, _NS_PER_S)
     if dialect is Dialect.ROS1:
         return {"secs": seconds, "nsecs": nanoseconds}
@@ -48,7 +48,7 @@ def encode_time(dialect: Dialect, time_ns: int) -> dict[str, int]:
 
 
 def decode_time(value: Any) -> int | None:
-    """Nanoseconds of a ROS time in either spelling; None for the zero time, which means "not stamped".
+    """Nanoseconds of a ROS time in either spelling; None for zero, which means unstamped.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reading single fields of a rosbridge message, with a clear sentence for whatever is wrong with them."""
+"""Field access for rosbridge messages, with a clear error for each kind of mistake."""
 
 import base64
 import binascii
@@ -17,7 +17,7 @@ MAX_TEXT_CHARS = 1_000_000
 
 
 class MessageError(ValueError):
-    """A message does not have the form its type demands; the text names the field."""
+    """Malformed message; the text names the field."""
 
 
 def message_of(value: Any, what: str) -> Message:
@@ -28,24 +28,24 @@ def message_of(value: Any, what: str) -> Message:
 
 
 def part(message: Message, name: str, what: str) -> Message:
-    """The nested message ``name``."""
+    """Nested message ``name``."""
     return message_of(field(message, name, what), f"{what}.{name}")
 
 
 def field(message: Message, name: str, what: str) -> Any:
-    """The value of field ``name``, whatever it is."""
+    """Value of field ``name``."""
     if name not in message:
         raise MessageError(f"{what} has no field '{name}'")
     return message[name]
 
 
 def number(message: Message, name: str, what: str) -> float:
-    """A finite number."""
+    """Finite number."""
     return _finite(field(message, name, what), f"{what}.{name}")
 
 
 def number_or_none(message: Message, name: str, what: str) -> float | None:
-    """A finite number, or None where the robot says that it does not know (null, NaN or infinite)."""
+    """Finite number, or None for unknown (null, NaN or infinite)."""
     value = field(message, name, what)
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return None
@@ -53,7 +53,7 @@ def number_or_none(message: Message, name: str, what: str) -> float | None:
 
 
 def count(message: Message, name: str, what: str, *, most: int) -> int:
-    """A whole number from 0 to ``most``."""
+    """Integer from 0 to ``most``."""
     value = field(message, name, what)
     if isinstance(value, np.integer):
         value = int(value)
@@ -65,7 +65,7 @@ def count(message: Message, name: str, what: str, *, most: int) -> int:
 
 
 def text(message: Message, name: str, what: str, *, most: int = MAX_TEXT_CHARS) -> str:
-    """A text of at most ``most`` characters."""
+    """Text of at most ``most`` characters."""
     value = field(message, name, what)
     if not isinstance(value, str):
         raise MessageError(f"{what}.{name} must be a text, but it is {_kind(value)}")
@@ -75,12 +75,12 @@ def text(message: Message, name: str, what: str, *, most: int = MAX_TEXT_CHARS) 
 
 
 def text_or_empty(message: Message, name: str, what: str) -> str:
-    """A text that may be missing."""
+    """Optional text."""
     return text(message, name, what) if name in message else ""
 
 
 def truth(message: Message, name: str, what: str) -> bool:
-    """A yes or no."""
+    """Boolean."""
     value = field(message, name, what)
     if not isinstance(value, (bool, np.bool_)):
         raise MessageError(f"{what}.{name} must be true or false, but it is {_kind(value)}")
@@ -88,7 +88,7 @@ def truth(message: Message, name: str, what: str) -> bool:
 
 
 def objects(message: Message, name: str, what: str, *, most: int) -> list[Message]:
-    """A list of at most ``most`` nested messages."""
+    """List of at most ``most`` nested messages."""
     value = field(message, name, what)
     if not isinstance(value, list):
         raise MessageError(f"{what}.{name} must be a list, but it is {_kind(value)}")
@@ -98,7 +98,7 @@ def objects(message: Message, name: str, what: str, *, most: int) -> list[Messag
 
 
 def floats(message: Message, name: str, what: str, *, most: int) -> NDArray[np.float32]:
-    """float32, shape (n,). JSON's null becomes ``inf`` (rosbridge writes inf and NaN so); CBOR keeps both."""
+    """float32, shape (n,). JSON's null becomes ``inf`` (rosbridge's form of inf and NaN); CBOR preserves both."""
     value = field(message, name, what)
     where = f"{what}.{name}"
     _check_length(value, where, most)
@@ -118,7 +118,7 @@ def floats(message: Message, name: str, what: str, *, most: int) -> NDArray[np.f
 
 
 def floats_or_empty(message: Message, name: str, what: str, *, most: int) -> NDArray[np.float32]:
-    """Numbers that may be missing."""
+    """Optional numbers."""
     return floats(message, name, what, most=most) if name in message else np.zeros(0, np.float32)
 
 
@@ -163,7 +163,7 @@ def blob(message: Message, name: str, what: str, *, most: int) -> bytes:
 
 
 def encode_header(dialect: Dialect, *, stamp_ns: int, frame_id: str) -> Message:
-    """std_msgs/Header."""
+    """Encode std_msgs/Header."""
     header: Message = {"stamp": encode_time(dialect, stamp_ns), "frame_id": frame_id}
     if dialect is Dialect.ROS1:
         header["seq"] = 0
@@ -171,7 +171,7 @@ def encode_header(dialect: Dialect, *, stamp_ns: int, frame_id: str) -> Message:
 
 
 def stamp_of(message: Message, what: str) -> int | None:
-    """The robot's own stamp in nanoseconds, or None where the header or its stamp is missing or zero."""
+    """Robot's stamp in ns, or None if header or stamp is missing or zero."""
     if "header" not in message:
         return None
     header = part(message, "header", what)
@@ -184,17 +184,17 @@ def stamp_of(message: Message, what: str) -> int | None:
 
 
 def frame_of(message: Message, what: str) -> str:
-    """The frame of reference that the header names; empty where there is none."""
+    """Frame of reference in the header; empty without one."""
     return text_or_empty(part(message, "header", what), "frame_id", what) if "header" in message else ""
 
 
 def encode_heading(heading_rad: float) -> dict[str, float]:
-    """geometry_msgs/Quaternion of a rotation about the vertical axis."""
+    """Encode geometry_msgs/Quaternion of a rotation about the vertical axis."""
     return {"x": 0.0, "y": 0.0, "z": math.sin(heading_rad / 2.0), "w": math.cos(heading_rad / 2.0)}
 
 
 def decode_rotation(quaternion: Message, what: str) -> tuple[float, float, float, float]:
-    """A geometry_msgs/Quaternion, which need not be normalised, as a unit one (x, y, z, w)."""
+    """Decode a geometry_msgs/Quaternion to unit length (x, y, z, w)."""
     x, y, z, w = (number(quaternion, axis, what) for axis in "xyzw")
     longest = max(abs(x), abs(y), abs(z), abs(w))
     if longest < 1e-9:
@@ -205,7 +205,7 @@ def decode_rotation(quaternion: Message, what: str) -> tuple[float, float, float
 
 
 def is_zero_quaternion(quaternion: Any) -> bool:
-    """Whether this is a quaternion that nobody has filled in."""
+    """True for an unset quaternion."""
     if not isinstance(quaternion, dict):
         return False
     values = [quaternion.get(axis) for axis in "xyzw"]
@@ -213,12 +213,12 @@ def is_zero_quaternion(quaternion: Any) -> bool:
 
 
 def decode_heading(quaternion: Message, what: str) -> float:
-    """Heading in radians (-pi, pi] of a quaternion, which need not be normalised."""
+    """Heading in radians (-pi, pi] of a quaternion of any length."""
     return Pose3D(0.0, 0.0, 0.0, *decode_rotation(quaternion, what)).heading_rad
 
 
 def encode_pose(pose: Pose2D) -> Message:
-    """geometry_msgs/Pose on the floor."""
+    """Encode geometry_msgs/Pose on the floor."""
     return {
         "position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
         "orientation": encode_heading(pose.heading_rad),
@@ -226,7 +226,7 @@ def encode_pose(pose: Pose2D) -> Message:
 
 
 def decode_pose(pose: Message, what: str) -> Pose2D:
-    """The floor part of a geometry_msgs/Pose."""
+    """Decode the floor part of a geometry_msgs/Pose."""
     position = part(pose, "position", what)
     return Pose2D(
         number(position, "x", f"{what}.position"),

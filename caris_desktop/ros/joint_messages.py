@@ -1,4 +1,4 @@
-"""Joints as rosbridge carries them: how they stand, and where they shall go.
+"""Joint messages: states, trajectories and angles with speed.
 
 Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
 """
@@ -28,14 +28,14 @@ _MAX_POINTS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class JointPositions:
-    """Angle or travel of each named joint, in radians or metres."""
+    """Position of each named joint, in radians or metres."""
 
     robot_stamp_ns: int | None
     positions: dict[str, float]
 
 
 def encode_joint_state(dialect: Dialect, positions: Mapping[str, float], *, stamp_ns: int) -> Message:
-    """sensor_msgs/JointState."""
+    """Encode sensor_msgs/JointState."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=""),
         "name": list(positions),
@@ -46,7 +46,7 @@ def encode_joint_state(dialect: Dialect, positions: Mapping[str, float], *, stam
 
 
 def decode_joint_state(message: Any) -> JointPositions:
-    """sensor_msgs/JointState. Joints that tell no position, or one that is no number, are left out."""
+    """Decode sensor_msgs/JointState. Joints without a finite position are omitted."""
     state = message_of(message, "JointState")
     names = _names(state, "name", "JointState")
     positions = floats(state, "position", "JointState", most=MAX_JOINTS) if "position" in state else ()
@@ -55,7 +55,7 @@ def decode_joint_state(message: Any) -> JointPositions:
 
 
 def encode_joint_trajectory(dialect: Dialect, positions: Mapping[str, float], *, duration_s: float) -> Message:
-    """trajectory_msgs/JointTrajectory with one point, to be begun at once."""
+    """Encode trajectory_msgs/JointTrajectory with one point, starting at once."""
     return {
         "header": encode_header(dialect, stamp_ns=0, frame_id=""),
         "joint_names": list(positions),
@@ -72,7 +72,7 @@ def encode_joint_trajectory(dialect: Dialect, positions: Mapping[str, float], *,
 
 
 def decode_joint_trajectory(message: Any) -> tuple[dict[str, float], float]:
-    """The last point of a trajectory_msgs/JointTrajectory, and after how many seconds it shall be reached."""
+    """Last point of a trajectory_msgs/JointTrajectory, and its time in seconds."""
     what = "JointTrajectory"
     trajectory = message_of(message, what)
     names = _names(trajectory, "joint_names", what)
@@ -93,7 +93,7 @@ def decode_joint_trajectory(message: Any) -> tuple[dict[str, float], float]:
 def encode_joint_angles_with_speed(
     dialect: Dialect, positions: Mapping[str, float], *, speed_fraction: float
 ) -> Message:
-    """naoqi_bridge_msgs/JointAnglesWithSpeed; ``speed_fraction`` is of the motors' fastest, 0..1."""
+    """Encode naoqi_bridge_msgs/JointAnglesWithSpeed; ``speed_fraction`` of the motors' maximum, 0..1."""
     return {
         "header": encode_header(dialect, stamp_ns=0, frame_id=""),
         "joint_names": list(positions),
@@ -104,7 +104,7 @@ def encode_joint_angles_with_speed(
 
 
 def decode_joint_angles_with_speed(message: Any) -> tuple[dict[str, float], float]:
-    """The angles and the fraction of the fastest speed of a naoqi_bridge_msgs/JointAnglesWithSpeed."""
+    """Angles and speed fraction of a naoqi_bridge_msgs/JointAnglesWithSpeed."""
     what = "JointAnglesWithSpeed"
     angles = message_of(message, what)
     names = _names(angles, "joint_names", what)

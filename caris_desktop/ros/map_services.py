@@ -1,4 +1,4 @@
-"""Requests to and answers of what saves and loads maps: slam_toolbox, and the map server and map saver of Nav2."""
+"""Map service messages: slam_toolbox, and Nav2's map server and map saver."""
 
 from typing import Any
 
@@ -20,12 +20,12 @@ _SERIALIZING_FAILED = {1: "the robot has no map yet", 255: "the file cannot be w
 
 
 def encode_serialize_map(file_name: str) -> Message:
-    """The request of slam_toolbox/SerializePoseGraph; ``file_name`` is without an ending."""
+    """Request of slam_toolbox/SerializePoseGraph; ``file_name`` is without a suffix."""
     return {"filename": file_name}
 
 
 def encode_deserialize_map(file_name: str, *, match_type: int, at: Pose2D | None = None) -> Message:
-    """The request of slam_toolbox/DeserializePoseGraph. ``at`` is where the robot is, for the types that ask for it."""
+    """Request of slam_toolbox/DeserializePoseGraph. ``at`` is the robot's pose, for match types that need it."""
     pose = at or Pose2D(0.0, 0.0, 0.0)
     return {
         "filename": file_name,
@@ -35,12 +35,12 @@ def encode_deserialize_map(file_name: str, *, match_type: int, at: Pose2D | None
 
 
 def encode_load_map(map_url: str) -> Message:
-    """The request of nav2_msgs/LoadMap, and of nav_msgs/LoadMap of ROS 1."""
+    """Request of nav2_msgs/LoadMap, and of nav_msgs/LoadMap of ROS 1."""
     return {"map_url": map_url}
 
 
 def encode_save_map(map_url: str, *, map_topic: str) -> Message:
-    """The request of nav2_msgs/SaveMap, with the usual thresholds."""
+    """Request of nav2_msgs/SaveMap, with the usual thresholds."""
     return {
         "map_topic": map_topic,
         "map_url": map_url,
@@ -52,18 +52,18 @@ def encode_save_map(map_url: str, *, map_topic: str) -> Message:
 
 
 def serialize_failure(answer: Any) -> str:
-    """Why slam_toolbox/SerializePoseGraph failed; empty when it did not. Old versions answer nothing."""
+    """Reason of a failed slam_toolbox/SerializePoseGraph; empty on success. Old versions return nothing."""
     result = message_of(answer, "SerializePoseGraph").get("result", 0)
     code = count({"result": result}, "result", "SerializePoseGraph", most=255)
     return "" if code == 0 else _SERIALIZING_FAILED.get(code, f"the robot answers with error {code}")
 
 
 def load_failure(answer: Any) -> str:
-    """Why LoadMap failed; empty when it did not."""
+    """Reason of a failed LoadMap; empty on success."""
     code = count(message_of(answer, "LoadMap"), "result", "LoadMap", most=255)
     return "" if code == 0 else _LOADING_FAILED.get(code, f"the robot answers with error {code}")
 
 
 def save_failure(answer: Any) -> str:
-    """Why nav2_msgs/SaveMap failed; empty when it did not."""
+    """Reason of a failed nav2_msgs/SaveMap; empty on success."""
     return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot does not say why"

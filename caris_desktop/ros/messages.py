@@ -1,9 +1,8 @@
-"""ROS messages as rosbridge carries them, to and from domain values.
+"""Codecs of ROS messages in rosbridge's form, to and from domain values.
 
-An encoder returns a plain message whose arrays are numpy arrays and whose blobs are bytes; ``rosbridge.encode_json``
-and ``rosbridge.encode_cbor`` write those as each form of the protocol wants them. A decoder takes what either form
-yields and raises :class:`MessageError`, and nothing else, for whatever is malformed.
-``stamp_ns`` of a decoder is the session clock when the message arrived; ``stamp_ns`` of an encoder is the ROS stamp.
+Encoders return plain messages with numpy arrays and bytes; ``rosbridge.encode_json`` and ``rosbridge.encode_cbor``
+convert them to either format. Decoders accept both and raise only :class:`MessageError` for malformed input. A
+decoder's ``stamp_ns`` is the arrival in session time; an encoder's is the ROS stamp.
 """
 
 import math
@@ -53,7 +52,7 @@ MAX_TRANSFORMS = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """One geometry_msgs/TransformStamped: where the child frame is in the parent frame, in space or on the floor."""
+    """One geometry_msgs/TransformStamped: pose of the child frame in the parent frame, in space or on the floor."""
 
     parent_frame: str
     child_frame: str
@@ -63,7 +62,7 @@ class Transform:
 
 @dataclass(frozen=True, slots=True)
 class CompressedImage:
-    """One compressed camera image. ``encoding`` is what the robot calls it, usually ``jpeg`` or ``png``."""
+    """Compressed camera image. ``encoding`` is the robot's name, usually ``jpeg`` or ``png``."""
 
     encoding: str
     content: bytes
@@ -72,7 +71,7 @@ class CompressedImage:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """The pinhole part of one sensor_msgs/CameraInfo: focal lengths and principal point, in pixels of that picture."""
+    """Pinhole part of sensor_msgs/CameraInfo: focal lengths and principal point, in pixels of that image."""
 
     width_px: int
     height_px: int
@@ -84,7 +83,7 @@ class Lens:
 
 
 def encode_twist(twist: Twist2D) -> Message:
-    """geometry_msgs/Twist."""
+    """Encode geometry_msgs/Twist."""
     return {
         "linear": {"x": twist.forward_mps, "y": twist.left_mps, "z": 0.0},
         "angular": {"x": 0.0, "y": 0.0, "z": twist.turn_radps},
@@ -92,7 +91,7 @@ def encode_twist(twist: Twist2D) -> Message:
 
 
 def decode_twist(message: Any) -> Twist2D:
-    """geometry_msgs/Twist; NaN and infinity are refused."""
+    """Decode geometry_msgs/Twist; NaN and infinity are refused."""
     twist = message_of(message, "Twist")
     linear, angular = part(twist, "linear", "Twist"), part(twist, "angular", "Twist")
     return Twist2D(
@@ -103,18 +102,18 @@ def decode_twist(message: Any) -> Twist2D:
 
 
 def encode_twist_stamped(dialect: Dialect, twist: Twist2D, *, stamp_ns: int, frame_id: str = "base_link") -> Message:
-    """geometry_msgs/TwistStamped."""
+    """Encode geometry_msgs/TwistStamped."""
     return {"header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id), "twist": encode_twist(twist)}
 
 
 def decode_twist_stamped(message: Any) -> tuple[Twist2D, int | None]:
-    """geometry_msgs/TwistStamped: the twist, and the sender's stamp in nanoseconds."""
+    """Decode geometry_msgs/TwistStamped: twist, and sender's stamp in ns."""
     stamped = message_of(message, "TwistStamped")
     return decode_twist(field(stamped, "twist", "TwistStamped")), stamp_of(stamped, "TwistStamped")
 
 
 def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_time_s: float = 0.1) -> Message:
-    """sensor_msgs/LaserScan."""
+    """Encode sensor_msgs/LaserScan."""
     beams = len(scan.ranges_m)
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=scan.frame_id),
@@ -131,7 +130,7 @@ def encode_laser_scan(dialect: Dialect, scan: LaserScan, *, stamp_ns: int, scan_
 
 
 def decode_laser_scan(message: Any, *, stamp_ns: int) -> LaserScan:
-    """sensor_msgs/LaserScan. JSON's null in ``ranges`` and ``intensities`` becomes ``inf``."""
+    """Decode sensor_msgs/LaserScan. JSON's null in ``ranges`` and ``intensities`` becomes ``inf``."""
     scan = message_of(message, "LaserScan")
     range_max_m = number_or_none(scan, "range_max", "LaserScan")
     return LaserScan(
@@ -156,7 +155,7 @@ def encode_odometry(
     frame_id: str = "odom",
     child_frame_id: str = "base_link",
 ) -> Message:
-    """nav_msgs/Odometry."""
+    """Encode nav_msgs/Odometry."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
         "child_frame_id": child_frame_id,
@@ -166,7 +165,9 @@ def encode_odometry(
 
 
 def decode_odometry(message: Any, *, stamp_ns: int, pose_of: Callable[[Twist2D], Pose2D] | None = None) -> Odometry:
-    """nav_msgs/Odometry. ``pose_of`` gives the pose where the message tells no rotation, else such a one is refused."""
+    """Decode nav_msgs/Odometry. ``pose_of`` supplies the pose for messages without a rotation, which are refused
+    otherwise.
+    """
     odometry = message_of(message, "Odometry")
     pose, twist = part(odometry, "pose", "Odometry"), part(odometry, "twist", "Odometry")
     velocity = decode_twist(part(twist, "twist", "Odometry.twist"))
@@ -183,7 +184,7 @@ def decode_odometry(message: Any, *, stamp_ns: int, pose_of: Callable[[Twist2D],
 def encode_pose_with_covariance_stamped(
     dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map"
 ) -> Message:
-    """geometry_msgs/PoseWithCovarianceStamped."""
+    """Encode geometry_msgs/PoseWithCovarianceStamped."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
         "pose": {"pose": encode_pose(pose_in_map), "covariance": [0.0] * 36},
@@ -191,7 +192,7 @@ def encode_pose_with_covariance_stamped(
 
 
 def decode_pose_with_covariance_stamped(message: Any, *, stamp_ns: int) -> RobotPose:
-    """geometry_msgs/PoseWithCovarianceStamped, whose frame is taken to be the map."""
+    """Decode geometry_msgs/PoseWithCovarianceStamped, assumed to be in the map frame."""
     what = "PoseWithCovarianceStamped"
     stamped = message_of(message, what)
     pose = part(part(stamped, "pose", what), "pose", f"{what}.pose")
@@ -199,7 +200,7 @@ def decode_pose_with_covariance_stamped(message: Any, *, stamp_ns: int) -> Robot
 
 
 def encode_pose_stamped(dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
-    """geometry_msgs/PoseStamped."""
+    """Encode geometry_msgs/PoseStamped."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
         "pose": encode_pose(pose_in_map),
@@ -207,14 +208,14 @@ def encode_pose_stamped(dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int,
 
 
 def decode_pose_stamped(message: Any, *, stamp_ns: int) -> RobotPose:
-    """geometry_msgs/PoseStamped, whose frame is taken to be the map."""
+    """Decode geometry_msgs/PoseStamped, assumed to be in the map frame."""
     stamped = message_of(message, "PoseStamped")
     pose = part(stamped, "pose", "PoseStamped")
     return RobotPose(stamp_ns, stamp_of(stamped, "PoseStamped"), decode_pose(pose, "PoseStamped.pose"))
 
 
 def encode_occupancy_grid(dialect: Dialect, grid: OccupancyGrid, *, stamp_ns: int, frame_id: str = "map") -> Message:
-    """nav_msgs/OccupancyGrid; ``data`` is row-major, int8."""
+    """Encode nav_msgs/OccupancyGrid; ``data`` is row-major, int8."""
     height, width = grid.cells.shape
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
@@ -230,7 +231,7 @@ def encode_occupancy_grid(dialect: Dialect, grid: OccupancyGrid, *, stamp_ns: in
 
 
 def decode_occupancy_grid(message: Any, *, stamp_ns: int) -> OccupancyGrid:
-    """nav_msgs/OccupancyGrid; the number of cells must be width times height."""
+    """Decode nav_msgs/OccupancyGrid; the number of cells must be width times height."""
     grid = message_of(message, "OccupancyGrid")
     info = part(grid, "info", "OccupancyGrid")
     width = count(info, "width", "OccupancyGrid.info", most=MAX_MAP_CELLS)
@@ -253,7 +254,7 @@ def decode_occupancy_grid(message: Any, *, stamp_ns: int) -> OccupancyGrid:
 
 
 def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]], *, stamp_ns: int) -> Message:
-    """tf2_msgs/TFMessage of (parent frame, child frame, parent from child)."""
+    """Encode tf2_msgs/TFMessage from (parent frame, child frame, parent from child)."""
     return {
         "transforms": [
             {
@@ -272,10 +273,10 @@ def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]
 def decode_tf_message(
     message: Any, *, unusable: Callable[[str, str, str], None] | None = None
 ) -> tuple[Transform, ...]:
-    """tf2_msgs/TFMessage. A leading slash of a frame name (an old habit) is dropped.
+    """Decode tf2_msgs/TFMessage. A leading slash of a frame name (an old convention) is dropped.
 
-    ``unusable`` gets parent, child and reason of each transform that is left out because its numbers are none; without
-    it the message is refused.
+    ``unusable`` gets parent, child and reason of each omitted transform with invalid numbers; without it the message is
+    refused.
     """
     entries = objects(message_of(message, "TFMessage"), "transforms", "TFMessage", most=MAX_TRANSFORMS)
     transforms = []
@@ -300,7 +301,7 @@ def _decode_transform(transform: Message, what: str) -> Pose3D:
 
 
 def encode_battery_state(dialect: Dialect, battery: BatteryState, *, stamp_ns: int, voltage_v: float = 24.0) -> Message:
-    """sensor_msgs/BatteryState; what is not known is NaN, as the message definition asks."""
+    """Encode sensor_msgs/BatteryState; unknown values are NaN, as its definition demands."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id="base_link"),
         "voltage": voltage_v,
@@ -320,7 +321,7 @@ def encode_battery_state(dialect: Dialect, battery: BatteryState, *, stamp_ns: i
 
 
 def decode_battery_state(message: Any, *, stamp_ns: int) -> BatteryState:
-    """sensor_msgs/BatteryState. Some robots send percent instead of a fraction: above 1 up to 100 is read so."""
+    """Decode sensor_msgs/BatteryState. Values above 1 up to 100 are percentages, as some robots send."""
     fraction = number_or_none(message_of(message, "BatteryState"), "percentage", "BatteryState")
     if fraction is not None and 1.0 < fraction <= 100.0:
         fraction /= 100.0
@@ -332,7 +333,7 @@ def decode_battery_state(message: Any, *, stamp_ns: int) -> BatteryState:
 def encode_compressed_image(
     dialect: Dialect, content: bytes, *, stamp_ns: int, encoding: str = "jpeg", frame_id: str = "camera"
 ) -> Message:
-    """sensor_msgs/CompressedImage."""
+    """Encode sensor_msgs/CompressedImage."""
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
         "format": encoding,
@@ -341,11 +342,11 @@ def encode_compressed_image(
 
 
 def decode_compressed_image(message: Any) -> CompressedImage:
-    """sensor_msgs/CompressedImage: base64 text in JSON, bytes in CBOR. The pixels are not looked at."""
+    """Decode sensor_msgs/CompressedImage: base64 text in JSON, bytes in CBOR. The image itself stays encoded."""
     image = message_of(message, "CompressedImage")
     encoding = text_or_empty(image, "format", "CompressedImage")
     if "compresseddepth" in encoding.lower():
-        # Twelve bytes of parameters before a PNG of distances: no decoder of pictures takes it.
+        # Twelve bytes of parameters before a PNG of distances, which no image decoder accepts.
         raise MessageError(
             QT_TR_NOOP("it is a depth image (compressedDepth), which is not shown: name a color picture")
         )
@@ -357,7 +358,7 @@ def decode_compressed_image(message: Any) -> CompressedImage:
 
 
 def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id: str = "camera") -> Message:
-    """sensor_msgs/CameraInfo of a lens without distortion."""
+    """Encode sensor_msgs/CameraInfo of a lens without distortion."""
     intrinsic = [lens.fx_px, 0.0, lens.cx_px, 0.0, lens.fy_px, lens.cy_px, 0.0, 0.0, 1.0]
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
@@ -369,7 +370,7 @@ def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id:
 
 
 def decode_camera_info(message: Any) -> Lens | None:
-    """sensor_msgs/CameraInfo; None for a camera that was never calibrated, which says so with zeros."""
+    """Decode sensor_msgs/CameraInfo; None for an uncalibrated camera, whose values are zero."""
     info = message_of(message, "CameraInfo")
     name = "K" if "K" in info else "k"
     intrinsic = floats(info, name, "CameraInfo", most=9)
@@ -386,20 +387,20 @@ def decode_camera_info(message: Any) -> Lens | None:
 
 
 def encode_string(value: str) -> Message:
-    """std_msgs/String."""
+    """Encode std_msgs/String."""
     return {"data": value}
 
 
 def decode_string(message: Any) -> str:
-    """std_msgs/String."""
+    """Decode std_msgs/String."""
     return text(message_of(message, "String"), "data", "String")
 
 
 def encode_bool(value: bool) -> Message:
-    """std_msgs/Bool."""
+    """Encode std_msgs/Bool."""
     return {"data": value}
 
 
 def decode_bool(message: Any) -> bool:
-    """std_msgs/Bool."""
+    """Decode std_msgs/Bool."""
     return truth(message_of(message, "Bool"), "data", "Bool")

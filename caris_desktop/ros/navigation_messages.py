@@ -1,4 +1,4 @@
-"""Paths, map updates, initial poses and the simulated clock as rosbridge carries them.
+"""Navigation messages: paths, map updates, initial poses and the simulated clock.
 
 Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
 """
@@ -41,7 +41,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridUpdate:
-    """map_msgs/OccupancyGridUpdate: int8 ``cells``, shape (height, width), that belong at column ``x``, row ``y``."""
+    """map_msgs/OccupancyGridUpdate: int8 ``cells``, shape (height, width), for column ``x``, row ``y``."""
 
     robot_stamp_ns: int | None
     x: int
@@ -50,7 +50,7 @@ class GridUpdate:
 
 
 def encode_path(dialect: Dialect, points_m: NDArray[np.float32], *, stamp_ns: int, frame_id: str = "map") -> Message:
-    """nav_msgs/Path."""
+    """Encode nav_msgs/Path."""
     header = encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id)
     return {
         "header": header,
@@ -59,9 +59,9 @@ def encode_path(dialect: Dialect, points_m: NDArray[np.float32], *, stamp_ns: in
 
 
 def decode_path(message: Any, *, most_points: int = MAX_PATH_POSES) -> Path:
-    """nav_msgs/Path; the headings of its poses are left out.
+    """Decode nav_msgs/Path without headings.
 
-    Of more than ``most_points`` poses that many are read, evenly chosen, the first and the last among them.
+    Of more than ``most_points`` poses, that many are read at even intervals, including the first and the last.
     """
     path = message_of(message, "Path")
     poses = field(path, "poses", "Path")
@@ -82,7 +82,7 @@ def decode_path(message: Any, *, most_points: int = MAX_PATH_POSES) -> Path:
 def encode_occupancy_grid_update(
     dialect: Dialect, cells: NDArray[np.int8], *, x: int, y: int, stamp_ns: int, frame_id: str = "map"
 ) -> Message:
-    """map_msgs/OccupancyGridUpdate of ``cells``, int8, shape (height, width)."""
+    """Encode map_msgs/OccupancyGridUpdate of ``cells``, int8, shape (height, width)."""
     height, width = cells.shape
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
@@ -95,7 +95,7 @@ def encode_occupancy_grid_update(
 
 
 def decode_occupancy_grid_update(message: Any) -> GridUpdate:
-    """map_msgs/OccupancyGridUpdate; the number of cells must be width times height."""
+    """Decode map_msgs/OccupancyGridUpdate; the number of cells must be width times height."""
     what = "OccupancyGridUpdate"
     update = message_of(message, what)
     x, y, width, height = (count(update, name, what, most=MAX_MAP_CELLS) for name in ("x", "y", "width", "height"))
@@ -108,7 +108,7 @@ def decode_occupancy_grid_update(message: Any) -> GridUpdate:
 def encode_initial_pose(
     dialect: Dialect, pose_in_map: Pose2D, *, spread_m: float, spread_rad: float, stamp_ns: int, frame_id: str = "map"
 ) -> Message:
-    """geometry_msgs/PoseWithCovarianceStamped with one standard deviation of position and heading."""
+    """Encode geometry_msgs/PoseWithCovarianceStamped with standard deviations of position and heading."""
     covariance = [0.0] * 36
     covariance[0] = covariance[7] = spread_m**2
     covariance[35] = spread_rad**2
@@ -119,7 +119,7 @@ def encode_initial_pose(
 
 
 def encode_clock(dialect: Dialect, time_ns: int) -> Message:
-    """rosgraph_msgs/Clock."""
+    """Encode rosgraph_msgs/Clock."""
     return {"clock": encode_time(dialect, time_ns)}
 
 

@@ -1,4 +1,4 @@
-"""sensor_msgs/Image: pictures as the camera driver has them, row after row, not compressed."""
+"""Uncompressed images: sensor_msgs/Image in the camera driver's formats."""
 
 import sys
 from typing import Any
@@ -15,7 +15,7 @@ MOST_PIXELS = 64_000_000
 NEAR_M, FAR_M = 0.3, 6.0
 """The distances between which a depth picture goes from white to black; nearer is white, and unknown is black."""
 
-# Channels, and OpenCV's name of the way to BGR
+# Channels, and OpenCV's name of the conversion to BGR
 _COLOURS = {"bgr": (3, ""), "rgb": (3, "RGB2BGR"), "rgba": (4, "RGBA2BGR"), "bgra": (4, "BGRA2BGR"),
             "mono": (1, "GRAY2BGR")}  # fmt: skip
 _BITS: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16)}
@@ -37,8 +37,8 @@ class RawImage:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How a row lies in memory: ``channels`` values of ``dtype`` for each pixel. ``conversion`` is OpenCV's name of
-    the way to BGR, empty for none; a depth picture is ``depth``.
+    """Memory layout: ``channels`` values of ``dtype`` per pixel. ``conversion`` is OpenCV's name of the conversion to
+    BGR, empty for none; ``depth``: a depth image.
     """
 
     dtype: np.dtype[Any]
@@ -48,7 +48,7 @@ class _Layout:
 
 
 def decode_image(message: Any) -> RawImage:
-    """Colours, grey, Bayer and YUV patterns, and depth (16UC1 in millimetres, 32FC1 in metres: REP 118) as grey.
+    """Decode colours, grey, Bayer and YUV patterns, and depth (16UC1 in millimetres, 32FC1 in metres: REP 118) as grey.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def decode_image(message: Any) -> RawImage:
         pixels = (pixels >> 8).astype(np.uint8)
     try:
         if layout.conversion:
-            # Two colours of a YUV pattern need an even width, which OpenCV checks.
+            # Two colours of a YUV pattern require an even width, which OpenCV checks.
             pixels = cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, f"COLOR_{layout.conversion}"))
     except cv2.error as error:
         raise MessageError(f"a picture that cannot be converted ({encoding[:20]})") from error
@@ -76,14 +76,14 @@ def decode_image(message: Any) -> RawImage:
 
 
 def depth_as_grey(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The near bright and the far dark; what is not known (0, NaN, infinite) is black."""
+    """Grey image of depth: near is bright, far is dark, unknown (0, NaN, infinite) is black."""
     known = np.isfinite(depth_m) & (depth_m > 0.0)
     share = (FAR_M - np.where(known, depth_m, FAR_M)) / (FAR_M - NEAR_M)
     return (np.clip(share, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def republish_advice(raw_topic: str) -> str:
-    """What to start on the robot so that its pictures are compressed."""
+    """Advice for compressed images from the robot."""
     return filled(
         QT_TR_NOOP(
             "run 'image_transport republish raw compressed' for {raw_topic} on it, or install the "
@@ -110,7 +110,7 @@ def _layout_of(encoding: str) -> _Layout:
 
 
 def _pixels(image: Message, layout: _Layout) -> NDArray[Any]:
-    """Shape (height, width, channels), in this machine's byte order."""
+    """Shape (height, width, channels), in native byte order."""
     width, height = (count(image, name, "Image", most=MAX_IMAGE_SIDE_PX) for name in ("width", "height"))
     step = count(image, "step", "Image", most=2**31)
     if not width or not height or width * height > MOST_PIXELS:

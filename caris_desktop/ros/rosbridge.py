@@ -1,6 +1,6 @@
-"""Whole rosbridge operations, as JSON text and as CBOR bytes, and the fragments that large ones come in.
+"""rosbridge operations as JSON text and CBOR bytes, and fragments of large ones.
 
-CBOR arrays are RFC 8746 typed arrays and become numpy arrays, which costs no interpreter time per element.
+CBOR arrays are RFC 8746 typed arrays and become numpy arrays, without interpreter time per element.
 """
 
 import base64
@@ -60,7 +60,7 @@ _TAG_OF_DTYPE = {
     "float32": 85,
     "float64": 86,
 }
-# Text of each int8, padded, in the order of the bytes 0 to 255: a map is written by looking its cells up.
+# Text of each int8, padded, in the order of the bytes 0 to 255: a map is written by table lookup.
 _INT8_TEXTS = np.frombuffer(
     "".join(f"{number:4d}," for number in (*range(128), *range(-128, 0))).encode(), dtype=np.uint8
 ).reshape(256, 5)
@@ -72,11 +72,11 @@ _TAGS_NEVER_SENT = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 100, 256, 258,
 
 
 class ProtocolError(ValueError):
-    """What came over the socket is not a rosbridge operation; the text says why."""
+    """Received data that is not a rosbridge operation; the text is the reason."""
 
 
 def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
-    """One operation from JSON text.
+    """Decode one operation from JSON text.
 
     Raises
     ------
@@ -93,9 +93,9 @@ def decode_json(text: str, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, A
 
 
 def encode_json(operation: dict[str, Any]) -> str:
-    """JSON text as rosbridge writes it: arrays as lists, ``inf`` and ``nan`` as null, bytes as base64."""
+    """JSON text in rosbridge's form: arrays as lists, ``inf`` and ``nan`` as null, bytes as base64."""
     maps: list[str] = []
-    # Nobody who writes a text can guess it, so it stands for nothing else.
+    # Unguessable, so that it cannot occur in the text.
     mark = f"cells {secrets.token_hex(8)} "
     try:
         text = json.dumps(_plain(operation, maps, mark), separators=(",", ":"), allow_nan=False)
@@ -107,7 +107,7 @@ def encode_json(operation: dict[str, Any]) -> str:
 
 
 def decode_cbor(content: bytes, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
-    """One operation from CBOR; typed arrays become read-only numpy arrays.
+    """Decode one operation from CBOR; typed arrays become read-only numpy arrays.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def encode_cbor(operation: dict[str, Any]) -> bytes:
 
 
 class FragmentAssembler:
-    """Puts ``fragment`` operations together again. Bounded in bytes: the oldest unfinished message gives way.
+    """Reassembles ``fragment`` operations. Limited in bytes: the oldest unfinished message is dropped.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class FragmentAssembler:
         return self._held_bytes
 
     def add(self, fragment: dict[str, Any]) -> dict[str, Any] | None:
-        """The whole operation when ``fragment`` was the last missing one, else None.
+        """Whole operation if ``fragment`` was the last missing one, else None.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class FragmentAssembler:
         return None
 
     def clear(self) -> None:
-        """Forget everything, as after a reconnect."""
+        """Drop everything, as after a reconnection."""
         self._pending.clear()
         self._held_bytes = 0
 
@@ -200,8 +200,8 @@ class FragmentAssembler:
 
 
 def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[str, Any]]:
-    """``text`` cut into ``fragment`` operations of at most ``size`` characters each, with the total that rosbridge
-    0.11.17 and that of ROS 2 write: three pieces may be 3.35 of them.
+    """Split ``text`` into ``fragment`` operations of at most ``size`` characters, with the total as written by
+    rosbridge 0.11.17 and ROS 2's: three pieces may be 3.35.
     """
     if size < 1:
         raise ValueError("a fragment holds at least one character")
@@ -218,9 +218,9 @@ def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[st
 
 
 def _loads(text: str) -> Any:
-    """As json reads it, except that the long list of whole numbers in a map's ``data`` becomes an array.
+    """Parse JSON, except that the long integer list in a map's ``data`` becomes an array.
 
-    That takes a tenth of the time that 16 million Python objects take, and of their memory.
+    It takes a tenth of the time and memory of 16 million Python objects.
     """
     if len(text) >= _LONG_TEXT and (begin := _MAP_DATA.search(text)) is not None:
         end = text.find("]", begin.end())
@@ -236,10 +236,10 @@ def _loads(text: str) -> Any:
 
 
 def _whole_numbers(text: str) -> NDArray[np.int32] | None:
-    """The numbers between the commas; None when something else stands there. A gap is read as a zero."""
+    """Comma-separated integers; None for anything else. An empty item is read as zero."""
     try:
         with warnings.catch_warnings():
-            # What cannot be read to its end is only warned of.
+            # Unparsable input only causes a warning.
             warnings.simplefilter("error")
             numbers = np.fromstring(text, dtype=np.int32, sep=",")
     except (DeprecationWarning, ValueError):
@@ -256,9 +256,9 @@ def _operation(value: Any) -> dict[str, Any]:
 
 
 def _joined(pieces: dict[int, str], total: float) -> str | None:
-    """The text, where these may be all of its pieces.
+    """Joined text, if the pieces may be complete.
 
-    rosbridge divides without rounding, and its 4.2953 means four pieces; servers that divide otherwise mean five.
+    rosbridge divides without rounding, and its 4.2953 means four pieces; for other servers it may mean five.
     """
     if len(pieces) < max(1, math.floor(total)) or max(pieces) != len(pieces) - 1:
         return None
@@ -267,7 +267,7 @@ def _joined(pieces: dict[int, str], total: float) -> str | None:
 
 def _fragment_parts(fragment: dict[str, Any]) -> tuple[str | int, int, float, str]:
     key, number, total, data = (fragment.get(name) for name in ("id", "num", "total", "data"))
-    # rosbridge numbers the messages of topics, or rather gives all of them the number 0.
+    # rosbridge gives all topic messages the number 0.
     if not isinstance(key, (str, int)) or isinstance(key, bool) or not isinstance(data, str):
         raise ProtocolError("a fragment needs a text or a number as 'id' and a text 'data'")
     if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
@@ -312,7 +312,7 @@ def _encode_numpy(encoder: Any, value: Any) -> None:
 
 
 def _plain(value: Any, maps: list[str], mark: str) -> Any:
-    """What json can write. Large int8 arrays go to ``maps`` as text, with ``mark`` and their number in their place."""
+    """JSON-compatible form. Large int8 arrays are moved to ``maps`` as text, replaced by ``mark`` and their index."""
     if isinstance(value, dict):
         return {key: _plain(item, maps, mark) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -334,6 +334,6 @@ def _plain(value: Any, maps: list[str], mark: str) -> Any:
 
 
 def _int8_list(array: NDArray[np.int8]) -> str:
-    """A JSON list, in a quarter of the time that json itself takes."""
+    """JSON list in a quarter of json's own time."""
     written = _INT8_TEXTS[array.view(np.uint8)].tobytes().translate(None, b" ")
     return f"[{written[:-1].decode('ascii')}]"

@@ -1,4 +1,4 @@
-"""How navigation is told its top speed: nav2_msgs/SpeedLimit (ROS 2) and dynamic_reconfigure/Reconfigure (ROS 1)."""
+"""Speed limit messages for navigation: nav2_msgs/SpeedLimit (ROS 2) and dynamic_reconfigure/Reconfigure (ROS 1)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,13 +11,15 @@ NO_LIMIT = 0.0
 
 
 def encode_speed_limit(limit_mps: float) -> Message:
-    """nav2_msgs/SpeedLimit, absolute in m/s; :data:`NO_LIMIT` lifts it. Nav2's controllers never go above their own."""
+    """Encode nav2_msgs/SpeedLimit, absolute in m/s; :data:`NO_LIMIT` lifts it. Nav2's controllers never exceed their
+    own.
+    """
     header = {"stamp": encode_time(Dialect.ROS2, 0), "frame_id": ""}
     return {"header": header, "percentage": False, "speed_limit": limit_mps}
 
 
 def decode_speed_limit(message: Message) -> tuple[float, bool]:
-    """The limit, and whether it is a percentage."""
+    """Limit, and whether it is a percentage."""
     percentage = message.get("percentage", False)
     if not isinstance(percentage, bool):
         raise MessageError("SpeedLimit.percentage must be true or false")
@@ -25,13 +27,13 @@ def decode_speed_limit(message: Message) -> tuple[float, bool]:
 
 
 def encode_reconfigure(doubles: dict[str, float]) -> Message:
-    """The request of dynamic_reconfigure/Reconfigure that sets these parameters and leaves all others."""
+    """Request of dynamic_reconfigure/Reconfigure that sets only these parameters."""
     values = [{"name": name, "value": value} for name, value in doubles.items()]
     return {"config": {"bools": [], "ints": [], "strs": [], "doubles": values, "groups": []}}
 
 
 def decode_reconfigured(answer: Any, names: Sequence[str]) -> dict[str, float]:
-    """Of the named parameters those that the answer of dynamic_reconfigure/Reconfigure tells, as they are now."""
+    """Present values of the named parameters in the answer of dynamic_reconfigure/Reconfigure."""
     config = message_of(message_of(answer, "Reconfigure").get("config", {}), "Reconfigure.config")
     doubles = config.get("doubles", [])
     if not isinstance(doubles, list):
