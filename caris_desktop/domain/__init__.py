@@ -1,1 +1,1 @@
-"""The words everything speaks."""
+"""Domain types and formats shared by all packages."""

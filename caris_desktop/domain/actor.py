@@ -1,4 +1,4 @@
-"""Who asks for what is done: in intents, in the commands that follow from them, and in the events that tell of it."""
+"""Actors: who requested an intent, the commands that follow from it, and the events that report it."""
 
 from caris_desktop.domain.translation import QT_TR_NOOP
 
@@ -17,7 +17,7 @@ OTHER_WIZARD = "wizard:"
 
 
 def in_words(actor: Actor) -> str:
-    """Who that is, inside a sentence of the record, which holds no names."""
+    """Actor within a sentence of the record, which contains no names."""
     if actor.startswith(OTHER_WIZARD):
         return QT_TR_NOOP("another wizard")
     named = {
@@ -27,7 +27,7 @@ def in_words(actor: Actor) -> str:
 
 
 def cancelled_by(actor: Actor) -> str:
-    """Why something ended that was under way, for the record."""
+    """Reason why an action was cancelled, for the record."""
     if actor.startswith(OTHER_WIZARD):
         return QT_TR_NOOP("cancelled by another wizard")
     named = {

@@ -1,11 +1,11 @@
-"""Network addresses: as they may be shown and recorded, and whether they are this machine's."""
+"""Network addresses: credentials removed for display and recording, and loopback checks."""
 
 import ipaddress
 from urllib.parse import urlsplit
 
 
 def without_credentials(address: str) -> str:
-    """``address`` without user, password, query and fragment; empty where it cannot be told what is a secret in it."""
+    """``address`` without user, password, query and fragment; empty if secrets cannot be told apart from the rest."""
     try:
         parts = urlsplit(address)
         host, port = parts.hostname, parts.port
@@ -17,7 +17,7 @@ def without_credentials(address: str) -> str:
 
 
 def before_port(host: str) -> str:
-    """``host`` as an address holds it: a number of IPv6 in brackets."""
+    """``host`` as part of an address: IPv6 numbers in brackets."""
     return f"[{host}]" if ":" in host else host
 
 
@@ -27,7 +27,7 @@ def is_loopback(url: str) -> bool:
 
 
 def is_same_server(one: str, other: str) -> bool:
-    """Whether both addresses name the same host and port; a secret for one may go to the other then."""
+    """Whether both addresses name the same host and port, so that a secret for one may be sent to the other."""
     try:
         places = [(urlsplit(each).scheme, urlsplit(each).hostname, urlsplit(each).port) for each in (one, other)]
     except ValueError:
@@ -38,7 +38,7 @@ def is_same_server(one: str, other: str) -> bool:
 
 
 def is_encrypted_or_local(url: str) -> bool:
-    """Whether ``url`` is `https://` or `wss://`, or names this machine: nobody on the way reads along."""
+    """Whether ``url`` is encrypted (`https://`, `wss://`, `rtsps://`) or names this machine."""
     try:
         parts = urlsplit(url)
         host = parts.hostname or ""

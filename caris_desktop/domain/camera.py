@@ -1,4 +1,4 @@
-"""Where a camera looks: from pixels to the floor and back, by the pinhole model."""
+"""Pinhole camera model: projection between pixels and the floor."""
 
 import math
 from dataclasses import replace
@@ -36,12 +36,12 @@ class CameraModel:
 
     @classmethod
     def from_field_of_view(cls, *, width_px: int, height_px: int, horizontal_rad: float) -> "CameraModel":
-        """Square pixels and the principal point in the middle, as a data sheet describes a camera."""
+        """Camera with square pixels and the principal point in the middle, as in a data sheet."""
         focal_px = width_px / 2.0 / math.tan(horizontal_rad / 2.0)
         return cls(width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
 
     def scaled_to(self, width_px: int, height_px: int) -> "CameraModel":
-        """The same camera for a picture of another size."""
+        """Same camera for a picture of another size."""
         across, down = width_px / self.width_px, height_px / self.height_px
         return replace(
             self, width_px=width_px, height_px=height_px,
@@ -49,13 +49,13 @@ class CameraModel:
         )  # fmt: skip
 
     def with_head_at(self, *, pan_rad: float, tilt_rad: float) -> "CameraModel":
-        """The camera while the head is turned; itself where it is not on the head."""
+        """Camera with the head turned; unchanged if it is not on the head."""
         if not self.on_head:
             return self
         return replace(self, heading_rad=self.heading_rad + pan_rad, tilt_rad=self.tilt_rad + tilt_rad)
 
     def ray(self, u_px: float, v_px: float) -> tuple[float, float, float]:
-        """Direction, not of unit length, in the robot frame, in which the pixel looks."""
+        """Direction of the pixel's ray in the robot frame, not of unit length."""
         right, down = (u_px - self.cx_px) / self.fx_px, (v_px - self.cy_px) / self.fy_px
         cos_tilt, sin_tilt = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
         forward, up = cos_tilt - down * sin_tilt, -sin_tilt - down * cos_tilt
@@ -67,7 +67,9 @@ class CameraModel:
         )
 
     def optical_rotation(self) -> tuple[float, float, float, float]:
-        """From the optical frame (REP 103: z forward, x right, y down) to the robot's: a quaternion x, y, z, w."""
+        """Rotation from the optical frame (REP 103: z forward, x right, y down) to the robot frame: quaternion x, y, z,
+        w.
+        """
         cos_heading, sin_heading = math.cos(self.heading_rad / 2.0), math.sin(self.heading_rad / 2.0)
         cos_tilt, sin_tilt = math.cos(self.tilt_rad / 2.0), math.sin(self.tilt_rad / 2.0)
         # Heading and tilt, then the axes: their product with (0.5, -0.5, 0.5, -0.5).
@@ -76,7 +78,7 @@ class CameraModel:
         return (-w + x - y - z) / 2.0, (w + x + y - z) / 2.0, (-w + x + y + z) / 2.0, (w + x - y + z) / 2.0
 
     def floor_point(self, u_px: float, v_px: float) -> tuple[float, float] | None:
-        """(x_m, y_m) in the robot frame where the pixel meets the floor; None at or above the horizon."""
+        """(x_m, y_m) in the robot frame where the pixel's ray meets the floor; None at or above the horizon."""
         forward, left, up = self.ray(u_px, v_px)
         if up >= -1e-6:
             return None
@@ -84,12 +86,12 @@ class CameraModel:
         return self.x_m + reach * forward, self.y_m + reach * left
 
     def bearing_rad(self, u_px: float) -> float:
-        """Direction of a column of pixels on the floor plane, left positive from the robot's forward direction."""
+        """Direction of a pixel column on the floor plane, positive to the left of the robot's forward direction."""
         forward, left, _up = self.ray(u_px, self.cy_px)
         return math.atan2(left, forward)
 
     def pixel_of(self, x_m: float, y_m: float, z_m: float) -> tuple[float, float] | None:
-        """(u_px, v_px) of a point of the robot frame; None when it is not in front of the camera."""
+        """(u_px, v_px) of a point in the robot frame; None if it is not in front of the camera."""
         dx, dy, dz = x_m - self.x_m, y_m - self.y_m, z_m - self.z_m
         cos_heading, sin_heading = math.cos(self.heading_rad), math.sin(self.heading_rad)
         forward, right = cos_heading * dx + sin_heading * dy, sin_heading * dx - cos_heading * dy

@@ -1,4 +1,4 @@
-"""Cameras and poses as people write them in a file: from a data sheet, in degrees or radians."""
+"""File keys of cameras and poses: from a data sheet, in degrees or radians."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ _HeadingDeg = Annotated[
 ]
 _HeadingRad = Annotated[
     float,
-    # Within the degrees that it is written back as.
+    # Within the range of degrees that it is written back as.
     Rule("The same in radians.", unit="radians", at_least=-6.2831, at_most=6.2831, instead_of=("heading_deg",)),
 ]
 
@@ -127,7 +127,7 @@ def _radians(degrees: float | None, radians: float | None) -> float:
 
 
 def _angle(what: str, angle_rad: float) -> dict[str, Any]:
-    """An angle in degrees where that says it exactly."""
+    """Key with the angle in degrees where that is exact, else in radians."""
     degrees = _degrees(angle_rad)
     if degrees is None or math.radians(degrees) != angle_rad:
         return {f"{what}_rad": angle_rad}
@@ -135,7 +135,7 @@ def _angle(what: str, angle_rad: float) -> dict[str, Any]:
 
 
 def _degrees(angle_rad: float) -> float | None:
-    """The shortest number of degrees that is nearly this angle."""
+    """Shortest number of degrees that is nearly this angle; None if there is none."""
     exact = math.degrees(angle_rad)
     rounded = (round(exact, digits) for digits in range(16))
     return next((degrees for degrees in rounded if math.isclose(math.radians(degrees), angle_rad, rel_tol=1e-15)), None)

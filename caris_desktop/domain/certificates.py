@@ -1,7 +1,7 @@
-"""Certificates of servers: which are accepted, and why one is not, in words.
+"""TLS certificates of servers: acceptance, fingerprints, and reasons for a refusal.
 
-The same ones on every Python: from 3.13 on it refuses those without extensions that most self-signed ones do not have
-(``VERIFY_X509_STRICT``). Those are no secret that an impostor lacks; who signed it, its name and its dates are checked.
+Acceptance does not depend on the Python version: 3.13 refuses certificates without extensions, which most self-signed
+ones lack (``VERIFY_X509_STRICT``). That adds no protection from an impostor; signer, name and dates are checked.
 """
 
 import datetime
@@ -31,12 +31,13 @@ class OtherCertificateError(ssl.SSLError):
 
 
 def client_context(ca_file: str | None = None) -> ssl.SSLContext:
-    """Trusts what the system trusts, and the certificates in a file; each of these by itself, whoever signed it.
+    """TLS context that trusts the system's authorities and the certificates in a file, each on its own whoever signed
+    it.
 
     Raises
     ------
     OSError
-        When the file cannot be used; ``ssl.SSLError``, which is one, when there is no certificate in it.
+        If the file cannot be used; its subclass ``ssl.SSLError`` if it contains no certificate.
     """
     context = as_on_every_python(ssl.create_default_context())
     if ca_file is not None:
@@ -63,22 +64,22 @@ def server_context(certificate: Path | None, key: Path | None) -> ssl.SSLContext
 
 
 def as_on_every_python(context: ssl.SSLContext) -> ssl.SSLContext:
-    """The same context, with the checks of a Python before 3.13."""
+    """Same context with the checks of Python before 3.13."""
     context.verify_flags = (context.verify_flags | ssl.VERIFY_X509_PARTIAL_CHAIN) & ~ssl.VERIFY_X509_STRICT
     return context
 
 
 def confirmed_context(fingerprint: str, host: str, port: int) -> ssl.SSLContext:
-    """Trusts one certificate alone, whatever its name, its dates and its signer.
+    """TLS context that trusts one certificate only, whatever its name, dates and signer.
 
-    Asks the server for it, and so blocks; OpenSSL sees to it that the server of the connection proper has the same.
+    Blocks, since it requests the certificate from the server; OpenSSL verifies that the actual connection has the same.
 
     Raises
     ------
     OtherCertificateError
-        When the server has another one.
+        If the server has another one.
     OSError
-        When the server does not answer.
+        If the server does not answer.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
@@ -96,12 +97,12 @@ def _confirmed(fingerprint: bytes, host: str, port: int) -> bytes:
 
 
 def certificate_of(host: str, port: int) -> bytes:
-    """What a server shows of itself (DER), unchecked. Raises OSError when it does not answer with one."""
+    """Unverified certificate (DER) of a server. Raises OSError if it does not answer with one."""
     return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((host, port), timeout=_LOOK_WITHIN_S))
 
 
 def fingerprint_bytes(fingerprint: str) -> bytes:
-    """Of SHA-256 as people copy it. Raises ValueError for something else."""
+    """Bytes of a SHA-256 fingerprint as people copy it. Raises ValueError for anything else."""
     digest = bytes.fromhex(fingerprint.replace(":", ""))
     if len(digest) != hashlib.sha256().digest_size:
         raise ValueError("no SHA-256")
@@ -109,14 +110,14 @@ def fingerprint_bytes(fingerprint: str) -> bytes:
 
 
 def fingerprint_of(certificate: bytes) -> str:
-    """As ``openssl x509 -noout -fingerprint -sha256`` writes it."""
+    """Fingerprint as ``openssl x509 -noout -fingerprint -sha256`` writes it."""
     return hashlib.sha256(certificate).digest().hex(":").upper()
 
 
 def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Everything that is wrong with the certificate of ``name``, and what to do about it, as sentences.
+    """All problems of the certificate of ``name`` and the advice for them, as sentences.
 
-    OpenSSL tells the first mistake only; the others are found in the ``certificate`` that the server shows.
+    OpenSSL reports the first problem only; the others are found in the server's ``certificate``.
     """
     if not isinstance(error, ssl.SSLCertVerificationError):
         told = QT_TR_NOOP("No secured connection to {name} came about ({reason}).")
@@ -167,7 +168,7 @@ def _read(certificate: bytes) -> "x509.Certificate | None":
 
 
 def _names_of(certificate: "x509.Certificate") -> tuple[str, ...] | None:
-    """Of servers and addresses, as plain text; None where they cannot be read."""
+    """Names and addresses of servers, as plain text; None if unreadable."""
     from cryptography import x509
 
     try:
@@ -181,7 +182,7 @@ def _names_of(certificate: "x509.Certificate") -> tuple[str, ...] | None:
 
 
 def _is_name_of(given: str, name: str) -> bool:
-    """For what is told alone; whether a certificate is accepted is OpenSSL's to say."""
+    """Whether a name of the certificate matches, for the explanation only; OpenSSL decides on acceptance."""
     try:
         return ipaddress.ip_address(given) == ipaddress.ip_address(name)
     except ValueError:

@@ -1,7 +1,7 @@
-"""The one monotonic clock of a session.
+"""Session clock: one monotonic clock for all processes, and robot timestamps converted to it.
 
-``time.monotonic_ns`` counts from the same origin in every process of a machine, so values stamped in
-different child processes can be compared without translation.
+``time.monotonic_ns`` counts from the same origin in every process of a machine, so timestamps of different child
+processes are comparable.
 """
 
 import time
@@ -14,9 +14,9 @@ now_ns = time.monotonic_ns
 MOST_DELAY_S = 5.0
 """A stamp that is further back than this when its message arrives is of another clock than the one the robot tells: a
 network that holds messages for so long holds the pings too, and the link counts as lost before that."""
-_MOST_AHEAD_S = 0.5  # a driver may stamp the end of a sweep, and the clocks of a robot's computers differ a little
+_MOST_AHEAD_S = 0.5  # A driver may stamp the end of a scan, and the clocks of a robot's computers differ slightly.
 _BASELINE_S = 15.0
-# What is known no better says less of a moment than the arrival does.
+# With more uncertainty, the arrival time is the better estimate.
 _USEFUL_UNCERTAINTY_NS = 100_000_000
 
 
@@ -36,9 +36,9 @@ class ClockAnchor:
 
 
 def measured_ns(robot_stamp_ns: int | None, *, arrival_ns: int, offset_ns: int, uncertainty_ns: int) -> int | None:
-    """When the robot measured what arrived at ``arrival_ns``, on our clock; None where its stamp does not tell.
+    """Measurement time on our clock of a value that arrived at ``arrival_ns``; None without a usable robot timestamp.
 
-    ``offset_ns`` is the robot's clock minus ours, right to within ``uncertainty_ns``; so is the moment then.
+    ``offset_ns`` is the robot's clock minus ours, known to within ``uncertainty_ns``, and so is the result.
     """
     if robot_stamp_ns is None or uncertainty_ns > _USEFUL_UNCERTAINTY_NS:
         return None
@@ -49,30 +49,30 @@ def measured_ns(robot_stamp_ns: int | None, *, arrival_ns: int, offset_ns: int, 
 
 
 class StampAge:
-    """How long the values of one stream were under way: one rule for camera, LIDAR and guard.
+    """Age of the values of one stream on arrival: the same rule for camera, LIDAR and guard.
 
-    With the robot's clock known, a stamp tells it; one that is beyond belief (more than :data:`MOST_DELAY_S` back or
-    half a second ahead) tells nothing, and the age is not known. What is known without that clock is how much longer a
-    value was under way than the quickest one of the last 15 to 30 s.
+    With a known clock offset, the timestamp gives the age; an implausible one (more than :data:`MOST_DELAY_S` in the
+    past or half a second in the future) makes the age unknown. Without the offset, only the excess over the fastest
+    value of the last 15 to 30 s is known.
     """
 
     def __init__(self) -> None:
         self._least_ns: list[
             int
-        ] = []  # arrival minus stamp of the quickest, in this part of a minute and the one before
+        ] = []  # Minimum of arrival minus timestamp, in this baseline period and the one before.
         self._began_ns = 0
         self._arrival_ns = 0
         self._stamp_ns: int | None = None
         self._excess_s = 0.0
 
     def add(self, robot_stamp_ns: int | None, *, arrival_ns: int) -> None:
-        """A value has arrived."""
+        """Account for an arrived value."""
         self._arrival_ns, self._stamp_ns, self._excess_s = arrival_ns, robot_stamp_ns, 0.0
         if robot_stamp_ns is None:
             return
         way_ns = arrival_ns - robot_stamp_ns
         if self._least_ns and abs(way_ns - min(self._least_ns)) > MOST_DELAY_S * 1e9:
-            self._least_ns = []  # its clock was set
+            self._least_ns = []  # the robot's clock was set
         if not self._least_ns or not 0 <= arrival_ns - self._began_ns < _BASELINE_S * 1e9:
             self._least_ns = [way_ns, *self._least_ns[:1]]
             self._began_ns = arrival_ns
@@ -80,14 +80,14 @@ class StampAge:
         self._excess_s = (way_ns - min(self._least_ns)) / 1e9
 
     def delay_s(self, offset_ns: float | None, uncertainty_ns: float = 0.0) -> float:
-        """How long the newest value was under way at least. ``offset_ns``: the robot's clock minus ours, if known."""
+        """Minimum age of the newest value on arrival. ``offset_ns``: the robot's clock minus ours, if known."""
         told_s = self._told_s(offset_ns)
         if told_s is None or not -_MOST_AHEAD_S <= told_s <= MOST_DELAY_S:
             return self._excess_s
         return max(0.0, told_s - uncertainty_ns / 1e9)
 
     def is_known(self, offset_ns: float | None, uncertainty_ns: float = 0.0) -> bool:
-        """False where the newest stamp is beyond belief."""
+        """False if the newest timestamp is implausible."""
         told_s = self._told_s(offset_ns)
         margin_s = uncertainty_ns / 1e9
         return told_s is None or -_MOST_AHEAD_S - margin_s <= told_s <= MOST_DELAY_S + margin_s

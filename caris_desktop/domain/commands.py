@@ -1,7 +1,7 @@
-"""What the wizard wants of the robot: the messages that the console sends to the link.
+"""Commands to the robot: messages from the console to the link process.
 
-None of these is ever queued while the link is down: what cannot be sent now is refused and reported. ``actor`` is who
-asked for it; the events that tell what became of it carry it back.
+None is queued while the link is down: what cannot be sent now is refused and reported. ``actor`` requested it; the
+events that report the outcome carry it as well.
 """
 
 import numpy as np

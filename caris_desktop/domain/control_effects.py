@@ -1,6 +1,7 @@
-"""The one table that decides what a control does to the robot: by names, types and values, never by a file's claim.
+"""Classification of controls by their effect on the robot, from names, types and values; a file's own claim never
+counts.
 
-Names come from the profile (its own interfaces) and from what ROS, Nav2, MoveIt and robot drivers use everywhere.
+Names come from the profile (the robot's own interfaces) and from common ones of ROS, Nav2, MoveIt and robot drivers.
 """
 
 import re
@@ -47,7 +48,7 @@ _MOTION_PACKAGES = _words_of(
     "trajectory_msgs"
 )
 _MOTION_TYPES = _words_of(
-    # Types whose words alone do not tell: parameters (of the base among them), joysticks, generic joint commands.
+    # Types whose words alone are inconclusive: parameters (also the base's), joysticks, generic joint commands.
     "BackUp ChangeState DriveOnHeading Joy JointState MuxSelect Reconfigure SetParam "
     "SetParameters SetParametersAtomically SpeedLimit Spin SwitchController"
 )
@@ -72,7 +73,7 @@ _AMOUNT_WORDS = _words_of(
     "melody music projector rgb screen sound sounds speaker volume"
 )
 _NUMBER_TYPES = _words_of("Float32 Float64 Int8 Int16 Int32 Int64 UInt8 UInt16 UInt32 UInt64")
-# A topic of words on which something listens for orders, or moves along, is no loudspeaker.
+# A topic with words of commands or co-motion is no loudspeaker.
 _NOT_HARMLESS_WORDS = _words_of("command commands enable script tracker recognised recognized recognition")
 _PLAIN_TYPES = _words_of(
     "Bool ColorRGBA Empty Float32 Float64 Int8 Int16 Int32 Int64 SetBool String Trigger UInt8 UInt16 UInt32 UInt64"
@@ -93,7 +94,7 @@ _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 def control_class(
     name: str, type_name: str, message: Mapping[str, Any], robot: RobotInterfaceNames = NO_NAMES
 ) -> ControlClass:
-    """The class of what is sent: ``message`` of this type to the topic, service or action of this name."""
+    """Class of sending ``message`` of this type to the topic, service or action of this name."""
     name = _plain(name)
     for field in robot.stop:
         if name == _plain(field.name):
@@ -120,8 +121,8 @@ def control_class(
 
 
 def moves_or_releases(name: str, type_name: str, robot: RobotInterfaceNames) -> bool:
-    """Whether speech, which is no control, would move the robot or release its stop: by the robot's own names and by
-    the type.
+    """Whether speech, which is no control, would move the robot or release its stop, by the robot's own names and the
+    type.
     """
     name = _plain(name)
     if name in map(_plain, (*robot.stop_release, *(field.name for field in robot.stop if field.field))):
@@ -149,8 +150,8 @@ def _plain(name: str) -> str:
 
 
 def _words(name: str) -> set[str]:
-    """The words of a ROS name or type: ``head_controller/Look`` has head, controller and look."""
+    """Words of a ROS name or type: ``head_controller/Look`` has head, controller and look."""
     parts = re.split(r"[/_\-]+", name)
     words = {word.lower().rstrip("0123456789") for part in parts for word in _CAMEL.split(part)}
-    # These are written as one word, too.
+    # Also written as one word.
     return words | {"move" for part in parts if re.search(r"cmd_?vel|move_?(base|it)", part, re.IGNORECASE)}

@@ -1,6 +1,6 @@
-"""Buttons, toggles, sliders and readouts that a robot profile or a scenario binds to the robot's own interfaces.
+"""Controls bound to the robot's own interfaces by a robot profile or scenario: buttons, toggles, sliders, readouts.
 
-Plain data: ``$value`` in a template stands for what the wizard chose, and nothing is ever evaluated.
+Plain data: ``$value`` in a template stands for the wizard's choice; nothing is ever evaluated.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -173,36 +173,36 @@ class RobotControl:
 
     @property
     def lowest(self) -> float:
-        """Of a slider."""
+        """Minimum of a slider."""
         return self.range[0] if self.range else 0.0
 
     @property
     def highest(self) -> float:
-        """Of a slider."""
+        """Maximum of a slider."""
         return self.range[1] if self.range else 1.0
 
     @property
     def control_class(self) -> ControlClass:
-        """What it does to the robot, as the program decides: with the robot's own names after :func:`decided`."""
+        """Effect class as the program decides it; with the robot's own names after :func:`decided`."""
         return self.decided or _class_of(self.effect, NO_NAMES)
 
     @property
     def is_motion(self) -> bool:
-        """Whether it needs the permission to drive; a readout only tells."""
+        """Whether it requires the permission to drive; a readout does not."""
         if self.effect is None or self.control_class == "stop":
             return False
         return self.moves or self.control_class in ("motion", "stop_release")
 
     @property
     def is_held_by_stop(self) -> bool:
-        """Whether a latched emergency stop holds it: all but a stop and what is known to be harmless."""
+        """Whether a latched emergency stop blocks it: all but a stop and what is known to be harmless."""
         if self.effect is None or self.control_class == "stop":
             return False
         return self.is_motion or self.control_class != "harmless"
 
     @property
     def releases_stop(self) -> bool:
-        """Whether it would release the robot's emergency stop, which only the wizard's own release may."""
+        """Whether it would release the robot's emergency stop, which only the wizard's own release may do."""
         return self.effect is not None and self.control_class == "stop_release"
 
 
@@ -213,7 +213,7 @@ CONTROL = Annotated[
 
 
 def decided(control: RobotControl, robot: RobotInterfaceNames) -> RobotControl:
-    """The control with what the program decides of it, for a robot with these names."""
+    """Control with the effect class that the program decides for a robot with these names."""
     return control if control.effect is None else replace(control, decided=_class_of(control.effect, robot))
 
 
@@ -229,14 +229,14 @@ def _class_of(effect: ControlEffect | None, robot: RobotInterfaceNames) -> Contr
 
 
 def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:
-    """Whether what is published there drives the base, which only driving may do: under its lease, stop and guard."""
+    """Whether the topic drives the base, which only the drive function may do, with its lease, stop and guard."""
     if type_name.rpartition("/")[2] in _VELOCITY_TYPES:
         return True
     return velocity_topic is not None and topic.strip("/") == velocity_topic.strip("/")
 
 
 def filled(template: Any, value: ControlValue) -> Any:
-    """``template`` with every ``$value`` replaced: alone it becomes the value itself, within a text its text."""
+    """``template`` with every ``$value`` replaced: alone by the value itself, within a text by its text."""
     if isinstance(template, Mapping):
         return {key: filled(item, value) for key, item in template.items()}
     if isinstance(template, (list, tuple)):
@@ -249,7 +249,7 @@ def filled(template: Any, value: ControlValue) -> Any:
 
 
 def mentions_value(template: Any) -> bool:
-    """Whether ``$value`` stands anywhere in the template."""
+    """Whether ``$value`` occurs anywhere in the template."""
     if isinstance(template, Mapping):
         return any(mentions_value(item) for item in template.values())
     if isinstance(template, (list, tuple)):
@@ -260,9 +260,9 @@ def mentions_value(template: Any) -> bool:
 def control_problems(
     controls: Sequence[Mapping[str, Any]], velocity_topic: Callable[[], str | None] = lambda: None
 ) -> Iterator[tuple[int, str]]:
-    """What their declaration cannot say of a list of controls: (its number, a sentence) for each mistake.
+    """Problems of a list of controls beyond their declaration: (index, sentence) for each.
 
-    ``velocity_topic`` gives where the robot takes velocities, as far as that is known; asked only where it matters.
+    ``velocity_topic`` returns the robot's velocity topic if known; called only when needed.
     """
     seen: set[str] = set()
     for index, control in enumerate(controls):

@@ -1,4 +1,4 @@
-"""What is said to be different about utterances, put together: whoever shows, sends or exports them uses it."""
+"""Corrections of utterances, merged: used by display, language model and export."""
 
 from typing import Literal
 
@@ -24,7 +24,7 @@ class Correction:
 
 
 class Corrections:
-    """Takes them in the order in which they were made. What a person decided is not undone by the console."""
+    """Corrections in the order in which they were made; the console never overrides a person's decision."""
 
     def __init__(self) -> None:
         self._by_people: dict[str, Correction] = {}
@@ -35,7 +35,7 @@ class Corrections:
         kept[event.utterance_id] = _later(kept.get(event.utterance_id, Correction()), event)
 
     def of(self, utterance_id: str) -> Correction:
-        """What holds of this utterance."""
+        """Effective correction of this utterance."""
         console = self._by_console.get(utterance_id, Correction())
         people = self._by_people.get(utterance_id)
         return console if people is None else _later(console, people)

@@ -1,13 +1,13 @@
-"""Files that people write are declared once: a frozen dataclass says what may stand in one, and all else follows.
+"""Declared files: a frozen dataclass per file format, from which checks, schema and tables follow.
 
-Its fields are ``Annotated`` with a :class:`Rule`. From that come the check and its sentences (``declared_check``), the
-values and what is written back (here), the JSON Schema for editors (``declared_schema``) and the guide's tables
-(``declared_page``). A file may hold true, false, whole numbers, numbers, text, one of several words, lists of any or
-of a fixed length, groups of keys, one of several groups, text or one of several
-groups, and groups whose keys nobody declares (messages of a robot).
+Fields are ``Annotated`` with a :class:`Rule`. They determine the check and its sentences (``declared_check``), values
+and write-back (here), the JSON Schema for editors (``declared_schema``) and the guide's tables (``declared_page``). A
+file may contain booleans, whole numbers, numbers, text, one of several words, lists of any or fixed length, groups of
+keys, one of several groups, text or one of several groups, and groups with undeclared keys (messages of a robot).
 
-No library: msgspec tells the first mistake only, sorts the allowed words and takes no union of dataclasses; pydantic
-takes them, but its imports and schemas cost the first window 0.3 to 0.45 s on two slow cores, and these files 0.03.
+No library: msgspec reports the first problem only, sorts the allowed words and accepts no union of dataclasses;
+pydantic does, but its imports and schemas delay the first window by 0.3 to 0.45 s on two slow cores, this module by
+0.03.
 """
 
 import functools
@@ -25,7 +25,7 @@ Known = Literal["gestures", "expressions", "robots", "faces"]
 External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "variable"]
 """How a value names something outside of its file, which the user confirms before it is used."""
 
-# A frozen dataclass that says which keys stand together.
+# A frozen dataclass of the keys in one group.
 Group: TypeAlias = Any
 
 
@@ -106,7 +106,7 @@ class Elsewhere:
 
 
 class NotInFile:
-    """Marks what the program knows of a file and the file does not say."""
+    """Marker of attributes that are not in the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class Key:
 
 
 def form_of(hint: Any) -> Form:
-    """What an annotation declares. Outer rules go before inner ones; None means that the key is left out."""
+    """Form that an annotation declares. Outer rules precede inner ones; None means that the key is left out."""
     return hint if isinstance(hint, Form) else _form_of(hint)
 
 
@@ -175,54 +175,54 @@ _NO_RULE = Rule()
 
 
 def is_group(kind: Any) -> bool:
-    """Whether it stands in the file as keys with values."""
+    """Whether it is a group of keys with values in the file."""
     return isinstance(kind, type) and is_dataclass(kind)
 
 
 def groups_of(kind: Any) -> tuple[Group, ...]:
-    """The groups that may stand at one place, alone or in place of :func:`text_of`; none where there is no choice."""
+    """Alternative groups, alone or beside :func:`text_of`; empty if there is no choice."""
     members = [form_of(member).kind for member in union_members(kind)]
     groups = tuple(member for member in members if is_group(member))
     return groups if len(groups) == len([member for member in members if member is not str]) else ()
 
 
 def text_of(kind: Any) -> Form | None:
-    """What the text is that may stand in place of groups; None where it is only one of both."""
+    """Form of the text that may replace groups; None unless both are allowed."""
     if not groups_of(kind):
         return None
     return next((form for member in union_members(kind) if (form := form_of(member)).kind is str), None)
 
 
 def choices_of(kind: Any) -> tuple[Any, ...]:
-    """The values of a Literal, in their order; else none."""
+    """Values of a Literal, in their order; else empty."""
     return get_args(kind) if get_origin(kind) is Literal else ()
 
 
 def scalars_of(kind: Any) -> tuple[Any, ...]:
-    """What a single value may be, the most particular first; none where it is a list or a group."""
+    """Types of a single value, the most specific first; empty for a list or group."""
     members = union_members(kind) or (kind,)
     return members if all(member in (bool, int, float, str) for member in members) else ()
 
 
 def is_free(kind: Any) -> bool:
-    """Whether it stands in the file as keys that nobody declares."""
+    """Whether it is a group of undeclared keys."""
     return get_origin(kind) is Mapping
 
 
 def item_of(kind: Any) -> Form | None:
-    """What the entries of a list are; None where it is no list."""
+    """Form of a list's entries; None if it is no list."""
     return form_of(get_args(kind)[0]) if get_origin(kind) is tuple else None
 
 
 def size_of(form: Form) -> tuple[int, int | None]:
-    """How many characters or entries there are at least and at most."""
+    """Minimum and maximum count of characters or entries."""
     if get_origin(form.kind) is tuple and get_args(form.kind)[-1] is not Ellipsis:
         return len(get_args(form.kind)), len(get_args(form.kind))
     return form.rule.shortest, form.rule.longest
 
 
 def _is_known(form: Form) -> bool:
-    """Whether what stands there can be checked, read and written."""
+    """Whether values of this form can be checked, read and written."""
     if (item := item_of(form.kind)) is not None:
         return len(set(get_args(form.kind)) - {...}) == 1 and _is_known(item)
     known = (choices_of, scalars_of, is_free, is_group, groups_of)
@@ -231,7 +231,7 @@ def _is_known(form: Form) -> bool:
 
 @functools.cache
 def _attributes(group: Group) -> tuple[Key, ...]:
-    """The attributes of a declaration that files know, in the order in which they are written."""
+    """Declared attributes that are in files, in writing order."""
     hints = typing.get_type_hints(group, include_extras=True)
     found = []
     for each in fields(group):
@@ -246,7 +246,7 @@ def _attributes(group: Group) -> tuple[Key, ...]:
 
 @functools.cache
 def keys_of(group: Group) -> tuple[Key, ...]:
-    """The keys of a group, in the order in which they are written."""
+    """Keys of a group, in writing order."""
     found: list[Key] = []
     for attribute in _attributes(group):
         spread = attribute.form.spread
@@ -255,7 +255,7 @@ def keys_of(group: Group) -> tuple[Key, ...]:
 
 
 def group_meant(groups: tuple[Group, ...], data: Mapping[str, Any]) -> Group | None:
-    """Which of several groups has the keys of ``data``: by a required key if there is one, else by any."""
+    """Group among several that has the keys of ``data``: by a required key if there is one, else by any."""
     for required in (True, False):
         for group in groups:
             if any(key.name in data and (key.required or not required) for key in keys_of(group)):
@@ -264,7 +264,7 @@ def group_meant(groups: tuple[Group, ...], data: Mapping[str, Any]) -> Group | N
 
 
 def value_from(hint: Any, data: Any) -> Any:
-    """The value that checked ``data`` describe."""
+    """Value of checked ``data``."""
     return _value(form_of(hint), data)
 
 
@@ -294,7 +294,7 @@ def _group_value(group: Group, data: Mapping[str, Any]) -> Any:
 
 
 def data_of(hint: Any, value: Any) -> Any:
-    """What a file says of ``value``, in plain data: the reverse of :func:`value_from`."""
+    """Plain data of ``value`` for a file: the reverse of :func:`value_from`."""
     return _data(form_of(hint), value)
 
 
@@ -322,7 +322,7 @@ def _group_data(value: Any) -> dict[str, Any]:
 
 
 def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
-    """Checked ``data`` with each single value in them as ``change`` gives it."""
+    """Checked ``data`` with ``change`` applied to each single value."""
     form = form_of(hint)
     if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
         return change(text, data, path)
@@ -335,7 +335,7 @@ def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], 
 
 
 def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
-    """Each single value in checked ``data`` that names something outside of the file, with its key, without numbers."""
+    """Single values in checked ``data`` that name something outside the file, with their key path without indices."""
     found: list[tuple[External, Any, str]] = []
 
     def look(form: Form, value: Any, path: KeyPath) -> Any:
@@ -348,5 +348,5 @@ def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
 
 
 def plain_number(number: float) -> float | int:
-    """Whole numbers without a point."""
+    """Number, without a decimal point if whole."""
     return int(number) if math.isfinite(number) and number == int(number) else number

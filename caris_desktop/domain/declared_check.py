@@ -1,4 +1,4 @@
-"""Data against their declaration: for each mistake where it is, what was found, and what is allowed."""
+"""Check of data against their declaration: location, finding and allowed values of each problem."""
 
 import difflib
 import re
@@ -34,7 +34,7 @@ _GROUP_WORDS = QT_TR_NOOP("a group of 'key: value' lines")
 
 
 def told(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
-    """The first mistakes of a file with their lines, one below the other."""
+    """First problems of a file with their lines, one per line."""
     located = sorted((source.line_of(path), message) for path, message in found)
     each = tr("{file}, line {line}: {problem}")
     lines = [each.format(file=file_name, line=line, problem=message) for line, message in located[:MOST_TOLD]]
@@ -44,7 +44,7 @@ def told(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
 
 
 def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
-    """Every mistake in ``data``, which stand at ``path`` of their file."""
+    """Problems of ``data``, located at ``path`` in their file."""
     return _problems(form_of(hint), data, path)
 
 
@@ -73,7 +73,7 @@ def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: Ke
             misspelled.add(_key_meant(name, keys, data))
     missing = [key.name for key in keys.values() if key.required and key.name not in data]
     some_of, needs = form.rule.some_of, form.rule.needs
-    # A key that is there under a wrong name is told once.
+    # A misspelled key is reported once.
     if missing and not misspelled.intersection(missing):
         yield path, tr(needs) if needs and not some_of else _missing_keys(missing, path)
     if some_of and not any(name in data for name in some_of) and not misspelled.intersection(some_of):
@@ -88,7 +88,7 @@ def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: Ke
 def _neighbour_problems(
     key: Key, keys: Mapping[str, Key], data: Mapping[str, Any], path: KeyPath, misspelled: set[str | None]
 ) -> Iterator[Problem]:
-    """What is wrong with a key beside others of its group, or with its absence."""
+    """Problems of a key, or of its absence, with respect to other keys of its group."""
     name, rule, place = key.name, key.form.rule, (*path, key.name)
     if name in data:
         for other in rule.instead_of:
@@ -115,7 +115,9 @@ def _neighbour_problems(
 
 
 def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str, Any], *, unsure: bool = True) -> bool:
-    """Whether the key ``wanted[0]`` is there, and one of the words behind it; ``unsure`` where it is no word at all."""
+    """Whether the key ``wanted[0]`` is present with one of the words after it; ``unsure`` if its
+    value is not a word.
+    """
     other, *words = wanted
     if other not in data or not words:
         return other in data
@@ -123,13 +125,13 @@ def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str,
 
 
 def condition(wanted: tuple[str, ...]) -> str:
-    """A key, or one with the words that it may be, as people read it."""
+    """A key, or a key with its possible words, for people."""
     other, *words = wanted
     return f"{other}: {either(words)}" if words else other
 
 
 def either(words: Sequence[str]) -> str:
-    """One of these, as people say it."""
+    """Alternatives as running text."""
     *first, last = words
     return tr("{first} or {last}").format(first=", ".join(first), last=last) if first else last
 
@@ -176,12 +178,12 @@ def _found(key: str, value: str) -> str:
 
 
 def _allowed(words: str) -> str:
-    """``words`` may be a sentence's end, or without one."""
+    """Allowed values; ``words`` may be the end of a sentence or lack its full stop."""
     return tr("Allowed: {words}").format(words=words)
 
 
 def _length_problem(form: Form, data: Sequence[Any], found: str, path: KeyPath) -> str | None:
-    """``found`` says how long it is, with places for ``key`` and ``count``."""
+    """Problem of the length; ``found`` is a text with placeholders ``key`` and ``count``."""
     least, most = size_of(form)
     if len(data) >= least and (most is None or len(data) <= most):
         return None
@@ -215,7 +217,7 @@ def _unknown_key(name: str, known: Iterable[str], data: Mapping[str, Any], path:
 
 
 def _key_meant(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str | None:
-    """One that is not given yet, if any of those is near."""
+    """Similar known key, preferably one that is missing."""
     known = sorted(known)
     return _nearest(name, [key for key in known if key not in data]) or _nearest(name, known)
 
@@ -230,12 +232,12 @@ def _missing_keys(names: list[str], path: KeyPath) -> str:
 
 
 def allowed_words(found: str, allowed: list[str]) -> str:
-    """The allowed words, and which of them was probably meant."""
+    """Allowed words, and a suggestion of the one meant."""
     return f"{_allowed(', '.join(allowed) + '.')}{did_you_mean(found, allowed)}"
 
 
 def did_you_mean(found: str, allowed: list[str]) -> str:
-    """A suggestion to put behind a message, or nothing."""
+    """Suggestion to append to a message, or empty."""
     return _hint(_nearest(found, allowed))
 
 
@@ -248,7 +250,7 @@ def _nearest(found: str, allowed: list[str]) -> str | None:
 
 
 def quoted(value: Any) -> str:
-    """A value of a file as messages show it; a password in an address is not repeated."""
+    """Value of a file for messages; passwords in addresses are removed."""
     if value is None:
         return tr("nothing")
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""The guide's tables of a declared file: each key, what may stand there, and what it means."""
+"""Tables of the guide for a declared file: keys, allowed values and meanings."""
 
 import re
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ _SCALAR_WORDS = {bool: "`true` or `false`", str: "text", int: "whole number", fl
 
 
 def reference(declaration: Group) -> str:
-    """Markdown: one table for the file itself, then one section for each group in it, and for those in that."""
+    """Markdown: one table for the file itself, then a section for each group, recursively."""
     lines = _table(keys_of(declaration))
     for key in keys_of(declaration):
         lines += _section(key)
@@ -38,9 +38,9 @@ def reference(declaration: Group) -> str:
 
 
 def with_tables(page: str, files: dict[str, Group]) -> str:
-    """``page`` with its tables written anew.
+    """``page`` with its tables regenerated.
 
-    One stands behind each ``<!-- keys of FILE: NAMES -->`` (without names: all of them) up to ``<!-- end of keys -->``;
+    A table follows each ``<!-- keys of FILE: NAMES -->`` (all keys without names), up to ``<!-- end of keys -->``;
     ``FILE.KEY.KEY`` is a group within the file.
     """
 

@@ -1,4 +1,4 @@
-"""Places in a declared file: what stands at one, what it is called, what it says where the file says nothing."""
+"""Paths in a declared file: value, form, title and default at each."""
 
 import copy
 import math
@@ -43,7 +43,7 @@ class Difference:
 
 
 def group_at(form: Form, data: Any) -> Group | None:
-    """Whose keys stand at a place where ``data`` stand now; None where none do."""
+    """Group of the keys at this position for the present ``data``; None if there are none."""
     if is_group(form.kind):
         return form.kind
     groups = groups_of(form.kind)
@@ -55,12 +55,12 @@ def group_at(form: Form, data: Any) -> Group | None:
 
 
 def text_key(group: Group) -> str:
-    """Which key of the group a text means that stands in its place: the first."""
+    """Key of the group that a text in its place stands for: the first."""
     return keys_of(group)[0].name
 
 
 def form_at(hint: Any, data: Any, path: KeyPath) -> Form:
-    """What is declared for a place, beside ``data`` of the whole file. Raises KeyError where nothing is."""
+    """Form declared at ``path``, given the ``data`` of the whole file. Raises KeyError if there is none."""
     form = form_of(hint)
     for part in path:
         if isinstance(part, int):
@@ -75,7 +75,7 @@ def form_at(hint: Any, data: Any, path: KeyPath) -> Form:
 
 
 def key_of(form: Form, data: Any, name: str) -> Key:
-    """The key of that name in a group. Raises KeyError."""
+    """Key of that name in a group. Raises KeyError."""
     groups = [group] if (group := group_at(form, data)) is not None else list(groups_of(form.kind))
     for group in groups:
         for key in keys_of(group):
@@ -85,7 +85,7 @@ def key_of(form: Form, data: Any, name: str) -> Key:
 
 
 def value_at(data: Any, path: KeyPath) -> Any:
-    """What the data say there; ABSENT where they say nothing."""
+    """Value at ``path``; ABSENT if missing."""
     for part in path:
         listed = isinstance(data, list) and isinstance(part, int) and 0 <= part < len(data)
         if not (listed or (isinstance(data, Mapping) and part in data)):
@@ -95,14 +95,14 @@ def value_at(data: Any, path: KeyPath) -> Any:
 
 
 def default_of(key: Key) -> Any:
-    """What a key says that is not there, as data; ABSENT where it has no default."""
+    """Default of a missing key, as data; ABSENT without one."""
     if key.default is MISSING or key.default is None:
         return ABSENT
     return data_of(key.form, key.default)
 
 
 def blank_of(form: Form) -> Any:
-    """What a new entry of a list, or a new group, begins with: its required keys, with as little as may stand there."""
+    """Initial content of a new list entry or group: required keys with minimal values."""
     if text_of(form.kind) is not None:
         return ""
     group = form.kind if is_group(form.kind) else next(iter(groups_of(form.kind)), None)
@@ -123,7 +123,7 @@ def blank_of(form: Form) -> Any:
 
 
 def blank_group(group: Group, besides: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Its required keys alone, and those ``besides``."""
+    """Group with its required keys and ``besides`` only."""
     return {
         key.name: blank_of(key.form) if (default := default_of(key)) is ABSENT else default
         for key in keys_of(group)
@@ -132,7 +132,7 @@ def blank_group(group: Group, besides: tuple[str, ...] = ()) -> dict[str, Any]:
 
 
 def with_value_at(data: Any, path: KeyPath, value: Any) -> Any:
-    """A copy of ``data`` that says ``value`` there, groups on the way included."""
+    """Copy of ``data`` with ``value`` at ``path``; missing groups are created."""
     if not path:
         return value
     part, *rest = path
@@ -144,7 +144,7 @@ def with_value_at(data: Any, path: KeyPath, value: Any) -> Any:
 
 
 def without_at(data: Any, path: KeyPath) -> Any:
-    """A copy of ``data`` that says nothing there."""
+    """Copy of ``data`` without the value at ``path``."""
     part, *rest = path
     if rest:
         return with_value_at(data, (part,), without_at(value_at(data, (part,)), tuple(rest)))
@@ -154,8 +154,8 @@ def without_at(data: Any, path: KeyPath) -> Any:
 
 
 def differences(hint: Any, before: Any, after: Any, path: KeyPath = ()) -> Iterator[Difference]:
-    """Where two files say something else, as a person would name it: keys, and entries of lists that are as long as
-    before; else the whole list. What one says and the other leaves at the same default is no difference.
+    """Differences of two files at the level that a person would name: keys, and entries of lists of equal length, else
+    the whole list. A missing key equals its default.
     """
     yield from _differences(form_of(hint), before, after, path)
 
@@ -180,14 +180,14 @@ def _differences(form: Form, before: Any, after: Any, path: KeyPath) -> Iterator
 
 
 def _as_group(form: Form, data: Any) -> Any:
-    """What a text says in place of a group, as that group would."""
+    """Group that a text in its place stands for."""
     group = group_at(form, data)
     return {text_key(group): data} if isinstance(data, str) and group is not None else data
 
 
 def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
     default = default_of(key)
-    # Text of nothing and a list without entries say no more than no key.
+    # Empty text and an empty list equal a missing key.
     old, new = (default if each is ABSENT else each for each in (before, after))
     if old == new:
         return
@@ -198,7 +198,7 @@ def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterat
 
 
 def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Rule, str]]:
-    """Where a file names an entry of one of its lists, with the rule of that place and the name."""
+    """References to entries of the file's own lists: path, rule and name."""
     yield from _references(form_of(hint), data, ())
 
 
@@ -216,7 +216,7 @@ def _references(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath,
 
 
 def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
-    """What the place is called for a person, from the outside in: titles of keys, and entries by their names."""
+    """Breadcrumbs of a path for people: titles of keys and names of entries."""
     form, said = form_of(hint), []
     for part in path:
         try:
@@ -234,7 +234,7 @@ def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
 
 
 def entry_name(entry: Any) -> str:
-    """How a person tells an entry of a list from the others."""
+    """Name that distinguishes an entry of a list."""
     if isinstance(entry, Mapping):
         found = next((entry[name] for name in _NAMING_KEYS if name in entry), "")
         return str(found)
@@ -242,5 +242,5 @@ def entry_name(entry: Any) -> str:
 
 
 def copied(data: Any) -> Any:
-    """Plain data that share nothing with those given."""
+    """Deep copy of plain data."""
     return copy.deepcopy(data)

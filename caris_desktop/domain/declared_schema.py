@@ -1,4 +1,4 @@
-"""The JSON Schema of a declared file, by which editors complete, check and explain what is typed."""
+"""JSON Schema of a declared file, with which editors complete, check and explain it."""
 
 import json
 from typing import Any
@@ -24,7 +24,7 @@ _TYPES = {str: "string", float: "number", int: "integer", bool: "boolean"}
 
 
 def file_schema(declaration: Group, *, title: str, schema_id: str = "") -> dict[str, Any]:
-    """The schema of a whole file."""
+    """Schema of a whole file."""
     definitions: dict[str, Any] = {}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -37,12 +37,12 @@ def file_schema(declaration: Group, *, title: str, schema_id: str = "") -> dict[
 
 
 def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
-    """The content of the schema's file."""
+    """Content of the schema file."""
     return json.dumps(file_schema(declaration, title=title, schema_id=schema_id), indent=2, ensure_ascii=False) + "\n"
 
 
 def description_of(form: Form) -> str:
-    """What people are told of a place: its rule's text, or else what its declaration says of itself."""
+    """Description for people: the rule's text, else the declaration's docstring."""
     said = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
     return " ".join(said.replace("``", "`").split())
 
@@ -58,7 +58,7 @@ def _schema(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def _defined(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
-    """What has a noun is described once, and may hold itself."""
+    """Reference to a shared definition: what has a noun is described once, and may be recursive."""
     name = form.rule.noun.replace(" ", "_")
     if name not in definitions:
         definitions[name] = {}
@@ -120,7 +120,7 @@ def _group(group: Group, definitions: dict[str, Any], rule: Rule) -> dict[str, A
 
 
 def _neighbours(key: Key) -> dict[str, Any]:
-    """What must hold of the other keys where this one is."""
+    """Constraints on the group's other keys while this one is present."""
     rule = key.form.rule
     schema = _standing(rule.beside) if rule.beside else {}
     if rule.instead_of:
@@ -135,13 +135,15 @@ def _needed(key: Key, keys: tuple[Key, ...]) -> dict[str, Any]:
 
 
 def _standing(wanted: tuple[str, ...]) -> dict[str, Any]:
-    """That a key is there, and one of the words behind it."""
+    """Schema that requires the key, with one of the words after it."""
     other, *words = wanted
     return {"required": [other]} | ({"properties": {other: {"enum": words}}} if words else {})
 
 
 def _one_of(groups: tuple[Group, ...], definitions: dict[str, Any]) -> dict[str, Any]:
-    """Decided by the first key that a group must have, so that an editor tells what is wrong in the one meant."""
+    """Alternatives selected by each group's first required key, so that an editor reports problems
+    of the group meant.
+    """
     first, *others = groups
     schema = _group(first, definitions, Rule())
     if not others:

@@ -1,4 +1,4 @@
-"""What people are told of a declared file, in their language: titles of keys, what they mean, names of entries."""
+"""Translated titles, descriptions and entry names of a declared file."""
 
 import inspect
 import re
@@ -13,19 +13,19 @@ _UNIT = re.compile(r"_(s|ms|m|mps|radps|px|deg|rad)$")
 
 
 def title_of(key: Key) -> str:
-    """What a form calls the key."""
+    """Title of the key in a form."""
     title = _title(key)
     return tr(title)
 
 
 def said_of(form: Form) -> str:
-    """What it means; empty where nothing is said of it."""
+    """Description; empty without one."""
     said = description_of(form)
     return tr(said) if said else ""
 
 
 def allowed_by(form: Form) -> str:
-    """What may stand there, in words; empty where nothing is said of it."""
+    """Allowed values in words; empty without them."""
     allowed = form.rule.allowed
     return tr(allowed) if allowed else ""
 
@@ -41,25 +41,25 @@ def section_of(key: Key) -> str:
 
 
 def noun_of(group: Group) -> str:
-    """What one such group is called."""
+    """Noun for such a group."""
     noun = _noun(group)
     return tr(noun)
 
 
 def words_of(group: Group) -> str:
-    """What such a group is, in a few words."""
+    """Short description of such a group."""
     words = _first_words(group)
     return tr(words)
 
 
 def word_of(choice: Any) -> str:
-    """A word that may be chosen, as people read it."""
+    """Selectable word for people."""
     word = _word(choice)
     return tr(word)
 
 
 def texts_of(declaration: Group) -> list[str]:
-    """Everything of the above that a declaration has to say, as it was written."""
+    """All texts above of a declaration, untranslated."""
     return list(dict.fromkeys(text for text in _texts(form_of(declaration), set()) if text))
 
 

@@ -1,10 +1,10 @@
-"""Failures that are told to the wizard."""
+"""Failures that are reported to the wizard."""
 
 from caris_desktop.domain.events import Severity
 
 
 class ToldFailure(Exception):  # noqa: N818 - its kinds end in Error
-    """Something failed, told as the wizard needs it: what happened, what it means for the session, what to do."""
+    """Failure as the wizard needs it: what happened, what it means for the session, what to do."""
 
     def __init__(self, what: str, meaning: str, advice: str, *, severity: Severity = "error") -> None:
         super().__init__(f"{what} {meaning} {advice}")

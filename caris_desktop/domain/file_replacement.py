@@ -1,4 +1,4 @@
-"""Replaces a file whole or not at all: how everything is written that the program will read again."""
+"""Atomic replacement of files: used for everything that the program will read again."""
 
 import contextlib
 import errno
@@ -11,35 +11,35 @@ from pathlib import Path
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 _NOT_FOR_FOLDERS = (errno.EINVAL, errno.ENOTSUP)
-# A name may have 255 bytes, and a character up to four.
+# A name may have 255 bytes, a character up to four.
 SHOWN_CHARACTERS = 50
 
 
 def no_room(error: OSError) -> bool:
-    """Whether ``error`` says that the disk, or the user's share of it, is full."""
+    """Whether ``error`` means that the disk, or the user's quota, is full."""
     return error.errno in _NO_ROOM
 
 
 def replace_file(
     path: Path, data: bytes | Iterable[bytes], *, durable: bool, on_full: Callable[[], bool] = lambda: False
 ) -> None:
-    """Put ``data`` in the place of ``path``: whoever reads finds the old file or the new one, never a part of it.
+    """Replace ``path`` with ``data`` atomically: a reader finds either the old or the new file, never a part.
 
-    It is written beside ``path``, under a name of its own so that two who save at once do not mix, and keeps the
-    permissions of the file that was there. Whatever goes wrong, also in ``data`` itself, the old file stays and nothing
-    else is left behind. A link is replaced, not followed.
+    The content goes to a temporary file beside ``path``, unique so that concurrent writers do not collide, with the
+    permissions of the existing file. After any failure, also in ``data`` itself, the old file remains and no temporary
+    file. A symbolic link is replaced, not followed.
 
     Parameters
     ----------
     durable
-        Wait until the disk has the content, and then the name: neither is lost when the power goes. May take long.
+        Wait until content and name are on the disk, so that a power failure loses neither. May take long.
     on_full
-        Asked for room when the disk is full; when it has made some, the write goes on where it stopped.
+        Called to free space on a full disk; if it has, the write continues where it stopped.
 
     Raises
     ------
     OSError
-        Where it cannot be written, or whatever ``data`` raises.
+        If the file cannot be written, or whatever ``data`` raises.
     """
     descriptor, beside = _opened_beside(path)
     try:
@@ -60,7 +60,7 @@ def replace_file(
 
 
 def bring_to_disk(path: Path) -> None:
-    """Bring a file, or the names in a folder, to the disk itself. Raises OSError."""
+    """Flush a file, or the names in a folder, to the disk. Raises OSError."""
     folder = path.is_dir()
     if folder and sys.platform == "win32":
         return
@@ -68,7 +68,7 @@ def bring_to_disk(path: Path) -> None:
     try:
         os.fsync(descriptor)
     except OSError as error:
-        # Some network file systems know no such thing, and there is nothing else that could be done.
+        # Some network file systems do not support this, and there is no alternative.
         if not (folder and error.errno in _NOT_FOR_FOLDERS):
             raise
     finally:
@@ -84,13 +84,15 @@ def _opened_beside(path: Path) -> tuple[int, Path]:
 
 
 def _keep_permissions(descriptor: int, path: Path) -> None:
-    """Before anything is in the file: what only its owner may read is never open to others, not for a moment."""
+    """Copy the permissions before the content is written: a private file is never readable by
+    others, not even briefly.
+    """
     try:
         there = path.lstat()
     except FileNotFoundError:
         return
     kept = stat.S_IMODE(there.st_mode)
-    # Asked first: file systems without permissions refuse to change them.
+    # Queried first: file systems without permissions refuse to change them.
     if stat.S_ISREG(there.st_mode) and stat.S_IMODE(os.fstat(descriptor).st_mode) != kept and hasattr(os, "fchmod"):
         os.fchmod(descriptor, kept)
 

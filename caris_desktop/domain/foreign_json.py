@@ -1,11 +1,11 @@
-"""JSON that came from elsewhere."""
+"""Parser for JSON from other sources."""
 
 import json
 from typing import Any
 
 
 def parse_json(text: str | bytes | bytearray) -> Any:
-    """As ``json.loads``; text that is nested without end is wrong like any other. Raises ValueError."""
+    """``json.loads`` that raises ValueError for too deeply nested text as well."""
     try:
         return json.loads(text)
     except RecursionError as error:

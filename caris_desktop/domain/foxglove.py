@@ -1,12 +1,11 @@
-"""What other programs know our streams as: Foxglove's schemas (https://docs.foxglove.dev/docs/sdk/schemas), and values
-in their shapes.
+"""Foxglove's schemas (https://docs.foxglove.dev/docs/sdk/schemas), and conversion of our values to them.
 
-Foxglove, Lichtblick and others show a channel whose schema has such a name without being told how. A message has the
-fields of that schema, and beside them those fields of our own value that it does not hold: nothing large is in it
-twice, and what was recorded reads back exactly.
+Foxglove, Lichtblick and others display channels with these schema names without configuration. A message has the
+schema's fields, and beside them those of our value that the schema lacks: nothing large is duplicated, and the
+recording reads back exactly.
 
-JSON has no infinity, so numbers that float32 cannot hold stand for it (:data:`INFINITE`): others read them as
-infinitely far, as they are, and draw nothing there.
+JSON has no infinity, so numbers beyond float32 stand for it (:data:`INFINITE`): viewers read them as infinite and draw
+nothing.
 """
 
 import base64
@@ -212,24 +211,24 @@ class WellKnown:
 
 
 def time_of(utc_ns: int) -> Time:
-    """Of nanoseconds since 1970; there is none before."""
+    """Foxglove time of nanoseconds since 1970; earlier times are clamped."""
     seconds, nanoseconds = divmod(max(0, utc_ns), 1_000_000_000)
     return {"sec": seconds, "nsec": nanoseconds}
 
 
 def pose_of(pose: Pose2D | None) -> Pose:
-    """That of a pose on the floor; of None the origin."""
+    """Foxglove pose of a pose on the floor; the origin for None."""
     x_m, y_m, half_rad = (0.0, 0.0, 0.0) if pose is None else (pose.x_m, pose.y_m, pose.heading_rad / 2.0)
     half_rad = _finite(half_rad)
     return {
         "position": {"x": _finite(x_m), "y": _finite(y_m), "z": 0.0},
-        # What is beside it is exact; here more digits would only take room.
+        # The exact value is beside it; more digits here would only take space.
         "orientation": {"x": 0.0, "y": 0.0, "z": round(math.sin(half_rad), 9), "w": round(math.cos(half_rad), 9)},
     }
 
 
 def transforms_of(value: Any, at: Time) -> FrameTransforms | None:
-    """Where the frames of reference are, as far as this value tells: the robot in the map, a fixed camera on it."""
+    """Coordinate frames known from this value: robot in the map, fixed camera on the robot."""
     match value:
         case sensing.RobotPose():
             pose = pose_of(value.pose_in_map)
@@ -265,7 +264,7 @@ def _optical_frame(camera: str) -> str:
 
 
 def _fill_scan(scan: sensing.LaserScan, at: Time) -> LaserScan:
-    """In the map where it was measured: a turning robot has left that place when its pose is told."""
+    """Scan in the map at the time of measurement: a turning robot has moved on when its pose arrives."""
     frame, pose = scan.frame_id, None
     if scan.map_from_laser is not None:
         frame, pose = MAP, scan.map_from_laser
@@ -295,7 +294,7 @@ def _restore_scan(message: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers(array: NDArray[np.float32]) -> list[float]:
-    """Finite numbers, of which some stand for those that JSON does not know."""
+    """Finite numbers, with stand-ins for those that JSON lacks."""
     short = in_few_digits(array)
     if not np.isfinite(short).all():
         short[np.isnan(short)] = INVALID
@@ -306,7 +305,7 @@ def _numbers(array: NDArray[np.float32]) -> list[float]:
 
 
 def _with_invalid(numbers: Any) -> Any:
-    """The infinite ones need nothing done: float32 cannot hold them."""
+    """Restore invalid numbers; infinite ones need nothing, since they overflow float32."""
     if not isinstance(numbers, list) or INVALID not in numbers:
         return numbers
     return ["nan" if number == INVALID else number for number in numbers]
@@ -327,7 +326,7 @@ def _fill_grid(grid: sensing.OccupancyGrid, at: Time) -> Grid:
         "row_stride": columns,
         "cell_stride": 1,
         "fields": [{"name": "occupancy", "offset": 0, "type": _NUMERIC_INT8}],
-        # As it is, which others demand; the file's own compression takes what deflating it took.
+        # Uncompressed, as other programs require; the file's own compression saves as much as deflating did.
         "data": Base64(base64.b64encode(np.ascontiguousarray(grid.cells).data).decode("ascii")),
         "row_count": rows,
     }
@@ -351,7 +350,7 @@ _AHEAD: Quaternion = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
 def _fill_path(path: sensing.PlannedPath, at: Time) -> PosesInFrame:
-    """Its points; which way the robot is to look there, nobody told."""
+    """Points of the path; orientations are unknown."""
     points: Any = _numbers(path.points_in_map)
     poses: list[Pose] = [{"position": {"x": x, "y": y, "z": 0.0}, "orientation": _AHEAD} for x, y in points]
     return {"timestamp": at, "frame_id": MAP, "poses": poses}
@@ -431,8 +430,8 @@ def _pixel(place_px: float) -> float:
 
 
 def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
-    """At level info once, when it is said; a recogniser tells the words when they are finished. What it then takes for
-    nothing failed nobody.
+    """Log entry of an utterance, once at level info: at its start for speech, at its end for recognition. A recognition
+    that is discarded is not a failure.
     """
     heard = utterance.speaker == "participant"
     if utterance.state == ("finished" if heard else "started"):

@@ -45,28 +45,28 @@ class Pose3D:
 
     @classmethod
     def on_floor(cls, pose: Pose2D) -> "Pose3D":
-        """The same pose with the z axis upwards."""
+        """Same pose with the z axis upwards."""
         half_rad = pose.heading_rad / 2.0
         return cls(pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half_rad), math.cos(half_rad))
 
     @property
     def heading_rad(self) -> float:
-        """The direction of the x axis, seen from above."""
+        """Direction of the x axis, seen from above."""
         x, y, z, w = self.qx, self.qy, self.qz, self.qw
         return wrap_angle(math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
     @property
     def floor(self) -> Pose2D:
-        """The pose seen from above."""
+        """Pose seen from above."""
         return Pose2D(self.x_m, self.y_m, self.heading_rad)
 
     @property
     def tilt_rad(self) -> float:
-        """The angle between the z axis and that of the parent: 0 upright, pi upside down."""
+        """Angle between the z axes of this frame and its parent: 0 upright, pi upside down."""
         return 2.0 * math.atan2(math.hypot(self.qx, self.qy), math.hypot(self.qz, self.qw))
 
     def __matmul__(self, inner: "Pose3D") -> "Pose3D":
-        """Compose, as :meth:`Pose2D.__matmul__` does."""
+        """Compose, as :meth:`Pose2D.__matmul__`."""
         ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
         bx, by, bz, bw = inner.qx, inner.qy, inner.qz, inner.qw
         x_m, y_m, z_m = self.rotated(inner.x_m, inner.y_m, inner.z_m)
@@ -86,8 +86,8 @@ class Pose3D:
         return Pose3D(x_m, y_m, z_m, back.qx, back.qy, back.qz, back.qw)
 
     def towards(self, other: "Pose3D", share: float) -> "Pose3D":
-        """A share of the way to ``other``, as tf2 interpolates: positions linearly, rotations by the shorter arc. Above
-        1 the motion goes on.
+        """Interpolate to ``other`` by ``share`` as tf2 does: positions linearly, rotations by the shorter arc. Above 1
+        it extrapolates.
         """
         dot = self.qx * other.qx + self.qy * other.qy + self.qz * other.qz + self.qw * other.qw
         sign = -1.0 if dot < 0.0 else 1.0
@@ -108,7 +108,7 @@ class Pose3D:
         )
 
     def rotated(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """A direction of this frame in its parent."""
+        """Direction of this frame in its parent."""
         qx, qy, qz, qw = self.qx, self.qy, self.qz, self.qw
         # v + 2 q x (q x v + w v)
         tx, ty, tz = qy * z - qz * y + qw * x, qz * x - qx * z + qw * y, qx * y - qy * x + qw * z
@@ -153,6 +153,6 @@ def moved_by(twist: Twist2D, duration_s: float) -> Pose2D:
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Same angle in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, 2.0 * math.pi)
     return math.pi if wrapped == -math.pi else wrapped

@@ -1,4 +1,4 @@
-"""Where something stands in a file, and how that is told."""
+"""Paths of keys in a file, and their text."""
 
 KeyPath = tuple[str | int, ...]
 Problem = tuple[KeyPath, str]
@@ -6,7 +6,7 @@ Problem = tuple[KeyPath, str]
 
 
 def name_of(path: KeyPath) -> str:
-    """A place in a file as messages call it: ``'places[2].x_m'``, counted from 1."""
+    """Path as in messages: ``'places[2].x_m'``, counted from 1."""
     text = ""
     for part in path:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part

@@ -1,7 +1,8 @@
-"""A listening socket that takes no more connections than can be served, before a byte of them is read.
+"""Listening socket with a connection limit that applies before a byte is read.
 
-Strangers on a network need no token to hold connections open. Each address, and all together, may have so many at a
-time; the rest is closed at once. This computer's own connections are counted apart: no stranger keeps its user out.
+Network strangers need no token to hold connections open. Each address, and all together, may have a limited number at a
+time; others are closed at once. This computer's own connections count separately, so that no stranger keeps its user
+out.
 """
 
 import ipaddress
@@ -20,7 +21,9 @@ _log = logging.getLogger(__name__)
 
 
 class LimitedListener(socket.socket):
-    """For ``asyncio.start_server`` and ``websockets.serve`` (their ``sock``). One thread: that of the loop."""
+    """Listening socket for ``asyncio.start_server`` and ``websockets.serve`` (their ``sock``). Only for the loop's
+    thread.
+    """
 
     def __init__(self, family: int, *, per_address: int = PER_ADDRESS, in_all: int = IN_ALL) -> None:
         super().__init__(family, socket.SOCK_STREAM)
@@ -30,7 +33,7 @@ class LimitedListener(socket.socket):
         self._refused = 0
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """As ``socket.accept``, of those that may come."""
+        """``socket.accept`` that closes connections over the limit."""
         while True:
             accepted, address = super().accept()
             place = _place_of(str(address[0]))
@@ -39,7 +42,7 @@ class LimitedListener(socket.socket):
                 return _Counted(accepted, self._open, place), address
             accepted.close()
             self._refused += 1
-            if self._refused & (self._refused - 1) == 0:  # 1, 2, 4, 8, ...: a flood fills no disk
+            if self._refused & (self._refused - 1) == 0:  # 1, 2, 4, 8, ...: a flood does not fill the disk
                 _log.warning("%d connections more than can be served were closed at once", self._refused)
 
     def _may_come(self, place: str) -> bool:
@@ -49,7 +52,7 @@ class LimitedListener(socket.socket):
 
 
 class _Counted(socket.socket):
-    """A connection that is counted until it is closed."""
+    """Connection that counts until it is closed."""
 
     def __init__(self, accepted: socket.socket, counted: Counter[str], place: str) -> None:
         super().__init__(accepted.family, accepted.type, accepted.proto, fileno=accepted.detach())
@@ -69,7 +72,7 @@ _HERE = "this computer"
 
 
 def _place_of(host: str) -> str:
-    """Who counts as one: an address, of IPv6 the network of one subscriber."""
+    """Unit of the limit: an IPv4 address, or the IPv6 network of one subscriber."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
@@ -99,9 +102,9 @@ def listen_limited(host: str, port: int, *, per_address: int = PER_ADDRESS, in_a
 
 
 def is_own_host(hosts: list[str], *, only_loopback: bool = False) -> bool:
-    """Whether the Host header of a request names this computer by number or as ``localhost``, or by its own name.
+    """Whether a request's Host header names this computer by number, as ``localhost`` or by its own name.
 
-    A page in a browser that has another name point here, and asks as that name, is not answered.
+    This rejects DNS rebinding: a web page whose own name points here.
     """
     if len(hosts) != 1:
         return False
@@ -121,7 +124,7 @@ def is_own_host(hosts: list[str], *, only_loopback: bool = False) -> bool:
 
 
 def quiet_handshakes(name: str) -> logging.Logger:
-    """A logger for a server that strangers can reach: a failed handshake leaves no line, nor does a scan."""
+    """Logger for a server that strangers can reach: failed handshakes and scans are not logged."""
     logger = logging.getLogger(f"{name}.strangers")
     logger.setLevel(logging.CRITICAL)
     return logger

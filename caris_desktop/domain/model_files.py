@@ -1,6 +1,6 @@
-"""Where weights of models lie on this computer, whether a file of them is the one that is meant, and how it is fetched.
+"""Model weights on this computer: search folders, checksums, download.
 
-The files that packages bring are listed with their SHA-256 in ``resources/models.sha256``, as ``sha256sum`` writes it.
+Files from packages are listed with their SHA-256 in ``resources/models.sha256``, in the format of ``sha256sum``.
 """
 
 import functools
@@ -24,15 +24,15 @@ GET_WEIGHTS_ANEW = QT_TR_NOOP(
 
 
 class NotFetched(Exception):  # noqa: N818 - says what did not happen; the text says why, in words for the wizard
-    """A file of a model did not arrive."""
+    """A model file could not be downloaded."""
 
 
 class WrongChecksum(Exception):  # noqa: N818 - says what is wrong with the file
-    """It is another file than the one that is meant. The text says so, in words for the wizard."""
+    """The file has another checksum than expected. The text is for the wizard."""
 
 
 def _user_models_dir() -> Path:
-    """The models folder in the user's data folder, which downloads go to. Not created here."""
+    """Models folder in the user's data folder, the target of downloads. Not created here."""
     import platformdirs
 
     return platformdirs.user_data_path("caris-desktop", appauthor=False) / "models"
@@ -45,9 +45,9 @@ def models_dirs() -> tuple[Path, ...]:
 
 
 def packaged_file(name: str) -> Path | None:
-    """A file or folder that an installed package brings, as ``package/data/file``; None where it is not there.
+    """File or folder of an installed package, given as ``package/data/file``; None if missing.
 
-    Found without importing the package.
+    Does not import the package.
     """
     package, _, rest = name.partition("/")
     found = importlib.util.find_spec(package)
@@ -60,27 +60,27 @@ def packaged_file(name: str) -> Path | None:
 
 @functools.cache
 def packaged_checksums() -> dict[str, str]:
-    """SHA-256 by name, as :func:`packaged_file` takes it, of every file of a model that a package brings."""
+    """SHA-256 of all packaged model files, by name as for :func:`packaged_file`."""
     lines = (resources_dir() / "models.sha256").read_text(encoding="ascii").splitlines()
     return {name: checksum for checksum, name in (line.split() for line in lines)}
 
 
 def check_file(path: Path) -> str:
-    """Its SHA-256. Raises OSError, and WrongChecksum as :func:`read_checked` does."""
+    """SHA-256 of the file. Raises OSError, and WrongChecksum as :func:`read_checked` does."""
     with path.open("rb") as file:
         return _checked(path, hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def read_checked(path: Path) -> tuple[bytes, str]:
-    """Content and SHA-256 of a file of a model, before anything makes sense of it.
+    """Content and SHA-256 of a model file, checked before it is parsed.
 
     Raises
     ------
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     WrongChecksum
-        Where a package brought it and it is another than the one listed, or where a file of its name with ``.sha256``
-        behind it lies beside it and has another checksum in it.
+        If it differs from the listed file of its package, or from the checksum in a ``.sha256`` file of its name beside
+        it.
     """
     content = path.read_bytes()
     return content, _checked(path, hashlib.sha256(content).hexdigest())
@@ -101,7 +101,7 @@ def _checked(path: Path, digest: str) -> str:
 
 
 def expected_of(path: Path) -> set[str]:
-    """The checksum that a file has to have; none for one of the user's own. More than one, and none is right."""
+    """Expected checksum; empty for the user's own files. With more than one, none matches."""
     listed = (name for name in packaged_checksums() if path.as_posix().endswith(f"/{name}"))
     expected = {packaged_checksums()[name] for name in listed if packaged_file(name) == path}
     beside = path.with_name(f"{path.name}.sha256")
@@ -111,7 +111,7 @@ def expected_of(path: Path) -> set[str]:
 
 
 def sha256_of(*files: Path) -> str:
-    """The checksum of these files one after the other. Raises OSError."""
+    """Checksum of these files, concatenated. Raises OSError."""
     checksum = hashlib.sha256()
     for each in files:
         with each.open("rb") as file:
@@ -121,9 +121,9 @@ def sha256_of(*files: Path) -> str:
 
 
 def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
-    """Download to ``target``, which appears only when it is the file with this checksum. Raises NotFetched.
+    """Download to ``target``, which is created only if the checksum matches. Raises NotFetched.
 
-    Each address on the way, also one that a server redirects to, is `https://`, or on this computer from the start.
+    Every address, redirects included, must be `https://`, or on this computer from the start.
     """
     import httpx
 

@@ -1,8 +1,8 @@
-"""Looks into ONNX files, cuts a graph at one of its tensors or into parts, and adds what a file tells of itself.
+"""Inspection and cutting of ONNX graphs at their tensors, and added metadata.
 
-A detector that was exported for one input size has that size baked into the constants of its last few nodes only.
-Without those nodes the network takes any size, and smaller is faster. protobuf, which onnxruntime needs anyway, reads
-what is declared here and carries all else along unread. ``onnx.utils`` gives the same graph, for 32 MB more to install.
+A detector exported for one input size has that size as constants in its last few nodes only. Without those nodes the
+network accepts any size, and smaller is faster. protobuf, which onnxruntime needs anyway, parses what is declared here
+and copies the rest unparsed. ``onnx.utils`` gives the same graph, for 32 MB more to install.
 """
 
 import functools
@@ -17,9 +17,9 @@ from google.protobuf.message_factory import GetMessageClass
 from caris_desktop.domain.value_class import dataclass
 
 _FLOAT = 1
-# What is cut, or says where: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.
+# Subset that is cut or read: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.
 _MESSAGES = {
-    # Some look at the first fields only to know an ONNX file, and what is not declared here is written last.
+    # Some programs recognise ONNX by its first fields only, and undeclared fields are written last.
     "Model": {
         "ir_version": (1, "int64"), "graph": (7, "Graph"), "opset_import": (8, "Opset[]"),
         "metadata_props": (14, "Entry[]"),
@@ -51,7 +51,7 @@ class GraphFacts:
 
 
 def describe(content: bytes) -> GraphFacts:
-    """Raises ValueError when this is no ONNX model with one input."""
+    """Facts of a graph. Raises ValueError unless this is an ONNX model with one input."""
     model = _parsed(content)
     dims = _single_input(model.graph).type.tensor_type.shape.dim
     return GraphFacts(
@@ -62,24 +62,24 @@ def describe(content: bytes) -> GraphFacts:
 
 
 def with_metadata(content: bytes, metadata: Mapping[str, str]) -> bytes:
-    """The model with these entries added."""
+    """Model with these entries added."""
     added = _model_class()()
     for key, value in metadata.items():
         added.metadata_props.add(key=key, value=value)
-    # Two messages one after the other are both together.
+    # Concatenated protobuf messages are merged.
     extended: bytes = content + added.SerializeToString()
     return extended
 
 
 def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...]) -> bytes:
-    """The model with the tensor ``output`` as its only result and nothing behind it.
+    """Model with the tensor ``output`` as its only result, without the nodes behind it.
 
-    ``input_dims`` replaces the shape of its only input (float32); a text names a size that is open.
+    ``input_dims`` replaces the shape of its only input (float32); a text names an open size.
 
     Raises
     ------
     ValueError
-        When this is no ONNX model with one input, or no node computes ``output``.
+        If this is no ONNX model with one input, or no node computes ``output``.
     """
     model = _parsed(content)
     graph = model.graph
@@ -93,9 +93,9 @@ def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...])
 
 
 def taken_by(content: bytes, computed: str) -> tuple[str, ...]:
-    """The tensors that the node takes which computes ``computed``, weights among them.
+    """Input tensors, weights included, of the node that computes ``computed``.
 
-    Raises ValueError when this is no ONNX model, or no node computes it.
+    Raises ValueError if this is no ONNX model, or no node computes it.
     """
     for node in _parsed(content).graph.node:
         if computed in node.output:
@@ -106,14 +106,14 @@ def taken_by(content: bytes, computed: str) -> tuple[str, ...]:
 def part_of_graph(
     content: bytes, *, given: Mapping[str, tuple[int | str, ...]], outputs: tuple[str, ...] = ()
 ) -> bytes:
-    """The model from the tensors ``given`` (float32, with their shapes) on, up to ``outputs``, or to its own if none.
+    """Model from the tensors ``given`` (float32, with their shapes) to ``outputs``, or to its own outputs if empty.
 
-    Of the model's own inputs those stay that are still needed.
+    The model's own inputs remain if they are still needed.
 
     Raises
     ------
     ValueError
-        When this is no ONNX model, or no node computes one of the ``outputs``.
+        If this is no ONNX model, or no node computes one of the ``outputs``.
     """
     model = _parsed(content)
     graph = model.graph
@@ -132,9 +132,11 @@ def part_of_graph(
 
 
 def _keep_what_leads_to(outputs: set[str], graph: Any, *, given: frozenset[str] = frozenset()) -> set[str]:
-    """Removes all other nodes, and those that only compute what is ``given``; the names of all tensors needed."""
+    """Remove all other nodes, and those that only compute ``given`` tensors. Returns the names of
+    all tensors needed.
+    """
     needed = set(outputs)
-    # Nodes are stored in the order of computation, so one pass from the end finds all that lead to the output.
+    # Nodes are stored in the order of computation, so one pass from the end finds all that the output depends on.
     for at in reversed(range(len(graph.node))):
         computed = graph.node[at].output
         if (needed - given).intersection(computed):

@@ -1,6 +1,6 @@
-"""How somebody looks: what perception tells of a track, and what identities are made from.
+"""Appearance of people: from perception, and the input of identification.
 
-Never recorded and in no table of streams: it goes from perception to the people of the study, and nowhere else.
+Never recorded and in no stream table: passed from perception to the study's people only.
 """
 
 from typing import Literal

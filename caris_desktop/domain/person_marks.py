@@ -1,4 +1,4 @@
-"""A person's name within what is said: the record has a mark with their id in its place."""
+"""Markers that replace a person's name in recorded utterances: pseudonymised by their id."""
 
 import re
 from collections.abc import Callable
@@ -7,15 +7,15 @@ _MARK = re.compile(r"\{(p-[\w-]+)\}")
 
 
 def mark_of(person_id: str) -> str:
-    """What stands for the name of this person: ``{p-3f9a}``."""
+    """Marker in place of this person's name: ``{p-3f9a}``."""
     return f"{{{person_id}}}"
 
 
 def marked(text: str, name: str, person_id: str) -> str:
-    """``text`` with the mark of this person wherever it has their name."""
+    """``text`` with this person's marker in place of their name."""
     return re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", lambda _name: mark_of(person_id), text, flags=re.IGNORECASE)
 
 
 def with_names(text: str, name_of: Callable[[str], str]) -> str:
-    """``text`` with what ``name_of`` gives for each person's id in place of the marks."""
+    """``text`` with the result of ``name_of`` for each person id in place of the markers."""
     return _MARK.sub(lambda mark: name_of(mark[1]), text)

@@ -1,7 +1,6 @@
-"""What is shown of a camera: uint8 BGR that fits a slot of the frame ring, or a sentence that says why it cannot be;
-and pictures as files.
+"""Picture decoding and limits: camera pictures as uint8 BGR that fit a frame ring slot, and picture files.
 
-cv2 comes with the first picture: who only speaks of pictures does not wait for it.
+cv2 is imported with the first picture, so that modules that only refer to pictures start fast.
 """
 
 from typing import Any
@@ -17,11 +16,11 @@ MOST_PIXELS = 64_000_000
 
 
 class PictureError(ValueError):
-    """A picture that cannot be shown; the text ends the sentence "The picture ..."."""
+    """Picture that cannot be shown; the text completes the sentence "The picture ..."."""
 
 
 def fitting_size(width_px: int, height_px: int) -> tuple[int, int]:
-    """The size itself, or a smaller one of the same shape that fits a slot of the frame ring."""
+    """Size, reduced in proportion if necessary to fit a slot of the frame ring."""
     pixels = width_px * height_px
     if pixels <= MAX_FRAME_PIXELS:
         return width_px, height_px
@@ -30,7 +29,7 @@ def fitting_size(width_px: int, height_px: int) -> tuple[int, int]:
 
 
 def check_size(width_px: int, height_px: int) -> None:
-    """Raises PictureError."""
+    """Check the limits of the size. Raises PictureError."""
     if min(fitting_size(width_px, height_px)) < LEAST_SIDE_PX:
         raise PictureError(f"has {width_px} x {height_px} pixels, which is too small to show")
     if width_px * height_px > MOST_PIXELS:
@@ -38,7 +37,7 @@ def check_size(width_px: int, height_px: int) -> None:
 
 
 def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Grey, colour or colour with transparency, of 8 or 16 bits, as BGR of 8 bits in a size that fits.
+    """Grey, colour or colour with transparency, 8 or 16 bits, as 8-bit BGR of a size that fits.
 
     Raises PictureError.
     """
@@ -60,13 +59,13 @@ def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def unfolded(content: bytes) -> NDArray[np.uint8]:
-    """A whole JPEG or PNG as :func:`fitted` gives it. Raises PictureError, also for one that is torn."""
+    """Decode a whole JPEG or PNG as :func:`fitted` gives it. Raises PictureError, also for a truncated one."""
     import cv2
 
     flag = cv2.IMREAD_COLOR
     size_px = checked_size(content)
     check_size(*size_px)
-    # A JPEG can be unfolded at a fraction of its size, which takes a fraction of the time.
+    # Decoding a JPEG at a fraction of its size takes a fraction of the time.
     pixels = size_px[0] * size_px[1]
     if content[:2] == b"\xff\xd8" and pixels >= 4 * MAX_FRAME_PIXELS:
         flag = cv2.IMREAD_REDUCED_COLOR_4 if pixels >= 16 * MAX_FRAME_PIXELS else cv2.IMREAD_REDUCED_COLOR_2
@@ -74,9 +73,9 @@ def unfolded(content: bytes) -> NDArray[np.uint8]:
 
 
 def checked_size(content: bytes) -> tuple[int, int]:
-    """(width, height) of a JPEG or PNG by its first bytes, before anything is decoded.
+    """(width, height) of a JPEG or PNG from its header, before decoding.
 
-    Raises PictureError for other formats, whose decoders take gigabytes for some kilobytes, and for one too large.
+    Raises PictureError if too large, and for other formats, whose decoders may expand kilobytes to gigabytes.
     """
     size_px = picture_size(content)
     if size_px is None:
@@ -87,9 +86,9 @@ def checked_size(content: bytes) -> tuple[int, int]:
 
 
 def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
-    """A JPEG or PNG as ``cv2.imdecode`` gives it (BGR, or by ``flag``). Raises PictureError.
+    """JPEG or PNG as ``cv2.imdecode`` gives it (BGR, or by ``flag``). Raises PictureError.
 
-    The one decoder of pictures that came from elsewhere: format and size are checked before it.
+    The only decoder for pictures from other sources: it checks format and size first.
     """
     import cv2
 
@@ -104,7 +103,7 @@ def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
 
 
 def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None = None) -> bytes:
-    """The picture as a JPEG, made smaller where it is wider than ``most_px``."""
+    """JPEG of the picture, reduced if it is wider than ``most_px``."""
     import cv2
 
     height_px, width_px = image_bgr.shape[:2]
@@ -116,16 +115,16 @@ def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None =
 
 
 def picture_size(content: bytes) -> tuple[int, int] | None:
-    """(width, height) from the head of a JPEG or PNG; None where it tells none."""
+    """(width, height) from the header of a JPEG or PNG; None if absent."""
     if content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR" and len(content) >= 24:
         return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
     at = 2
     while content[:2] == b"\xff\xd8" and at + 9 <= len(content) and content[at] == 0xFF:
-        if content[at + 1] == 0xFF:  # any number of these may stand before a marker
+        if content[at + 1] == 0xFF:  # any number of fill bytes may precede a marker
             at += 1
             continue
         marker, length = content[at + 1], int.from_bytes(content[at + 2 : at + 4])
-        # The frame headers SOF0..SOF15, without the tables that lie among their numbers
+        # Frame headers SOF0..SOF15, without the tables among their numbers.
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             return int.from_bytes(content[at + 7 : at + 9]), int.from_bytes(content[at + 5 : at + 7])
         at += 2 + length

@@ -1,4 +1,4 @@
-"""Interfaces that rooms offer one another, so that live robot, simulator and replay can stand in for each other."""
+"""Interfaces between packages, so that live robot, simulator and replay are interchangeable."""
 
 from typing import Any, Protocol
 
@@ -11,17 +11,17 @@ from caris_desktop.domain.sensing import FrameRef
 
 
 class FrameReader(Protocol):
-    """Gives the pixels that a :class:`FrameRef` speaks of."""
+    """Reader of the pixels of a :class:`FrameRef`."""
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
-        """A copy of the frame (BGR, uint8, shape (height, width, 3)), or None when it was overwritten meanwhile.
+        """Copy of the frame (BGR, uint8, shape (height, width, 3)), or None if it was overwritten meanwhile.
 
         May be called from any thread and any process that attached to the ring.
         """
 
 
 class FrameWriter(Protocol):
-    """Publishes camera frames to every reader on this machine."""
+    """Publisher of camera frames to all readers on this machine."""
 
     def write(
         self, image_bgr: NDArray[np.uint8], *, stamp_ns: int, robot_stamp_ns: int | None, camera: str
@@ -30,13 +30,13 @@ class FrameWriter(Protocol):
 
 
 class ValueSink(Protocol):
-    """Takes domain values as they happen. Called from the thread that the source lives in; must not block."""
+    """Receiver of domain values. Called in the source's thread; must not block."""
 
     def __call__(self, value: Any) -> None: ...
 
 
 class TellProblem(Protocol):
-    """Tells the wizard, and the record, what a :class:`Problem` holds."""
+    """Reporter of a :class:`Problem` to the wizard and the record."""
 
     def __call__(
         self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
@@ -44,7 +44,7 @@ class TellProblem(Protocol):
 
 
 class RobotPort(Protocol):
-    """What takes commands to the robot: the service that keeps the links. In a replay the gate refuses before that."""
+    """Receiver of robot commands: the service that owns the links. In a replay, the gate refuses before it."""
 
     def send(self, command: RobotCommand) -> bool:
-        """Hand a command over at once. False when it could not be handed over; nothing is ever queued."""
+        """Pass a command on at once. False if impossible; nothing is ever queued."""

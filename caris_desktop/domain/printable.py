@@ -1,12 +1,12 @@
-"""Foreign text as it may stand in a terminal or a question: what is not seen, or steers a terminal, is written out."""
+"""Foreign text made safe for a terminal or question: invisible and control characters are escaped."""
 
 from collections.abc import Iterable
 from typing import Any
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """``text`` with each character that cannot be seen as ``\\x1b`` or ``\\u202e``; with ``lines`` line breaks and tabs
-    stay.
+    """``text`` with non-printable characters escaped as ``\\x1b`` or ``\\u202e``; with ``lines``, line breaks and tabs
+    remain.
     """
     if text.isprintable():
         return text
@@ -16,7 +16,7 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 class PrintableStream:
-    """An output whose text is :func:`printable`, line by line. ``plain`` is the one that takes it as it is."""
+    """Output stream whose text is :func:`printable`, line by line. ``plain`` is the underlying stream."""
 
     def __init__(self, plain: Any) -> None:
         self.plain = getattr(plain, "plain", plain)

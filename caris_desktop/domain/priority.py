@@ -1,4 +1,4 @@
-"""Who lets others go first when the processor is busy."""
+"""Process priority: background processes yield to window and links on a busy processor."""
 
 import os
 import sys
@@ -10,17 +10,17 @@ RECORD_NICENESS = 5
 """Of what writes the record: behind the window and the links, before whatever only shows something."""
 
 _SESSION = Path("/proc/self/autogroup")
-# Linux hears one process of all that are not root's in a tenth of a second.
+# Linux accepts one write in a tenth of a second from all processes without root.
 _AGAIN_AFTER_S = 0.13
 _TRIES = 50
 
 
 def step_back(niceness: int) -> None:
-    """Let the window and the links go first: this process is in the background, from now on and for good.
+    """Lower the priority of this process permanently in favour of window and links.
 
-    A process in a session of its own, as the console's children are, has to say so for its session too: Linux shares
-    the processor among sessions first, and niceness counts within one only. There half of it is said, as every other
-    session counts in full, those of programs that only burn included.
+    A process in a session of its own, as the console's children are, must lower its session too: Linux divides the
+    processor among sessions first (autogroup), and niceness counts within one only. The session gets half the niceness,
+    since every other session, of any busy program, counts in full.
     """
     if niceness <= 0:
         return
@@ -35,13 +35,13 @@ def step_back(niceness: int) -> None:
 
 
 def _say_for_session(niceness: int) -> bool:
-    """False where it was not heard, since others say the same just now."""
+    """False if refused because other processes write theirs just now."""
     try:
         _SESSION.write_text(str(niceness))
     except BlockingIOError:
         return False
     except OSError:
-        return True  # not every kernel has it
+        return True  # not every kernel supports it
     return True
 
 

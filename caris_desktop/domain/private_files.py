@@ -1,6 +1,6 @@
-"""What this program writes is its user's alone, unless the user shares it with their group.
+"""File permissions: written files are private to the user unless shared with the group.
 
-``CARIS_SHARE_WITH_GROUP=1`` is that setting: a study on which several accounts work is then open to their group.
+``CARIS_SHARE_WITH_GROUP=1`` shares them, for a study with several accounts.
 """
 
 import logging
@@ -14,15 +14,18 @@ SHARE_VARIABLE = "CARIS_SHARE_WITH_GROUP"
 
 
 def keep_new_files_private() -> None:
-    """Of this process and all that it starts. Also of what libraries write, a database and its log above all."""
+    """Set the umask of this process and its children, which covers files of libraries, such as a
+    database and its log.
+    """
     os.umask(_others())
 
 
 def narrow(paths: Iterable[Path]) -> int:
-    """Take from others what an earlier version left open to them: these files, and folders with all that is in them.
+    """Remove the permissions of others from these files, and from folders with their content, as earlier versions left
+    them.
 
-    Gives how many were open. Whose they are not stay as they are, links are not followed, and a folder that is closed
-    already is not looked into.
+    Returns the count of files that were open to others. Files of other owners are left as they are, links are not
+    followed, and closed folders are not searched.
     """
     return sum(_narrowed(path) for top in paths for path in _open_ones(top))
 
@@ -38,7 +41,7 @@ def _open_ones(top: Path) -> Iterator[Path]:
         yield from (path for name in files if _is_open(path := Path(folder, name)))
         if Path(folder) != top and _is_open(Path(folder)):
             yield Path(folder)
-    # The last, so that what is broken off is gone on with the next time.
+    # The folder last, so that an interrupted run is resumed the next time.
     yield top
 
 

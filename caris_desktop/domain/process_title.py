@@ -1,4 +1,4 @@
-"""What each process of this program is called in a system monitor, which would otherwise show a row of Pythons."""
+"""Process titles for system monitors, in place of the name of Python."""
 
 from setproctitle import setproctitle
 
@@ -15,10 +15,10 @@ _DOES = {
 
 
 def title_process(name: str) -> None:
-    """Call this process after what it does; ``name`` is what it is called in the log or the command that began it."""
+    """Set this process's title; ``name`` is its name in the log or its command."""
     setproctitle(f"caris: {title_of(name)}")
 
 
 def title_of(name: str) -> str:
-    """What it does, in a word or two."""
+    """Its purpose in a word or two."""
     return _DOES.get(name, name)

@@ -1,7 +1,7 @@
-"""How a value lies in the record: one JSON message, with the schema that its channel carries.
+"""Recorded form of values: one JSON message each, with the schema of its channel.
 
-Fields of ours that are None are not written, so that each field has one type, which is what programs need that make
-columns of a schema; one that is missing reads as None.
+Fields that are None are omitted, so that each field has one type, as programs that turn schemas into columns require; a
+missing field reads as None.
 """
 
 import dataclasses
@@ -41,9 +41,9 @@ DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
 
 
 def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any]:
-    """What is written of a value that was measured, or happened, at that moment.
+    """Message of a value that was measured, or happened, at that time.
 
-    Raises TypeError or ValueError for what is no value of the stream, and for what would not be read as one.
+    Raises TypeError or ValueError for what is no value of the stream or could not be read back as one.
     """
     known, fields = spec.well_known, _fields_of(spec)
     message: dict[str, Any] = {name: to_jsonable(getattr(value, name)) for name in fields.beside}
@@ -57,14 +57,16 @@ def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any
 
 
 def _require_readable(spec: StreamSpec, value: Any, own: dict[str, Any]) -> None:
-    """Arrays are looked at as they are: a map of a building would take 0.2 s to unfold."""
+    """Check that the message can be read back. Arrays are checked as they are: inflating a building's map would take
+    0.2 s.
+    """
     arrays = {name: held for name in _fields_of(spec).every if isinstance(held := getattr(value, name), np.ndarray)}
     beside = {name: to_jsonable(getattr(value, name)) for name in _fields_of(spec).every if name not in own | arrays}
     from_jsonable(spec.value_type, own | beside | arrays)
 
 
 def from_message(spec: StreamSpec, message: Any) -> Any:
-    """The value, of a message of this version or an older one. Raises ValueError where there is none."""
+    """Value of a message of this version or an older one. Raises ValueError if there is none."""
     if isinstance(message, dict):
         absent = {name: None for name in _fields_of(spec).needed if name not in message}
         try:
@@ -77,7 +79,7 @@ def from_message(spec: StreamSpec, message: Any) -> Any:
 
 
 def recorded_schema(topic: str) -> tuple[str, dict[str, Any]] | None:
-    """Name and JSON Schema of the messages of a topic; None for one that this program does not write."""
+    """Name and JSON Schema of the messages of a topic; None for topics that this program does not write."""
     spec = spec_of_topic(topic)
     if spec is not None:
         return schema_of(spec)
@@ -110,9 +112,9 @@ _PLAIN_TYPES = ("boolean", "string", "number", "integer", "object")
 
 
 def _for_viewers(schema: dict[str, Any]) -> dict[str, Any]:
-    """Says the same, but under ``properties`` only what has one type: viewers give up on a channel with another.
+    """Equivalent schema with only fields of one type under ``properties``: viewers reject a channel with others.
 
-    What may be of several types, or is a list of lists, is under ``patternProperties``.
+    Fields of several types and nested lists are under ``patternProperties``.
     """
     if schema.get("type") == "array":
         return {**schema, "items": _for_viewers(schema["items"])} if "items" in schema else schema
@@ -130,8 +132,8 @@ def _has_one_type(schema: dict[str, Any]) -> bool:
 
 
 class _Fields(NamedTuple):
-    """Fields of ours: ``every`` one, those ``beside`` what a well-known schema holds, those ``left_out`` where they are
-    None, and of these the ones without a default, which are ``needed`` to make a value.
+    """Our fields: ``every`` one; those ``beside`` the fields of a well-known schema; those ``left_out`` if None; and of
+    these the ones without a default, which are ``needed`` to construct a value.
     """
 
     every: tuple[str, ...]
@@ -168,5 +170,5 @@ def _may_be_none(kind: Any) -> bool:
     return kind is Any or type(None) in union_members(kind)
 
 
-# At the start and not at the first value: a library may declare its types in another way than when this was written.
+# Checked at the start, not at the first value: a library update may declare its types differently.
 require_recordable(*(spec.value_type for spec in STREAMS))

@@ -1,4 +1,6 @@
-"""The texts that a replay looks for in the record, from the sources: it imports few of the rooms that tell them."""
+"""Texts that a replay looks up in the record, extracted from the sources: it imports few of the packages that write
+them.
+"""
 
 import ast
 import json
@@ -13,7 +15,7 @@ _LEAST_LETTERS = 4
 
 
 def reference_files() -> dict[Path, str]:
-    """What the file says."""
+    """Generated content of the file."""
     package = Path(__file__).resolve().parents[1]
     sources = (path for room in _ROOMS for path in sorted((package / room).rglob("*.py")))
     texts = sorted({text for path in sources for text in _marked(path.read_text("utf-8"))})

@@ -1,12 +1,12 @@
-"""JSON form of the domain dataclasses, and the JSON Schema that describes it.
+"""JSON form of the domain dataclasses, and their JSON Schema.
 
-Arrays of numbers become lists, and grids (arrays of whole numbers) an object with their deflated bytes: a map of a
-building would be tens of megabytes of digits. Values that JSON cannot hold become null, which in arrays stands for
-``inf`` (for scans: nothing returned); ``nan`` in an array (for scans: invalid) is the text "nan".
+Arrays of numbers become lists, and grids (integer arrays) an object with their deflated bytes: a building's map would
+be tens of megabytes of digits. Values that JSON lacks become null, which in arrays stands for ``inf`` (in scans: no
+return); ``nan`` in an array (in scans: invalid) is the text "nan".
 
-msgspec writes a value of odometry in 1 µs where this takes 25 and reads it in 1 where this takes 15, of a scan a third
-and a sixth of the time; at some hundred values a second that is under a percent of a core. But it reads no null as
-infinite, takes whole numbers of any size, and its schemas refer to one another where these stand alone.
+msgspec writes an odometry value in 1 µs where this takes 25 and reads it in 1 where this takes 15, a scan in a third
+and a sixth of the time; at some hundred values per second that is under a percent of a core. But it does not read null
+as infinite, accepts whole numbers of any size, and its schemas refer to one another where these are self-contained.
 """
 
 import base64
@@ -36,7 +36,7 @@ PLAIN_BYTES = "base64"
 
 
 def to_jsonable(value: Any) -> Any:
-    """Plain dicts, lists, strings and numbers for a domain value."""
+    """Plain dicts, lists, strings and numbers of a domain value."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_jsonable(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
@@ -60,15 +60,15 @@ def to_jsonable(value: Any) -> Any:
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    return str.__str__(value) if isinstance(value, str) else value  # of a text of the program what it reads
+    return str.__str__(value) if isinstance(value, str) else value  # plain text of a translatable text
 
 
 def from_jsonable(value_type: type[T], data: Any) -> T:
     """The reverse of :func:`to_jsonable`.
 
-    Unknown keys are ignored and missing ones take their defaults, so recordings of neighbouring versions load. Nothing
-    is converted: a text is no number and no list, whole numbers have at most 64 bits. An array whose field has a
-    ``shape`` in its metadata (-1: any size) has that one.
+    Unknown keys are ignored and missing ones take their defaults, so that recordings of neighbouring versions load.
+    Nothing is converted: a text is neither number nor list, whole numbers have at most 64 bits. An array whose field
+    has a ``shape`` in its metadata (-1: any size) must match it.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def from_jsonable(value_type: type[T], data: Any) -> T:
 
 
 def require_recordable(*value_types: Any) -> None:
-    """Raise TypeError for a type of which no recorded form is known, with the place within it."""
+    """Raise TypeError, with the location, for a type without a recorded form."""
     for value_type in value_types:
         _builder(value_type)
 
@@ -96,13 +96,13 @@ def json_schema(value_type: type[Any]) -> dict[str, Any]:
     schema = shape_schema(value_type)
     schema["title"] = value_type.__name__
     if value_type.__doc__:
-        # Python 3.13 takes the indentation out by itself; a session is the same whatever Python recorded it.
+        # Python 3.13 removes the indentation itself; a session must not depend on the Python version.
         schema["description"] = inspect.cleandoc(value_type.__doc__)
     return schema
 
 
 def shape_schema(kind: Any) -> dict[str, Any]:
-    """JSON Schema of what a type's values look like: a dataclass, a TypedDict, or what their fields are made of."""
+    """JSON Schema of a type: a dataclass, a TypedDict, or a type of their fields."""
     return _schema(kind)
 
 
@@ -112,9 +112,9 @@ def _as_it_is(data: Any) -> Any:
 
 @functools.cache
 def _builder(kind: Any) -> Callable[[Any], Any]:
-    """Makes values of ``kind``. What a type is made of is found out once: that takes longer than building a value.
+    """Constructor of values of ``kind``, cached: analysing the type takes longer than building a value.
 
-    Raises TypeError for a type that no record has: what is taken as it comes may be something else.
+    Raises TypeError for a type without a recorded form, since anything would be accepted for it.
     """
     kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
@@ -151,12 +151,12 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
 
 
 def array_dtype(hint: Any) -> "np.dtype[Any] | None":
-    """What the numbers of an array are; None for a hint of something else.
+    """Number type of an array; None for other type hints.
 
     Raises
     ------
     TypeError
-        If it is an array of something undetermined, or of what is neither whole numbers nor floating-point ones.
+        If the array's type is undetermined, or neither integer nor floating-point.
     """
     hint = without_alias(hint)
     if hint is not np.ndarray and get_origin(hint) is not np.ndarray:
@@ -172,7 +172,7 @@ def array_dtype(hint: Any) -> "np.dtype[Any] | None":
 
 
 def _only_item(kind: Any) -> Any:
-    """What every item of a list or tuple is; a tuple of several kinds has no recorded form."""
+    """Item type of a list or tuple; a tuple of several types has no recorded form."""
     items = {without_alias(item) for item in get_args(kind) if item is not Ellipsis}
     if len(items) != 1:
         raise TypeError(f"no form is known in which {kind} is recorded")
@@ -180,7 +180,7 @@ def _only_item(kind: Any) -> Any:
 
 
 def _plain(kind: type[Any], data: Any) -> Any:
-    """A stamp that is a text, say, would break whatever counts with it."""
+    """Checked plain value: a text as a timestamp, say, would break arithmetic."""
     if type(data) is not kind and not (kind is str and type(data) is Filled):
         raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
     if kind is int and not _LEAST_WHOLE <= data <= _LARGEST_WHOLE:
@@ -208,7 +208,7 @@ def _plain_of_several(kinds: tuple[type[Any], ...], data: Any) -> Any:
 
 
 def _items(data: Any) -> list[Any] | tuple[Any, ...]:
-    """A text, too, could be gone through item by item."""
+    """Checked list: a text, too, is iterable."""
     if not isinstance(data, (list, tuple)):
         raise ValueError(f"expected a list, found {type(data).__name__}")  # noqa: TRY004 - what from_jsonable raises
     return data
@@ -227,7 +227,7 @@ def _one_of(permitted: tuple[Any, ...], data: Any) -> Any:
 
 
 def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
-    """Of its JSON form, or of an array that is to be written."""
+    """Array of its JSON form, or of an array to be written."""
     if isinstance(data, dict):
         return _inflated(data, dtype)
     if isinstance(data, np.ndarray):
@@ -247,7 +247,7 @@ def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
         if found.size and not (limits.min <= int(found.min()) and int(found.max()) <= limits.max):
             raise ValueError(f"a number is too large for an array of {dtype.name}")
     with np.errstate(over="ignore"):
-        # What float32 cannot hold is infinitely far.
+        # What overflows float32 is infinite.
         return found.astype(dtype)
 
 
@@ -291,7 +291,7 @@ def _field_builders(kind: Any) -> dict[str, Callable[[Any], Any]]:
 
 
 def in_few_digits(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The same numbers as float64 with as few decimals as tell them apart: 1.234 instead of 1.2339999675750732."""
+    """Same numbers as float64 with the fewest decimals that identify them: 1.234 instead of 1.2339999675750732."""
     wide = value.astype(np.float64)
     for decimals in (3, 5, 8):
         short = np.round(wide, decimals)
@@ -311,7 +311,9 @@ def _deflated(grid: np.ndarray[Any, Any]) -> dict[str, Any]:
 
 
 def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any]:
-    """Raises ValueError for content that is not what ``shape`` and ``dtype`` say, however far it would unfold."""
+    """Inflated array. Raises ValueError if the content does not match ``shape`` and ``dtype``, however large it would
+    inflate.
+    """
     shape = tuple(_plain(int, size) for size in _items(data["shape"]))
     encoding = data.get("encoding")
     if encoding not in _GRID_ENCODINGS or data.get("dtype") != dtype.name or min(shape, default=0) < 0:
@@ -397,7 +399,7 @@ def _schema(kind: Any) -> dict[str, Any]:
 def _field_schema(field: "dataclasses.Field[Any]", kind: Any) -> dict[str, Any]:
     schema = _schema(kind)
     if schema.get("type") == "array":
-        # Numbers of more than one dimension are lists of lists.
+        # Arrays of more than one dimension are nested lists.
         for _ in field.metadata.get("shape", ())[1:]:
             schema = {"type": "array", "items": schema}
     return schema

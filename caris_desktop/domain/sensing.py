@@ -1,7 +1,7 @@
-"""What the robot and its sensors tell.
+"""Sensor values and robot state.
 
-``stamp_ns`` is the session clock when the value reached this machine; ``robot_stamp_ns`` is the
-robot's own stamp (nanoseconds of its clock), where it sent one.
+``stamp_ns`` is the session clock when the value reached this machine; ``robot_stamp_ns`` is the robot's own timestamp
+(nanoseconds of its clock), if sent.
 """
 
 import math
@@ -21,13 +21,13 @@ MOST_LIDAR_TILT_RAD = math.radians(5.0)
 """Up to here a plane that is not level still measures walls to 4 mm in 1 m, and meets the floor 3 m away at the least
 (mounted 0.25 m high). Beyond it floor and ceiling become obstacles.
 """
-_LEAST_RANGE_M = 1e-3  # drivers write 0 for a beam without an answer, also where their range_min is 0
+_LEAST_RANGE_M = 1e-3  # drivers write 0 for a beam without a return, even if their range_min is 0
 
 LidarMounting = Literal["upright", "upside_down", "tilted"]
 
 
 def lidar_mounting(robot_from_laser: Pose3D) -> LidarMounting:
-    """How a LIDAR is mounted, from its whole rotation in the robot frame."""
+    """Mounting of a LIDAR, from its rotation in the robot frame."""
     if robot_from_laser.tilt_rad <= MOST_LIDAR_TILT_RAD:
         return "upright"
     return "upside_down" if robot_from_laser.tilt_rad >= math.pi - MOST_LIDAR_TILT_RAD else "tilted"
@@ -56,15 +56,15 @@ class LaserScan:
     intensities: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), metadata={"shape": (-1,)})
 
     def returned(self) -> NDArray[np.bool_]:
-        """Which beams ended at something in range, shape (beams,)."""
+        """Mask of the beams with a return in range, shape (beams,)."""
         ranges = self.ranges_m
         least_m = max(self.range_min_m, _LEAST_RANGE_M)
         returned: NDArray[np.bool_] = np.isfinite(ranges) & (ranges >= least_m) & (ranges <= self.range_max_m)
         return returned
 
     def mounted(self, robot_from_laser: Pose2D | None, *, upside_down: bool = False) -> "LaserScan":
-        """The scan of a LIDAR that is mounted there. ``upside_down``: it turns clockwise as seen from above, so that
-        its beams are reversed to be those of an upright one with the same x axis.
+        """Scan of a LIDAR mounted there. ``upside_down``: it turns clockwise as seen from above, so its beams are
+        reversed to match an upright one with the same x axis.
         """
         if not upside_down:
             return replace(self, robot_from_laser=robot_from_laser)
@@ -78,8 +78,8 @@ class LaserScan:
         )
 
     def points(self, laser: Pose2D, *, behind_m: float = 0.0) -> NDArray[np.float64]:
-        """Where those beams ended, or ``behind_m`` farther out, float64 of shape (returns, 2), metres in whatever frame
-        ``laser`` is the laser's pose in.
+        """End points of those beams, or ``behind_m`` beyond: float64, shape (returns, 2), metres, in the frame of the
+        pose ``laser``.
         """
         returned = self.returned()
         angles = self.angle_min_rad + self.angle_increment_rad * np.flatnonzero(returned) + laser.heading_rad
@@ -117,7 +117,7 @@ class OccupancyGrid:
     cells: NDArray[np.int8] = field(metadata={"shape": (-1, -1)})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Deflated on its way between processes: a map of 16 MB is one of 1 MB then, and taking it holds up nobody."""
+        """Pickle with deflated cells: a 16 MB map is sent between processes as 1 MB, which blocks neither."""
         fields = (self.stamp_ns, self.robot_stamp_ns, self.resolution_m, self.origin_in_map)
         cells = np.ascontiguousarray(self.cells)
         sample = cells.reshape(-1)[: cells.size // 2][-_SAMPLE_CELLS:].tobytes()
@@ -193,7 +193,7 @@ class FrameRef:
 
     @property
     def shown_ns(self) -> int:
-        """Its moment in a video: when it was taken, or else when it arrived."""
+        """Time in a video: when the frame was taken, else when it arrived."""
         return self.stamp_ns if self.taken_ns is None else self.taken_ns
 
 
@@ -226,7 +226,9 @@ class DepthGrid:
     depths_mm: NDArray[np.uint16] = field(metadata={"shape": (-1, -1)})
 
     def median_m(self, left: float, top: float, right: float, bottom: float) -> float | None:
-        """The middle one of the depths within, in shares of the picture (0 to 1); None where too few are known."""
+        """Median depth within a region, given in fractions of the picture (0 to 1); None if too few
+        pixels are known.
+        """
         rows, columns = self.depths_mm.shape
         across = slice(max(0, math.floor(left * columns)), max(0, math.ceil(right * columns)))
         down = slice(max(0, math.floor(top * rows)), max(0, math.ceil(bottom * rows)))

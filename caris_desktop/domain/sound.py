@@ -1,4 +1,4 @@
-"""Sound: whose it is, what of it is played, and what is made out in it."""
+"""Sound: source names, playback and hearing."""
 
 from dataclasses import field, replace
 from typing import Literal
@@ -37,7 +37,7 @@ class PlayedSound:
 
 
 def joined(before: PlayedSound, piece: PlayedSound) -> PlayedSound:
-    """Both as one; what lies between them is silence."""
+    """Both pieces as one, with silence between them."""
     frames = (piece.stamp_ns - before.stamp_ns) * before.sample_rate_hz // 1_000_000_000 - len(before.samples)
     silence = np.zeros((max(0, frames), before.samples.shape[1]), np.int16)
     return replace(before, samples=np.concatenate([before.samples, silence, piece.samples]))

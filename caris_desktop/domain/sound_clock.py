@@ -1,4 +1,4 @@
-"""When sound was heard that arrives piece by piece over a network."""
+"""Timestamps of sound that arrives in pieces over a network."""
 
 from collections import deque
 
@@ -8,10 +8,10 @@ _SLEW = 0.01
 
 
 class SoundClock:
-    """Gives each piece the moment of its first sample.
+    """Clock that gives the time of each piece's first sample.
 
-    A network adds delay, now more and now less; the samples themselves keep time. So a piece follows the one before
-    it, however late it comes, until all pieces of a second were late: then sound is missing in between.
+    A network adds varying delay; the samples themselves keep time. So a piece follows the one before it, however late
+    it arrives, until all pieces of a second were late: then samples are missing.
     """
 
     def __init__(self) -> None:
@@ -19,13 +19,13 @@ class SoundClock:
         self._late: deque[tuple[int, int]] = deque()
 
     def stamp(self, *, arrival_ns: int, length_ns: int) -> tuple[int, int]:
-        """The moment of the first sample of a piece of this length, and how much is missing before it."""
-        latest_ns = arrival_ns - length_ns  # it was over when it was sent
+        """Time of the first sample of a piece of this length, and the missing time before it."""
+        latest_ns = arrival_ns - length_ns  # it had ended when it was sent
         if self._due_ns is None:
             self._due_ns = latest_ns
         late_ns = latest_ns - self._due_ns
         missing_ns = self._missing_ns(arrival_ns, late_ns)
-        # Two clocks are never quite the same, and the first piece may have been late itself.
+        # Two clocks always differ slightly, and the first piece may itself have been late.
         most_ns = round(length_ns * _SLEW)
         follow_ns = missing_ns or max(-most_ns, min(most_ns, *(late for _, late in self._late)))
         stamp_ns = self._due_ns + follow_ns

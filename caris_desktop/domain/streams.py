@@ -1,7 +1,7 @@
-"""The stream table: everything that flows through the program, declared once.
+"""Stream table: all streams and event types of the program, declared once.
 
-Recorder, reader, exporters and live state are all driven by this table, so a new stream or event type is
-added here (and nowhere else) to be conflated, recorded, replayed and exported.
+Recorder, reader, exporters and live state are driven by this table, so that a new stream or event type is added here
+only.
 """
 
 import re
@@ -17,7 +17,7 @@ class Delivery(Enum):
     """How values travel from their source to the panels and the recorder."""
 
     LATEST = "latest"  # the newest value wins in the panels; the recorder gets every one
-    LOSSLESS = "lossless"  # every value reaches everybody
+    LOSSLESS = "lossless"  # every value reaches every consumer
     MEDIA = "media"  # pixels in a shared ring; recorded as video
 
 
@@ -46,16 +46,16 @@ class StreamSpec:
     well_known: WellKnown | None = None
 
     def topic_of(self, value: Any) -> str:
-        """The topic of the recording's channel for ``value``: one for each key."""
+        """Topic of the recording's channel for ``value``: one per key."""
         return f"/{self.name}/{getattr(value, self.keyed_by)}" if self.keyed_by else f"/{self.name}"
 
     def key_of(self, value: Any) -> str:
-        """What ``value`` replaces the newest of: its stream, or of several cameras or microphones its own."""
+        """Key under which ``value`` replaces the newest: its stream, or its camera or microphone within it."""
         return f"/{self.name}/{getattr(value, self.source)}" if self.source else self.topic_of(value)
 
     @property
     def latched(self) -> bool:
-        """Whether the newest value holds until the next one comes, however long that takes."""
+        """Whether the newest value holds until the next one, however long that takes."""
         return self.delivery is Delivery.LATEST and self.expected_period_s is None
 
     @property
@@ -64,7 +64,7 @@ class StreamSpec:
 
     @property
     def stale_after_s(self) -> float | None:
-        """Age from which a value is stale: max(0.5 s, three expected periods)."""
+        """Age in seconds from which a value is stale: max(0.5 s, three expected periods)."""
         if self.expected_period_s is None:
             return None
         return max(0.5, 3.0 * self.expected_period_s)
@@ -94,7 +94,7 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("frame", sensing.FrameRef, Delivery.MEDIA, 0.1, source="camera"),
 )
 
-# For taps alone, never in the log itself: sound goes into a file of its own, and what is played is told for its echo.
+# For taps only, never in the log itself: sound goes into its own file, and played sound is the echo reference.
 CARRIER_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),
     StreamSpec("played_sound", sound.PlayedSound, Delivery.MEDIA),
@@ -126,8 +126,8 @@ _GONE = ("lost", "closed")
 
 
 def streams_voided_by(value: Any) -> tuple[str, ...]:
-    """The streams whose values from before ``value`` are void. A link in trouble, or one that is only beginning, voids
-    none: a robot sends its map once per subscription, and who throws it away for less than a loss never sees it again.
+    """Streams whose values from before ``value`` become void. A link in trouble, or only connecting, voids none: a
+    robot sends its map once per subscription, so it would be lost.
     """
     if isinstance(value, events.LinkChanged) and value.state in _GONE:
         return STREAMS_OF_LINK.get(value.link, ())
@@ -137,7 +137,7 @@ def streams_voided_by(value: Any) -> tuple[str, ...]:
 
 
 def spec_of_topic(topic: str) -> StreamSpec | None:
-    """The stream of a recorded channel; None for one that this program does not know."""
+    """Stream of a recorded channel; None if unknown."""
     name = topic.removeprefix("/")
     if name in BY_NAME:
         return BY_NAME[name]

@@ -1,5 +1,5 @@
-"""Why something happened, out of the record: plain English there, found again as a text of the program with its values,
-so that ``tr`` says it in the language of whoever watches the replay.
+"""Translation of recorded sentences: plain English in the record, matched to the program's texts and values, so that
+``tr`` can translate them for the viewer of a replay.
 """
 
 import json
@@ -15,7 +15,7 @@ TEXTS_PATH = resources_dir() / "recorded-texts.json"
 
 
 def told_again(sentence: str) -> str:
-    """For ``tr``. As it is where nobody needs it, or where it is no text of the program with values in it."""
+    """Sentence for ``tr``; unchanged in English, or if it matches no text with values."""
     return sentence if speaks_english() or not 0 < len(sentence) <= _LONGEST else _found(sentence)
 
 
@@ -23,7 +23,7 @@ def told_again(sentence: str) -> str:
 def _found(sentence: str) -> str:
     end = sentence.find(". ")
     while end >= 0:
-        # Two in a row, what happened and what to do: a text that ends in a value would be found in both together.
+        # Two sentences, event and advice: a text that ends in a value would match both together.
         both = _found(sentence[: end + 1]), _found(sentence[end + 2 :])
         if all(isinstance(one, Filled) for one in both):
             return joined(both)

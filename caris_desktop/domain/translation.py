@@ -1,15 +1,14 @@
-"""Texts for the wizard in their language. Plain Python: what translates is given by whoever has it.
+"""Translation of texts for the wizard. Plain Python: the translator is passed in.
 
-Qt's ``lupdate`` finds each text that is written as a literal in ``tr("...")``, or, where it is only looked up later as
-in a table at the top of a module, in ``QT_TR_NOOP("...")``. A text is one whole sentence or label: what varies in it
-stands as ``{name}`` and is filled with ``str.format`` after it was translated, and a number that decides between one
-and many as ``%n``.
+Qt's ``lupdate`` finds each literal in ``tr("...")``, or in ``QT_TR_NOOP("...")`` if it is looked up later, as in a
+module-level table. A text is one whole sentence or label: variable parts are ``{name}``, filled with ``str.format``
+after translation; a number that selects singular or plural is ``%n``.
 
-A process that speaks English, or a room that does not know who will read it, says ``filled(QT_TR_NOOP("..."),
-name=value)``: the English sentence, which still has its text and its values apart, so that ``tr`` can say it anew. The
-number of one and many stands in the mark there, as it does in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``.
-What is marked stays a text of the program wherever it goes, as a value of another sentence too; all else is data.
-Files keep the English sentence alone; ``refilled`` finds text and values in it again.
+A process that speaks English, or a package that does not know its reader, uses ``filled(QT_TR_NOOP("..."),
+name=value)``: the English sentence, with text and values still separate, so that ``tr`` can translate it later. The
+number of singular or plural is in the marker there, as in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``. A
+marked text remains translatable also as a value of another sentence; everything else is data. Files contain the English
+sentence only; ``refilled`` recovers text and values from it.
 """
 
 import re
@@ -33,17 +32,17 @@ class _Used:
 
 
 def use_translator(translator: Translator | None) -> None:
-    """Whoever shows texts from now on shows what this makes of them; None for English."""
+    """Translator for all texts shown from now on; None for English."""
     _Used.translator = staticmethod(translator or _as_written)
 
 
 def speaks_english() -> bool:
-    """Whether texts are shown as they are written."""
+    """Whether texts are shown untranslated."""
     return _Used.translator is _as_written
 
 
 def tr(text: str, meant: str = "", number: int = -1) -> str:
-    """``text`` in the wizard's language. ``meant`` tells apart two meanings of one English text."""
+    """``text`` in the wizard's language. ``meant`` distinguishes two meanings of one English text."""
     if not text:
         return ""
     if isinstance(text, Filled):
@@ -55,14 +54,14 @@ def tr(text: str, meant: str = "", number: int = -1) -> str:
 
 
 def tr_filled(text: str) -> str:
-    """For a list that holds texts of the program and words of others: ``tr`` for what is ``Filled``; others stay."""
+    """``tr`` for ``Filled`` texts; other texts unchanged. For lists that mix both."""
     return tr(text) if isinstance(text, Filled) else text
 
 
 def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
-    """Marks a text that ``tr`` is given later; one with ``%n`` keeps the number for it.
+    """Mark a text for a later ``tr``; one with ``%n`` keeps its number.
 
-    It stays a text of the program wherever it goes: one that is filled into another is translated with it.
+    It remains translatable wherever it is passed, also as a value of another text.
     """
     return Filled(text, {_NUMBER: str(number)}) if number >= 0 else Filled.marked(text)
 
@@ -71,10 +70,10 @@ _NOTHING: Mapping[str, str] = {}
 
 
 class Filled(str):
-    """An English text of the program, with values in it or none, which keeps both apart for whoever translates it.
+    """English text of the program, with or without values, which are kept separate for translation.
 
-    ``template`` is the text as it is looked up, ``values`` what stands in its ``{names}``: data, put in as it is. One
-    that is filled itself is translated too. It travels to other processes as these two, and is recorded as plain text.
+    ``template`` is the text that is looked up, ``values`` replace its ``{names}``: data, inserted as they are. A value
+    that is ``Filled`` is translated too. It is pickled as both, and recorded as plain text.
     """
 
     template: str
@@ -87,20 +86,20 @@ class Filled(str):
 
     @classmethod
     def marked(cls, text: str) -> Self:
-        """With nothing in it yet: quickly, as every table of texts is made of these when its module is read."""
+        """Text without values; fast, since every table of texts creates these at import."""
         self = super().__new__(cls, text)
         self.template, self.values = text, _NOTHING
         return self
 
     def __str__(self) -> str:
-        return self  # and so does the error that it is the words of
+        return self  # and so does the error of which this is the text
 
     def __reduce__(self) -> tuple[type["Filled"], tuple[str, dict[str, str]]]:
         return Filled, (self.template, dict(self.values))
 
 
 def filled(text: str, /, **values: object) -> Filled:
-    """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; those that are not given yet stay."""
+    """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; missing ones remain."""
     before = text.values if isinstance(text, Filled) else {}
     return Filled(
         text.template if isinstance(text, Filled) else text,
@@ -109,8 +108,8 @@ def filled(text: str, /, **values: object) -> Filled:
 
 
 def refilled(sentence: str, texts: tuple[str, ...]) -> str:
-    """A sentence that was kept as plain text, with its text and values apart again; as it is where it is none of
-    ``texts``. The longest that fits counts, and a value that is one of them itself is refilled too.
+    """Recover text and values of a sentence stored as plain text; unchanged if it matches none of ``texts``. The
+    longest match counts, and values that match are recovered too.
     """
     if isinstance(sentence, Filled):
         return sentence
@@ -124,7 +123,7 @@ def refilled(sentence: str, texts: tuple[str, ...]) -> str:
 
 
 def joined(sentences: Iterable[str], between: str = " ") -> Filled:
-    """Several in a row, each of which keeps what it is filled with."""
+    """Several sentences joined, each with its values."""
     values = {f"part_{number}": sentence for number, sentence in enumerate(sentences)}
     return Filled(between.join(f"{{{name}}}" for name in values), values)
 
@@ -134,7 +133,7 @@ _NUMBER_GROUP = "_number"
 
 @lru_cache
 def _by_length(texts: tuple[str, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Each with the pieces between its values, the one with the most words of its own first."""
+    """Each text with its fixed pieces, the one with the most fixed text first."""
     templates = {text.template if isinstance(text, Filled) else text for text in texts}
     by_length = sorted(templates, key=lambda text: (-len(_PLACE.sub("", text)), text))
     return tuple((text, tuple(filter(None, _PLACE.sub("\n", text).split("\n")))) for text in by_length)
@@ -142,7 +141,7 @@ def _by_length(texts: tuple[str, ...]) -> tuple[tuple[str, tuple[str, ...]], ...
 
 @cache
 def _pattern(text: str) -> re.Pattern[str]:
-    """What it reads like once it is filled. To make one costs more than to see that its pieces are not there."""
+    """Pattern of the filled text. Building it costs more than checking its pieces first."""
     pieces, end, known = list[str](), 0, set[str]()
     for place in _PLACE.finditer(text):
         name = place[1] or _NUMBER_GROUP

@@ -1,4 +1,4 @@
-"""Who takes part in what: the details that head a session."""
+"""Trial details: study, participant and condition of a session."""
 
 from caris_desktop.domain.value_class import dataclass
 

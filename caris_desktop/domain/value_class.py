@@ -1,8 +1,8 @@
-"""``dataclass`` as the standard library has it, for a program that makes hundreds of them before its first window.
+"""Faster ``dataclass``, compatible with the standard library's, for hundreds of classes before the first window.
 
-The library compiles six to eight functions from text for each class; for those that the console needs before it takes a
-key that was a third of its start, and each child process paid its share. Here the library finds the fields, checks
-them and makes the slots as ever; what compares, shows and refuses is shared, and ``__init__`` alone is compiled.
+The standard library compiles six to eight functions per class from text; for the console's classes that was a third of
+the time until it accepts a key, and a share of each child process's start. Here it still finds and checks the fields
+and makes the slots; comparison, repr and immutability are shared, and only ``__init__`` is compiled.
 """
 
 import dataclasses
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, eq=True, frozen=False, slots=False, kw_only=False):
-        """As ``dataclasses.dataclass``; ``fields``, ``replace`` and ``asdict`` of that module know such classes."""
+        """Same as ``dataclasses.dataclass``; ``fields``, ``replace`` and ``asdict`` of that module
+        accept such classes.
+        """
 
         def make(plain: type[Any]) -> type[Any]:
             return _made(plain, eq=eq, frozen=frozen, slots=slots, kw_only=kw_only)
@@ -25,7 +27,7 @@ else:
 
 
 class _Factory:
-    """Stands in a signature for a value that is made anew each time."""
+    """Placeholder in a signature for a default that is made anew each time."""
 
     def __repr__(self) -> str:
         return "<factory>"
@@ -39,7 +41,7 @@ _Values = Callable[[Any], tuple[Any, ...]]
 def _made(plain: type[Any], *, eq: bool, frozen: bool, slots: bool, kw_only: bool) -> type[Any]:
     own = {name for name, value in vars(plain).items() if value is not None}
     if plain.__doc__ is None:
-        plain.__doc__ = plain.__name__  # else the library works out the whole signature
+        plain.__doc__ = plain.__name__  # otherwise the library computes the whole signature
     cls: type[Any] = dataclasses.dataclass(init=False, repr=False, eq=False, slots=slots, kw_only=kw_only)(plain)
     fields = dataclasses.fields(cls)
     methods: dict[str, Any] = {"__init__": _init(cls, fields, frozen), "__repr__": _repr(fields)}
@@ -58,7 +60,7 @@ def _made(plain: type[Any], *, eq: bool, frozen: bool, slots: bool, kw_only: boo
 
 
 def _init(cls: type[Any], fields: _Fields, frozen: bool) -> Callable[..., None]:
-    """Parameters in the order of the fields, those by name alone last; then ``__post_init__``, where there is one."""
+    """``__init__`` with parameters in field order, keyword-only ones last; then ``__post_init__`` if present."""
     names: dict[str, Any] = {"_set": object.__setattr__, "_FACTORY": _FACTORY}
     parameters, by_name, lines = ["self"], list[str](), list[str]()
     for field in fields:
@@ -74,7 +76,7 @@ def _init(cls: type[Any], fields: _Fields, frozen: bool) -> Callable[..., None]:
             parameter = f"{name}=_default_{name}"
             value = name if field.init else f"_default_{name}"
         elif not field.init:
-            continue  # whoever makes it gives it its value
+            continue  # set by the code that creates it
         if field.init:
             (by_name if field.kw_only else parameters).append(parameter)
         lines.append(f"_set(self, {name!r}, {value})" if frozen else f"self.{name} = {value}")
@@ -124,7 +126,7 @@ def _repr(fields: _Fields) -> Callable[[Any], str]:
 
 
 def _state(fields: _Fields) -> tuple[_Values, Callable[[Any, Sequence[Any]], None]]:
-    """How pickle and copy read and fill what has slots and may not be set."""
+    """State getter and setter for pickle and copy of frozen classes with slots."""
     names = tuple(field.name for field in fields)
     values = _values(names)
 

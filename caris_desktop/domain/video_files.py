@@ -1,4 +1,4 @@
-"""How video files that may come from elsewhere are opened: a film, and nothing that leads to other files."""
+"""Safe opening of foreign video files: no references to other files."""
 
 FILM_OPTIONS = {
     # A playlist, which looks like a film to ffmpeg, names other files and addresses.

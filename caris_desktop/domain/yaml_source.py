@@ -1,4 +1,4 @@
-"""The one reader of YAML: it remembers lines, evaluates nothing, and refuses what no file of ours has a use for."""
+"""YAML reader with line numbers: evaluates nothing and refuses unneeded features."""
 
 import math
 import re
@@ -15,7 +15,7 @@ from caris_desktop.domain.value_class import dataclass
 MAX_DEPTH = 40
 
 _TAG = "tag:yaml.org,2002:"
-# As in YAML 1.2: yes, on and off are words, so are 12:30 and dates, and 1e-3 is a number.
+# As in YAML 1.2: yes, on and off are words, as are 12:30 and dates, and 1e-3 is a number.
 _SCALARS = (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+", "-+0123456789"),
@@ -25,7 +25,7 @@ _SCALARS = (
 
 
 class YamlSourceError(ValueError):
-    """What is wrong in the text, and at which line (counted from 1)."""
+    """Problem in the text, with its line (counted from 1)."""
 
     def __init__(self, message: str, line: int) -> None:
         super().__init__(message)
@@ -40,20 +40,20 @@ class LocatedData:
     lines: dict[KeyPath, int] = field(default_factory=dict)
 
     def line_of(self, path: KeyPath) -> int:
-        """The line of ``path``, or of its nearest container."""
+        """Line of ``path``, or of its nearest container."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path, 1)
 
 
 class PlainScalars:
-    """For a loader or dumper: what is a number or a truth, and with that which words need quotation marks."""
+    """Resolver for a loader or dumper: which words are numbers or booleans, and so which need quotation marks."""
 
     yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012 - the declaration of the base class
 
 
 class _PlainLoader(PlainScalars, yaml.SafeLoader):
-    """Composes nodes without aliases, and not deeper than ``MAX_DEPTH``."""
+    """Loader that refuses aliases and nesting beyond ``MAX_DEPTH``."""
 
     depth = 0
 
@@ -73,7 +73,7 @@ class _PlainLoader(PlainScalars, yaml.SafeLoader):
 
 
 def know_scalars(kind: Any) -> None:
-    """Let a class of loaders or dumpers take for numbers and truths what :func:`parse_yaml` does."""
+    """Add the scalar rules of :func:`parse_yaml` to a class of loaders or dumpers."""
     for name, form, first in _SCALARS:
         first_characters = [*first, ""] if name == "null" else list(first)
         kind.add_implicit_resolver(_TAG + name, re.compile(f"(?:{form})\\Z"), first_characters)
@@ -116,7 +116,7 @@ def parse_yaml(text: str, *, finite: bool = True) -> LocatedData:
 
 
 def located(root: Node, *, finite: bool = True) -> LocatedData:
-    """What composed nodes say, and where. Raises YamlSourceError."""
+    """Data of composed nodes, with their lines. Raises YamlSourceError."""
     lines: dict[KeyPath, int] = {}
     return LocatedData(_plain(root, (), lines, finite), lines)
 

@@ -1,9 +1,9 @@
-"""Discrete things that happen in a session. All of them are recorded, none may be lost.
+"""Discrete events of a session. All are recorded, none may be lost.
 
-``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names live only in the study's database.
-``actor`` is who asked for what the event tells of; what merely happens, such as somebody's coming, has none.
+``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names are only in the study's database.
+``actor`` requested what the event reports; events without a request, such as an arrival, have none.
 
-Each subject has a file; the union of all is here.
+One file per subject; the union of all is here.
 """
 
 from caris_desktop.domain.events.conversation import (

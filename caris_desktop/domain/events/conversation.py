@@ -1,4 +1,4 @@
-"""What is said, and what a language model answers."""
+"""Events of the conversation and of the language model."""
 
 from typing import Literal
 

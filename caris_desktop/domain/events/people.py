@@ -1,4 +1,4 @@
-"""Who is here, and what is decided about them."""
+"""Events of people: appearance, identification, consent."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""The guided exercise with which a wizard learns the program."""
+"""Events of the guided exercise for wizards."""
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass

@@ -1,4 +1,4 @@
-"""What was checked before a recording."""
+"""Events of the preflight checks before a recording."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Where the wizard is in the protocol of the study, and what was planned."""
+"""Events of the study protocol: planned and entered steps."""
 
 from typing import Literal
 

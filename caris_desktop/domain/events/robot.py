@@ -1,4 +1,4 @@
-"""What the robot and the link to it do."""
+"""Events of the robot and its link."""
 
 from typing import Literal
 

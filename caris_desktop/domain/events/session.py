@@ -1,4 +1,4 @@
-"""The session, its photos and marks, and what goes wrong in it."""
+"""Events of the session: recording, photos, marks, problems and alarms."""
 
 from typing import Literal
 

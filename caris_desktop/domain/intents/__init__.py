@@ -1,8 +1,7 @@
-"""Everything that can be asked of the console, as data, and one table that says what each of them may do.
+"""Intents: all requests to the console, as data, and one table of what each may do.
 
-Keys, buttons, the palette, gamepads, proposals of a language model, a second wizard and the record use these types and
-no others. A new function is one dataclass and one line of a table in the file of its subject, and one handler in the
-service that does it.
+Keys, buttons, the palette, gamepads, proposals of a language model, a second wizard and the record use these types
+only. A new function is one dataclass and one table line in the file of its subject, and one handler in its service.
 """
 
 from caris_desktop.domain.intents.assistant import (

@@ -1,4 +1,4 @@
-"""What the language model is asked."""
+"""Intents of the language model: questions, answers and prompts."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""What an intent is, and what a line of the table says of it."""
+"""Base class of intents, and their table's line."""
 
 from collections.abc import Mapping
 from dataclasses import field
@@ -38,12 +38,12 @@ class Intent:
 
     @property
     def lets_go(self) -> bool:
-        """Whether it can only make the robot move less, or more carefully. Nothing ever refuses that."""
+        """Whether it can only reduce motion or increase caution. Such intents are never refused."""
         return False
 
     @property
     def needs_permissions(self) -> tuple[Permission, ...]:
-        """What the scenario must allow, where that is not the same for all of its kind; none: what the table says."""
+        """Permissions required where they differ within the type; empty: those of the table."""
         return ()
 
 
@@ -78,7 +78,7 @@ class IntentSpec:
 
     @property
     def permissions(self) -> tuple[Permission, ...]:
-        """All that the scenario must allow."""
+        """All permissions required of the scenario."""
         return tuple(one for one in (self.permission, self.also) if one is not None)
 
 

@@ -1,4 +1,4 @@
-"""What was said, and by whom."""
+"""Intents that correct utterances."""
 
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable

@@ -1,4 +1,4 @@
-"""Moving the robot by hand, stopping it, and its head."""
+"""Intents of manual driving, stops and the head."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The robot's face."""
+"""Intents of the robot's face."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Marks of moments and stretches, and notes about them."""
+"""Intents of marks, marked intervals and notes."""
 
 import secrets
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Who is here."""
+"""Intents of people: naming, identification, consent."""
 
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
@@ -116,7 +116,7 @@ PEOPLE: IntentTable = {
     NotePerson: IntentSpec(QT_TR_NOOP("Noting something about the person"), "naming_people"),
     MergePeople: IntentSpec(QT_TR_NOOP("Merging the two people"), "naming_people"),
     SplitPerson: IntentSpec(QT_TR_NOOP("Splitting the person"), "naming_people"),
-    # What a person agrees to, and that they are forgotten, is theirs to decide in every scenario.
+    # Consent and erasure are the participant's decision in every scenario.
     NoteConsent: IntentSpec(QT_TR_NOOP("Noting the consent")),
     UndoPeople: IntentSpec(QT_TR_NOOP("Undoing the last decision about people")),
     LookUpPerson: IntentSpec(QT_TR_NOOP("Looking the person up"), "naming_people", quiet=True),

@@ -1,4 +1,4 @@
-"""Where the robot goes, and the map that it finds its way by."""
+"""Intents of navigation, places and maps."""
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable

@@ -1,4 +1,4 @@
-"""The guided exercise with which a wizard learns the program."""
+"""Intents of the guided exercise for wizards."""
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP

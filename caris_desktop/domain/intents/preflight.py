@@ -1,4 +1,4 @@
-"""What is checked before a recording."""
+"""Intents of the preflight checks before a recording."""
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP

@@ -1,4 +1,4 @@
-"""Going through the protocol of the study, in whatever order the session takes."""
+"""Intents of the study protocol: moving between steps."""
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
 from caris_desktop.domain.translation import QT_TR_NOOP

@@ -1,4 +1,4 @@
-"""Which robot, and what else it can do."""
+"""Intents of the robot's choice and its controls."""
 
 from caris_desktop.domain.controls import ControlValue
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
@@ -27,7 +27,7 @@ class UseSimulatedRobot(Intent):
 
 
 ROBOT: IntentTable = {
-    # Whether it moves the robot is said of each control.
+    # Whether it moves the robot is decided for each control.
     UseControl: IntentSpec(QT_TR_NOOP("Using the control"), "robot_controls", needs_link=True, proposable=True),
     UseRobot: IntentSpec(QT_TR_NOOP("Connecting to another robot")),
     UseSimulatedRobot: IntentSpec(QT_TR_NOOP("Connecting to the simulated robot")),

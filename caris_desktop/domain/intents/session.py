@@ -1,4 +1,4 @@
-"""The session: its recording, its photos, its scenario."""
+"""Intents of the session: recording, photos, scenario, layout."""
 
 from pathlib import Path
 from typing import Literal, get_args

@@ -1,4 +1,4 @@
-"""Microphones, hearing the robot, and the wizard's own voice."""
+"""Intents of microphones, the robot's sound and the wizard's own voice."""
 
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable, Permission
 from caris_desktop.domain.sound import Role, TalkTo
@@ -30,7 +30,7 @@ class PushToTalk(Intent):
 
     @property
     def needs_permissions(self) -> tuple[Permission, ...]:
-        # What is dictated is there to be said.
+        # Dictation is meant to be spoken.
         return ("own_voice",) if self.to == "robot" else ("transcription", "speech")
 
 

@@ -1,4 +1,4 @@
-"""What the robot says."""
+"""Intents of the robot's speech: utterances, queue and voice."""
 
 from caris_desktop.domain.events import UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable

@@ -1,4 +1,4 @@
-"""What the language model suggests and proposes: what becomes of it is the wizard's."""
+"""Intents of suggested replies and proposals of the language model: the wizard decides on them."""
 
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.intents.base import Intent, IntentSpec, IntentTable
