@@ -1,1 +1,1 @@
-"""Wiring: composes a run from its parts; the only room that knows concrete adapters."""
+"""Composition of a run from its parts; the only package that knows concrete adapters."""

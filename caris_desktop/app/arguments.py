@@ -1,4 +1,4 @@
-"""The command line: which part of the program runs, and with what."""
+"""Command line of the console."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,9 @@ from caris_desktop import __version__
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Sub-commands add their own arguments where they are implemented; imports stay light for a fast start."""
+    """Argument parser of the console. Other commands add their arguments in their own modules; few imports, for a fast
+    start.
+    """
     parser = argparse.ArgumentParser(
         prog="caris-desktop",
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
@@ -47,7 +49,7 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_accept_named(parser: argparse.ArgumentParser) -> None:
-    """For commands that read a scenario or a robot profile, which the window would ask about first."""
+    """Add ``--accept-named``, for commands that read a scenario or robot profile, which the window would ask about."""
     parser.add_argument(
         "--accept-named",
         action="store_true",

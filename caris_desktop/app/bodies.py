@@ -1,6 +1,6 @@
-"""What runs in child processes, by functions that import their room in the child alone.
+"""Entry functions of the child processes; each imports its package in the child only.
 
-The window is on its way while this is imported: most of what a recorder, a detector or a link needs it does not.
+The window's start imports this module, and needs little of what a recorder, detector or link requires.
 """
 
 import logging
@@ -49,7 +49,7 @@ def recogniser(connection: Connection, *arguments: Any) -> None:
 
     run_recogniser(connection, *arguments)
     if any(thread.name == WORDS_THREAD for thread in threading.enumerate()):
-        # Its model computes for seconds yet, unasked; what its libraries hold of the system is given back all the same.
+        # The model continues to compute for seconds; the libraries' system resources are released all the same.
         multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # what it does itself at an ordinary end
         logging.shutdown()
         os._exit(0)

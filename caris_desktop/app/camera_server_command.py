@@ -1,6 +1,6 @@
-"""``caris-desktop camera-server``: a camera of this computer for the console on another, with the time of each picture.
+"""``caris-desktop camera-server``: a camera of this computer for a remote console, with capture times.
 
-For the small computer on the robot: it needs numpy, opencv, PyAV and aiortc, and neither Qt nor torch.
+For the small computer on the robot: it needs numpy, opencv, PyAV and aiortc, but neither Qt nor torch.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until SIGTERM or Ctrl+C; exit status 0 then, and 2 where it cannot begin."""
+    """Serve until SIGTERM or Ctrl+C (exit status 0); 2 if the start fails."""
     from caris_desktop.perception.cameras.camera_source import CameraError
     from caris_desktop.perception.cameras.chosen_camera import parse_camera
 

@@ -1,4 +1,4 @@
-"""``caris-desktop check``: is everything ready for a session? Each line says ok, or what to do."""
+"""``caris-desktop check``: preflight check on the command line. Each line says ok, or what to do."""
 
 import argparse
 import contextlib
@@ -36,7 +36,7 @@ _SECOND_OF_SOUND = 16_000
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the preflight: ``advice`` says what to do where it is not ok."""
+    """Result line of one check: ``advice`` says what to do if it is not ok."""
 
     subject: str
     ok: bool
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status 0 when everything is ready."""
+    """Exit status 0 if everything is ready."""
     ready = True
     for finding in _findings(arguments):
         ready = ready and finding.ok
@@ -99,7 +99,7 @@ def _robot(name: str, *, accept_named: bool) -> Finding:
 
 
 def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Finding]:
-    """Those of this computer; the robot's are told of with the robot."""
+    """Findings for this computer's cameras; the robot's are reported with the robot."""
     given = [(text, "") for text in texts] if texts else [(camera.source, camera.name) for camera in scenario.cameras]
     for text, name in given:
         try:
@@ -111,7 +111,7 @@ def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Findin
 
 
 def _camera(chosen: ChosenCamera) -> Finding:
-    """Raises CameraError."""
+    """Finding for one camera. Raises CameraError."""
     camera = open_any_camera(chosen)
     try:
         picture = camera.read()
@@ -156,7 +156,7 @@ def recogniser_finding(scenario: Scenario) -> Finding:
             return Finding("Speech to text", True, str(find_recogniser(settings)))
         with contextlib.closing(ServerEngine(settings)) as engine:
             began_s = time.monotonic()
-            # Soft noise: some servers answer nothing to silence.
+            # Soft noise: some servers do not answer to silence.
             noise = np.random.default_rng(0).normal(0.0, 0.003, _SECOND_OF_SOUND).astype(np.float32)
             engine.transcribe(noise, "", careful=True)
             took_s, with_what = time.monotonic() - began_s, engine.asked_with

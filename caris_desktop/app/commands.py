@@ -1,4 +1,4 @@
-"""The commands of the program. The console needs Qt; the others are composed without it."""
+"""Command table and dispatch. The console needs Qt; the other commands are composed without it."""
 
 import argparse
 import importlib
@@ -12,7 +12,7 @@ from caris_desktop.app.arguments import build_parser
 from caris_desktop.domain.printable import PrintableStream
 from caris_desktop.live.logs import configure_logging, log_file
 
-# Each module offers add_arguments(parser) and run(arguments) -> exit status.
+# Each module has add_arguments(parser) and run(arguments) -> exit status.
 COMMANDS = {
     "simulate": ("caris_desktop.simulator.command", "a simulated robot behind a rosbridge websocket"),
     "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
@@ -30,21 +30,21 @@ COMMANDS = {
     "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
 }
 
-# Somebody waits for their window, as for the console's; importing what they are made of is half of that.
+# As for the console, the user waits for a window; importing its parts is half of that time.
 _OPEN_A_WINDOW = ("replay",)
-# They tell what happened in sentences; what a reader of the code wants to know goes to the log.
+# Their output is sentences about events; details for developers go to the log.
 _DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again")
 
 
 def run(words: Sequence[str]) -> int:
-    """Dispatch to a command; without one, open the console."""
+    """Run a command; without one, open the console."""
     if words and words[0] in COMMANDS:
         if words[0] in _OPEN_A_WINDOW:
             quick_start.begin()
         arguments = parser_of(words[0]).parse_args(list(words[1:]))
         if words[0] in _DETAILS_IN_LOG:
             configure_logging(log_file(), terminal=False)
-        # Titles, words and names of files come from elsewhere; a terminal would obey what is in them.
+        # Titles, words and file names are foreign text; a terminal would execute escape sequences in them.
         with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
             status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
         return int(status)
@@ -68,7 +68,7 @@ def _printable(
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:
-    """What follows the name of a command."""
+    """Argument parser of a command."""
     module_name, description = COMMANDS[command]
     parser = argparse.ArgumentParser(prog=f"caris-desktop {command}")
     parser.description = description[0].upper() + description[1:] + "."

@@ -1,4 +1,4 @@
-"""Which concrete part plays which role: the adapter table of a run. Without Qt windows, so every command can use it."""
+"""Composition root: the adapter table of a run. Without Qt windows, so that every command can use it."""
 
 import contextlib
 import functools
@@ -83,36 +83,36 @@ _log = logging.getLogger(__name__)
 
 
 class StartError(Exception):
-    """The program cannot start as asked; the text says why and what to do."""
+    """The program cannot start as requested; the text gives reason and advice."""
 
 
 def live_consoles_dir() -> Path:
-    """Where a replay finds the consoles that run, to stop their robots."""
+    """Folder where a replay finds running consoles, to stop their robots."""
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "live"
 
 
 def said_before_file(study: Path) -> Path:
-    """Where this user's typed sentences of a study are kept."""
+    """File of this user's typed sentences in a study."""
     name = hashlib.sha256(str(study.resolve()).encode()).hexdigest()[:16]
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "said" / f"{name}.jsonl"
 
 
 def own_folders() -> list[Path]:
-    """Where the program keeps what it knows of its user: settings, history, logs, caches."""
+    """Folders of the user's data: settings, history, logs, caches."""
     finders = (platformdirs.user_config_dir, platformdirs.user_data_dir, platformdirs.user_state_dir,
                platformdirs.user_cache_dir, platformdirs.user_log_dir)  # fmt: skip
     return [Path(find("caris-desktop", appauthor=False)) for find in finders]
 
 
 def imports_dir() -> Path:
-    """Where bags of others are kept as sessions."""
+    """Folder of foreign bags converted to sessions."""
     return Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)) / "imported bags"
 
 
 def find_scenario(name_or_path: str, *, accept_named: bool = False, ask: bool = False) -> Scenario:
-    """The scenario, where the user has confirmed what it names or does so with ``accept_named``.
+    """Load the scenario, if the user has confirmed what it names or does so with ``accept_named``.
 
-    Raises StartError; with ``ask`` ConfirmationNeeded where the window has to ask first.
+    Raises StartError; with ``ask``, ConfirmationNeeded if the window has to ask first.
     """
     try:
         scenario = load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
@@ -123,8 +123,8 @@ def find_scenario(name_or_path: str, *, accept_named: bool = False, ask: bool = 
 
 
 def confirm_robot(name: str, *, accept_named: bool = False) -> None:
-    """For commands without a window, before they connect. Raises StartError where the user has not confirmed what the
-    profile names. One that cannot be read is left to whoever connects.
+    """Check confirmation of the names in a profile, for commands without a window, before they connect. Raises
+    StartError if it is missing. An unreadable profile is reported when connecting.
     """
     with contextlib.suppress(ProfileError):
         profile = load_profile(name)
@@ -153,7 +153,7 @@ def _confirmed(check: Callable[[], None], *, accept_named: bool, ask: bool) -> N
 
 
 def open_study(folder: Path | None) -> StudyFolder:
-    """Raises StartError."""
+    """Open a study folder. Raises StartError."""
     try:
         return open_study_folder(folder)
     except StudyFolderError as error:
@@ -167,10 +167,10 @@ def parts(
     microphone: MicrophoneParts | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
 ) -> Parts:
-    """The parts of a console run. ``cameras`` replace those of the scenario. ``address_of`` tells where a robot of the
-    list is, if not where its profile says.
+    """Parts of a console run. ``cameras`` replace those of the scenario. ``address_of`` returns the address of a listed
+    robot, if other than its profile's.
 
-    Raises StartError where one of the cameras is not understood.
+    Raises StartError for an invalid camera.
     """
     chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
     inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
@@ -226,7 +226,7 @@ def parts(
 
 
 def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str | None], None]) -> MicrophoneParts:
-    """The microphones of this computer, and how it is remembered which ones are used."""
+    """Microphones of this computer, with the stored choice of those used."""
 
     def choice(role: Role, source: str) -> MicrophoneChoice:
         body = ProcessBody(source, bodies.microphone, (source,))
@@ -236,13 +236,13 @@ def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str 
 
 
 def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
-    """How this scenario wants speech turned into text."""
+    """Speech recognition settings of this scenario."""
     wanted = scenario.listening
     return RecogniserSettings(
         wanted.engine, wanted.model, wanted.sha256,
         scenario.path.parent if scenario.path is not None and wanted.model else None,
         wanted.server, wanted.language,
-        # What is computed here is no different where other computers may be asked.
+        # Local recognition is the same whether or not other computers are permitted.
         wanted.engine == "server" and scenario.permissions.cloud_models,
     )  # fmt: skip
 
@@ -252,7 +252,7 @@ def _recogniser(scenario: Scenario) -> ProcessBody:
 
 
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
-    """Forgets the person in the whole study."""
+    """Process that forgets the person in the whole study."""
     from caris_desktop.live.forgetting import ForgettingAsked
 
     asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path))
@@ -260,7 +260,7 @@ def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
 
 
 def own_files(study: Path) -> "OwnFiles":
-    """What the program keeps for this user outside of the study that may name a person of it."""
+    """This user's files outside the study that may name one of its people."""
     from caris_desktop.conversation.voices.engine_process import VOICE_FOLDER
     from caris_desktop.live.logs import log_file
     from caris_desktop.recording.forgetting.own_files import OwnFiles
@@ -278,13 +278,13 @@ def own_files(study: Path) -> "OwnFiles":
         log_file().parent,
         tuple(Path(tempfile.gettempdir()).glob(f"{VOICE_FOLDER}*")),
         folders,
-        # Studies, of which others may know another person of that name, and weights, which know nobody.
+        # Studies in which others may know another person of that name, and weights, which contain no names.
         (default_study_path().parent, study, data / "models"),
     )
 
 
 def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:
-    """Which cameras a run uses: what the command line ``given``, or else what the scenario says."""
+    """Cameras of a run: ``given`` on the command line, else those of the scenario."""
     models: dict[str, CameraModel] = {}
     failures: list[ToldFailure] = []
     chosen = list(given or ())
@@ -339,7 +339,7 @@ def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
 
 @functools.cache
 def _software() -> dict[str, str]:
-    """Versions of what a session depends on."""
+    """Versions of the software that a session depends on."""
     import importlib.metadata
 
     names = ("PySide6-Essentials", "opencv-python-headless", "ultralytics-opencv-headless", "onnxruntime", "torch",
@@ -352,9 +352,9 @@ def _software() -> dict[str, str]:
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None) -> RobotConnection:
-    """How to reach a robot. Raises StartError, and ConfirmationNeeded where the window has to ask first.
+    """Connection settings of a robot. Raises StartError, and ConfirmationNeeded if the window has to ask first.
 
-    An address that does not say which ROS runs there is asked first.
+    If an address does not say which ROS version runs there, it is detected first.
     """
     try:
         profile = load_profile(name_or_path_or_url)
@@ -375,8 +375,8 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None) ->
 
 
 async def _ask_for_ros(url: str) -> RobotConnection:
-    """Raises ToldFailure while the robot does not answer."""
-    # The link stack is heavy, and most runs name a profile.
+    """Detect the ROS version at an address. Raises ToldFailure while the robot does not answer."""
+    # Importing the link code takes long, and most runs name a profile.
     from caris_desktop.robot.explore import ExploreError, detect_dialect
     from caris_desktop.robot.link_process import UNREACHABLE_MEANING
 
@@ -413,7 +413,7 @@ def _inference_as_told(body: ProcessBody, scenario: Scenario) -> ProcessBody:
 
 
 def detector_settings(scenario: Scenario) -> DetectorSettings:
-    """How a scenario wants people to be found."""
+    """Person detection settings of a scenario."""
     told = scenario.perception
     folder = scenario.path.parent if scenario.path is not None else None
     return DetectorSettings(
@@ -447,7 +447,7 @@ def _velocity_topic_of(robot: str) -> str | None:
 
 
 def _save_places(scenario: Scenario) -> Scenario:
-    """Keep the places: in the scenario's own file where it is the user's, else in the user's copy of a shipped one."""
+    """Save the places: in the scenario's file if it is the user's, else in the user's copy of a shipped one."""
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -500,8 +500,8 @@ def _no_robot_to_practise_on(_actor: Actor) -> None:
 
 
 def details_of_session(folder: Path) -> TrialDetails:
-    """Who took part in it; empty where its header cannot be read."""
-    # What reads sessions is not needed by a window that opens.
+    """Trial details of a session; empty if its header is unreadable."""
+    # A starting window does not need the session reader.
     from caris_desktop.recording.session.session_header import SessionError, read_header
 
     try:

@@ -1,4 +1,4 @@
-"""The console itself: from arguments to a running window and back."""
+"""Console command: from arguments to a running window, and its orderly end."""
 
 import argparse
 import gc
@@ -45,7 +45,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import SCALE_KEY, THEME_KEY, Theme, as_choice
 
 _log = logging.getLogger(__name__)
-# No input of any system is called so.
+# No input has this name on any system.
 _NO_MICROPHONE = "(none)"
 _MICROPHONE_KEYS: dict[Role, str] = {"participant": "sound/microphone", "wizard": "sound/wizard_microphone"}
 _GAMEPADS_KEY = "gamepad/mappings"
@@ -53,14 +53,14 @@ _SCENARIO_KEY = "scenario/last"
 _OWN_ROBOT_KEY = "robot/own_simulated"
 
 
-# A window that nobody sees, on another desktop or behind others, is not painted.
+# A window that is invisible, on another desktop or behind others, is not painted.
 _REST_AT_LATEST_MS = 2000
 
 
 class ConsoleRun:
-    """One run of the console: the application, its window and what must be ended with it.
+    """One run of the console: application, window, and everything to be ended with it.
 
-    The window comes first; everything that it does not need to accept a key starts once it is shown.
+    The window comes first; everything not needed to accept a key starts after it is shown.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class ConsoleRun:
         self._settings_trouble = bring_up_to_date(kept)
         self.settings = KeptSettings(kept)
         self._arguments = arguments
-        # Without a window that somebody looks at nobody can be asked.
+        # Without a visible window, nobody can be asked.
         self._asks = robot is None
         self._to_confirm: ConfirmationNeeded | None = None
         scenario, refused = self._scenario_to_start_with()
@@ -129,15 +129,15 @@ class ConsoleRun:
         self.console.state.link.changed.connect(self._on_link_changed)
 
     def show(self) -> None:
-        """The rest starts once the window was painted and has all its panels: nine processes that come into being at
-        once leave it no processor for a second.
+        """Show the window; start the rest once it is painted with all its panels: nine processes starting at once leave
+        it no processor time for a second.
         """
         self.window.show_in_place()
         self.window.board.completed.connect(self._start_rest, Qt.ConnectionType.QueuedConnection)
         QTimer.singleShot(_REST_AT_LATEST_MS, self.window, self._start_rest)
 
     def _show_window(self) -> None:
-        """Somebody starts the console that runs already."""
+        """Bring the window to the front, when the running console is started again."""
         if self.window.isMinimized():
             self.window.showNormal()
         self.window.raise_()
@@ -145,9 +145,9 @@ class ConsoleRun:
         self.application.alert(self.window)
 
     def close(self) -> None:
-        """The robot is stopped before anything else is waited for; what fails does not keep the rest from ending."""
+        """Stop the robot before waiting for anything else; a failure does not prevent the rest from ending."""
         self._to_start.clear()
-        with ExitStack() as rest:  # what is entered first ends last
+        with ExitStack() as rest:  # last entered, first ended
             rest.callback(self.settings.finish)
             if self.demo_robot is not None:
                 rest.callback(self.demo_robot.stop)
@@ -161,10 +161,10 @@ class ConsoleRun:
             rest.callback(self.window.close)
 
     def _start_rest(self) -> None:
-        """In a few turns of the event loop: keys are typed already."""
+        """Start the rest over a few turns of the event loop, since keys are typed already."""
         if self._garbage is not None:
             return
-        # What exists now stays for the whole run: no full collection need walk it, which stalls the GUI.
+        # Current objects stay for the whole run: excluding them from full collections avoids GUI stalls.
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
         self._to_start.extend((
@@ -180,7 +180,7 @@ class ConsoleRun:
             QTimer.singleShot(0, self.window, self._start_next)
 
     def _ask_or_connect(self) -> None:
-        """Where the scenario to start with waits for a word, the robot that it names waits too."""
+        """If the first scenario awaits confirmation, its robot waits too."""
         if self._to_confirm is None:
             self._connect_first_robot()
             return
@@ -188,12 +188,12 @@ class ConsoleRun:
         self.console.state.file_question.set_anew(self._to_confirm.question)
 
     def _on_file_question(self, question: object) -> None:
-        """The answer: after a yes the scenario is opened a moment later, and its robot is the one to connect."""
+        """Handle the answer: after a yes, the scenario opens a moment later, and its robot is connected."""
         if question is not None or self._to_confirm is None:
             return
         self.console.state.file_question.changed.disconnect(self._on_file_question)
         self._to_confirm = None
-        # In the turn after this one the scenario is asked for again; what comes then is behind it in the queue.
+        # The scenario is requested again in the next turn; later requests queue behind it.
         QTimer.singleShot(
             0, self.window, lambda: self.console.read_aside(lambda: None, lambda _: self._connect_first_robot())
         )
@@ -212,17 +212,17 @@ class ConsoleRun:
         self.console.use_robot(lambda: self._robot_to_start_with(robot, last), until="connected")
 
     def begin_first_use(self) -> None:
-        """Who names a robot knows the program; a rehearsal needs to be told nothing."""
+        """Start the introduction, unless the user names a robot and so knows the program, or in a rehearsal."""
         if self._make_demo_robot in (None, DemoRobot) and self._arguments.robot is None:
             self.window.first_use.begin(with_simulated_robot=self._arguments.demo)
 
     def tell_of_settings(self) -> None:
-        """Tell the wizard where the settings of last time could not be taken over."""
+        """Report settings of the last run that could not be loaded."""
         if self._settings_trouble is not None:
             self._on_settings_failed(said_now(self._settings_trouble))
 
     def tell_of_narrowed(self) -> None:
-        """Tell the wizard where files were open to other users of this computer until now."""
+        """Report files that were open to other users of this computer."""
         if self._narrowed:
             self.console.problem(
                 "info",
@@ -232,7 +232,7 @@ class ConsoleRun:
             )
 
     def tell_of_scenario(self) -> None:
-        """Tell the wizard where the scenario of last time is not the one that is open."""
+        """Report that another scenario than that of the last run is open."""
         if self._refused_scenario:
             self.console.problem(
                 "warning",
@@ -245,7 +245,7 @@ class ConsoleRun:
         self.console.problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     def _robot_to_start_with(self, robot: str, last: str) -> RobotConnection:
-        """The one of ``last`` time where there still is one of that name. Raises ToldFailure."""
+        """Robot of the ``last`` run if one of that name still exists, else ``robot``. Raises ToldFailure."""
         if self._arguments.accept_named:
             composition.confirm_robot(robot, accept_named=True)
         if last:
@@ -259,7 +259,7 @@ class ConsoleRun:
             ) from refusal
 
     def _use_simulated_robot(self, actor: Actor) -> None:
-        """It is connected, now or as soon as it is ready."""
+        """Connect the simulated robot, now or as soon as it is ready."""
         if self.demo_robot is None:
             self.demo_robot = DemoRobot(self.console, actor=actor)
             self.demo_robot.start()
@@ -276,7 +276,7 @@ class ConsoleRun:
         return self.demo_robot.address_of(robot) if self.demo_robot is not None else None
 
     def _scenario_to_start_with(self) -> tuple[Scenario, str]:
-        """What was asked for; else the one of last time, or, where that is broken, the tour guide and the broken one.
+        """Requested scenario, else that of the last run; if that is invalid, the tour guide and the invalid one's name.
 
         Raises StartError.
         """
@@ -295,7 +295,7 @@ class ConsoleRun:
             return composition.find_scenario("tour-guide"), last_time
 
     def _kept_microphone(self, role: Role) -> str | None:
-        """The system's default until another was chosen."""
+        """Stored microphone; None if switched off. Default: the system's."""
         kept = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
         return None if kept == _NO_MICROPHONE else kept
 
@@ -306,7 +306,7 @@ class ConsoleRun:
         self.settings.setValue(_GAMEPADS_KEY, mappings)
 
     def _on_link_changed(self, link: LinkStatus) -> None:
-        """Whether the last robot was one of this console's own."""
+        """Store whether the last robot was one of this console's own."""
         if link.state == "connected":
             own = self.demo_robot is not None and link.address == self.demo_robot.address_of(PROFILE)
             if (self.settings.value(_OWN_ROBOT_KEY, "") == "yes") != own:
@@ -318,12 +318,12 @@ class ConsoleRun:
             self._keep_scenario(scenario.path)
 
     def _keep_scenario(self, path: Path) -> None:
-        """It is open when the program starts again."""
+        """Store the scenario for the next start."""
         self.settings.setValue(_SCENARIO_KEY, str(path))
 
 
 def _why_refused(scenario: str) -> str:
-    """Once the wizard's language is in use: what reads a scenario says it in that."""
+    """Reason why the scenario is refused, in the wizard's language: called once that is in use."""
     try:
         composition.find_scenario(scenario)
     except composition.StartError as refusal:
@@ -332,7 +332,7 @@ def _why_refused(scenario: str) -> str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Open the window and stay until it is closed."""
+    """Open the window and run until it is closed."""
     configure_logging(log_file(), verbose=arguments.verbose)
     _log.info("CARIS Desktop %s starts", __version__)
     try:
@@ -357,20 +357,20 @@ def _run(console_run: ConsoleRun) -> int:
 
 
 def end_when_told(console_run: ConsoleRun) -> None:
-    """End in order on Ctrl+C, when the terminal is closed, and with the computer or the user's session; and at once
-    when the screen goes away.
+    """End in order on Ctrl+C, when the terminal is closed, and at shutdown or logout; at once when
+    the screen is lost.
     """
     application, console = console_run.application, console_run.console
 
     def end(_number: int, _frame: object) -> None:
         console.expect_end()
-        # Nobody is there to be asked, and a window that somebody drives from would stay.
+        # Nobody can be asked, and a window in use for driving would stay.
         application.exit(0)
 
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), end)
-    heartbeat = QTimer(application)  # Python sees signals only between Qt events
+    heartbeat = QTimer(application)  # Python handles signals only between Qt events
     heartbeat.timeout.connect(_let_python_run)
     heartbeat.start(200)
     application.commitDataRequest.connect(lambda _manager: console.expect_shutdown())
@@ -379,7 +379,7 @@ def end_when_told(console_run: ConsoleRun) -> None:
 
 
 def check_screen() -> None:
-    """Without a screen Qt would end the program with words that help nobody. Raises StartError."""
+    """Check for a screen: without one, Qt would abort with an unhelpful message. Raises StartError."""
     places = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in places):
         raise composition.StartError(
@@ -389,11 +389,11 @@ def check_screen() -> None:
 
 
 def _let_python_run() -> None:
-    """Entered so that pending Python signal handlers get their turn."""
+    """Return to Python, so that pending signal handlers run."""
 
 
 def default_arguments(**changes: object) -> argparse.Namespace:
-    """The console's arguments as if nothing was given on the command line."""
+    """Console arguments for an empty command line."""
     values: dict[str, object] = {
         "scenario": None,
         "robot": None,

@@ -1,4 +1,4 @@
-"""A simulated robot of the console's own: started beside it, connected when it is ready, ended with it."""
+"""Simulated robot of the console: started beside it, connected once ready, ended with it."""
 
 import sys
 
@@ -14,7 +14,7 @@ PROFILE = "simulated"
 
 
 class DemoRobot(QObject):
-    """GUI thread; the process reports through signals."""
+    """Simulated robot's process, in the GUI thread; reports through signals."""
 
     _ready = Signal(str)
     _failed = Signal(str)
@@ -36,7 +36,7 @@ class DemoRobot(QObject):
         self.process.start()
 
     def use(self, actor: Actor) -> None:
-        """Connect it for that actor, where it is ready; else it is connected once it is."""
+        """Connect it for that actor, now or once it is ready."""
         address, self._actor = self._address, actor
         if address is not None:
             self._console.use_robot(lambda: composition.robot_connection(PROFILE, address=address), actor)
@@ -45,7 +45,7 @@ class DemoRobot(QObject):
         self.process.stop()
 
     def address_of(self, name: str) -> str | None:
-        """Where it is, once it is ready, if it is this robot of the list that is meant."""
+        """Its address once it is ready, if ``name`` is this robot's profile."""
         return self._address if name == PROFILE else None
 
     def _on_ready(self, address: str) -> None:

@@ -1,4 +1,4 @@
-"""``caris-desktop forget``: nothing of a study shows or names a person any more."""
+"""``caris-desktop forget``: erases a person from a study."""
 
 import argparse
 import sys
@@ -51,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status: 0 when nothing of them is left, 1 when something is (the words say what), 130 when cancelled."""
-    from caris_desktop.app.composition import own_files  # with all that the console consists of
+    """Exit status: 0 if nothing is left of the person, 1 if something is (as printed), 130 if cancelled."""
+    from caris_desktop.app.composition import own_files  # imports all parts of the console
 
     if not arguments.study.is_dir():
         print(f"{arguments.study} is no folder. Nothing was changed.", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""This user's settings while the window stands: read at once, written by a thread of their own."""
+"""Settings of this user in memory, written by a background thread."""
 
 import threading
 from typing import Any
@@ -11,13 +11,13 @@ from caris_desktop.live.slow_work import SlowWork
 
 
 class KeptSettings(QObject):
-    """What QSettings has, all of it in memory, without ever waiting for the disk. GUI thread.
+    """QSettings interface that never waits for the disk. GUI thread.
 
-    QSettings by itself writes in the GUI thread, and waits until the disk has it. What another window of this user has
-    written meanwhile stays: only what was set here is written.
+    QSettings itself writes in the GUI thread and waits for the disk. Only keys set here are written, so that changes by
+    the user's other windows remain.
     """
 
-    failed = Signal(object)  # ToldFailure: something could not be written; told once until it works again
+    failed = Signal(object)  # ToldFailure: a write failed; emitted once until writing works again
 
     def __init__(self, settings: QSettings, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -31,7 +31,7 @@ class KeptSettings(QObject):
 
     @property
     def file(self) -> str:
-        """Where they are: a file, or a place in the system's registry."""
+        """Location: a file, or a key of the system's registry."""
         return self._file
 
     def value(self, key: str, defaultValue: Any = None) -> Any:  # noqa: N803 - as QSettings has it
@@ -48,7 +48,7 @@ class KeptSettings(QObject):
             self._work.do(self._write, self._on_written, self._on_failed)
 
     def finish(self) -> None:
-        """Write what is left; nothing is kept any more. Blocks, half a minute at most."""
+        """Write what is left; later changes are not stored. Blocks for at most half a minute."""
         self._work.finish(lambda _what, work: work())
 
     def _write(self) -> None:  # any thread

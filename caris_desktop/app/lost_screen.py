@@ -1,9 +1,8 @@
-"""The screen goes away meanwhile: its server ends, a remote desktop is cut off, somebody logs out.
+"""Loss of the screen at run time: the display server ends, a remote desktop disconnects, the user logs out.
 
-Xlib and Qt call ``exit`` then, which destroys what other threads still use. A program with Python in it hangs there for
-good, with the microphone open and the recording unfinished, or crashes. It ends at once instead, as when it is killed,
-for which everything is made: the link stops the robot, the recorder finishes its files, and the next start offers to go
-on with the trial.
+Xlib and Qt then call ``exit``, which destroys what other threads still use. A program with Python hangs there forever,
+with open microphone and unfinished recording, or crashes. Instead it ends at once, as if killed, which every part
+handles: the link stops the robot, the recorder finishes its files, and the next start offers to continue the trial.
 """
 
 import ctypes
@@ -17,11 +16,11 @@ from PySide6.QtWidgets import QApplication
 _log = logging.getLogger(__name__)
 _of_qt = logging.getLogger("qt")
 
-# Whoever logs out or shuts the computer down ends programs and their screen in no certain order. Python runs handlers
-# of signals while it sleeps, so one that was told to end writes down that it was.
+# On logout or shutdown, programs and their screen end in no particular order. Python runs signal handlers while it
+# sleeps, so that a termination signal is logged.
 _TOLD_WITHIN_S = 1.0
 _SAYS_SO = ("The X11 connection broke", "The Wayland connection broke")
-# A screen reader asks again and again for parts that are gone by then, and is late with its answers on a busy machine.
+# A screen reader keeps querying parts that are already gone, and answers late on a busy machine.
 _OF_SCREEN_READERS = (
     "Could not find accessible on path", "Received text event for invalid interface", "Subscription string",
     "QSpiApplication::", "AtSpiAdaptor::",
@@ -33,7 +32,7 @@ _LEVELS = {
 
 
 def end_with_screen(application: QApplication) -> None:
-    """From now on; what Qt says of itself goes into the log. Until :func:`forget_screen`."""
+    """Install the handlers until :func:`forget_screen`; Qt's own messages go to the log."""
     qInstallMessageHandler(_on_message)
     if application.platformName() == "xcb":
         try:
@@ -43,7 +42,7 @@ def end_with_screen(application: QApplication) -> None:
 
 
 def forget_screen() -> None:
-    """Before the interpreter ends, which no longer takes calls."""
+    """Remove the handlers before the interpreter ends and accepts no more calls."""
     qInstallMessageHandler(None)
 
 

@@ -1,7 +1,6 @@
-"""One console at a time has a study: two would write its people past one another, and drive one robot.
+"""Single console per study: two would overwrite each other's people, and drive one robot.
 
-Whoever starts it a second time, as by another double click while the first is still on its way, gets the window that is
-there.
+A second start, such as another double click during the first, brings the existing window to the front.
 """
 
 import logging
@@ -18,26 +17,26 @@ from caris_desktop.live.live_robots import show_window
 
 _log = logging.getLogger(__name__)
 _LOCK = ".console.lock"
-# One listens only once its window stands, and may have much to write at its end.
+# A console listens only once its window is shown, and may write for long at its end.
 _WAITS_S, _TRIES_AFTER_S = 20.0, 0.25
 
 
 class AlreadyOpenError(Exception):
-    """The study is open on this computer, and its window is in front now."""
+    """The study is open on this computer, and its window is now in front."""
 
 
 @contextmanager
 def held(study: Path, consoles: Path) -> Iterator[None]:
-    """Hold the study meanwhile. ``consoles``: where running ones listen.
+    """Hold the study's lock. ``consoles``: where running consoles listen.
 
-    Raises AlreadyOpenError, or StartError where the console that has it cannot be shown.
+    Raises AlreadyOpenError, or StartError if the console that holds it cannot be shown.
     """
     lock = QLockFile(str(study / _LOCK))
-    lock.setStaleLockTime(0)  # it is held as long as its process runs, however long that is
+    lock.setStaleLockTime(0)  # held as long as its process runs, however long that is
     until_s = time.monotonic() + _WAITS_S
     while not lock.tryLock(0):
         if lock.error() != QLockFile.LockError.LockFailedError:
-            # That a study is read only is told where something is to be written.
+            # A read-only study is reported when something is to be written.
             _log.warning("the study %s is not locked: %s", study, lock.error())
             break
         _leave_it(lock, study, consoles, impatient=time.monotonic() > until_s)
@@ -49,7 +48,7 @@ def held(study: Path, consoles: Path) -> Iterator[None]:
 
 
 def _leave_it(lock: QLockFile, study: Path, consoles: Path, *, impatient: bool) -> None:
-    """To whoever has it. Returns where that console is still on its way, or about to end."""
+    """Leave the study to the console that holds it. Returns if that is still starting, or about to end."""
     pid, host, _program = lock.getLockInfo()
     if pid and host != platform.node():
         raise StartError(

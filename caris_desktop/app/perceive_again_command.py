@@ -1,4 +1,4 @@
-"""``caris-desktop perceive-again``: people in recordings, found again by another model, beside what was recorded."""
+"""``caris-desktop perceive-again``: people in recordings detected by another model, as an additional layer."""
 
 import argparse
 import json
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """One JSON object for each session on standard output; exit status 1 where one was not perceived."""
+    """Print a JSON object per session on standard output; exit status 1 if any failed."""
     if arguments.name is not None and not _NAME.fullmatch(arguments.name):
         print("--name may have letters, digits, dots, dashes and underscores only.", file=sys.stderr)
         return 2
@@ -90,12 +90,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _NotPerceivedError(Exception):
-    """Told with the session's name before it."""
+    """Printed after the session's name."""
 
 
 @dataclass(slots=True)
 class _CameraLayer:
-    """What was perceived in the videos of one camera."""
+    """Detections in the videos of one camera."""
 
     frames: list[RecordedFrame] = field(default_factory=list)
     sizes_px: list[tuple[int, int]] = field(default_factory=list)
@@ -186,7 +186,7 @@ def _turns(session: Session) -> Iterator[Odometry | HeadState]:
 
 
 def _camera_model(session: Session, camera: str) -> CameraModel | None:
-    """Where the camera is on the robot that was driven, as its profile said then."""
+    """Model of the camera on the driven robot, from its recorded profile."""
     model = None
     for _, chosen in session.values(BY_TYPE[RobotChosen].name):
         try:
@@ -198,10 +198,10 @@ def _camera_model(session: Session, camera: str) -> CameraModel | None:
 
 
 def _write(session: Session, target: Path, layers: dict[str, _CameraLayer], about: dict[str, object]) -> None:
-    """The layer is there whole or not at all."""
+    """Write the layer atomically."""
     part = target.with_name(f".{target.name}.unfinished")
     if part.exists():
-        shutil.rmtree(part)  # of a run that was killed
+        shutil.rmtree(part)  # left by a killed run
     part.mkdir(parents=True)
     try:
         log = EventLog(

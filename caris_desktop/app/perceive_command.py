@@ -1,4 +1,4 @@
-"""``caris-desktop perceive --serve``: a computer with a graphics card finds people for a console on another."""
+"""``caris-desktop perceive --serve``: detection server for a remote console, on a computer with a graphics card."""
 
 import argparse
 import asyncio
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _WrongError(Exception):
-    """Told to whoever asked."""
+    """Failure that is sent to the client."""
 
 
 def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:

@@ -1,4 +1,4 @@
-"""How far a command is, on standard error."""
+"""Progress bar of a command, on standard error."""
 
 import sys
 import time
@@ -9,13 +9,13 @@ _TELL_LINES = 10
 
 
 class ProgressBar:
-    """A bar that is drawn again and again in a terminal; elsewhere ten lines."""
+    """Bar redrawn in a terminal; elsewhere ten lines."""
 
     def __init__(self, pictures_about: int, *, what: str = "") -> None:
-        """``pictures_about`` is 0 where nobody knows; ``what`` stands before it."""
+        """``pictures_about`` is the estimated total, 0 if unknown; ``what`` is the label."""
         self._about = pictures_about
         self._what = f"{what} " if what else ""
-        # What moves the cursor here is our own.
+        # The cursor control here is our own.
         self._out = getattr(sys.stderr, "plain", sys.stderr)
         self._drawn = self._out.isatty()
         self._began_s = time.perf_counter()
@@ -42,7 +42,7 @@ class ProgressBar:
         fps = frames / max(1e-9, time.perf_counter() - self._began_s)
         if not self._about:
             return f"{self._what}{frames} pictures, {fps:.1f} a second"
-        # What a file says of its length may be less than there is.
+        # The length stated in a file may be too small.
         part = min(1.0, frames / self._about)
         done = round(_BAR_WIDTH * part)
         bar = "#" * done + "." * (_BAR_WIDTH - done)

@@ -1,4 +1,4 @@
-"""The one QApplication of a program with a window."""
+"""The single QApplication of a program with a window."""
 
 import os
 import sys
@@ -12,11 +12,11 @@ _CORES_TO_PAINT_WITH = 4
 
 
 def the_application(scale: str = "") -> QApplication:
-    """The one that exists, or a new one, which shows everything ``scale`` times as large (one of SCALES)."""
+    """Existing application, or a new one, scaled by ``scale`` (one of SCALES)."""
     if scale and scale in SCALES:
         os.environ.setdefault("QT_SCALE_FACTOR", scale)
-    # Qt cuts larger fills and pictures into pieces for a pool of threads, and waits for all of them. Where other
-    # programs keep a few cores busy, the window waits for the processor as many times, and once is enough.
+    # Qt splits larger fills and pictures over a thread pool and waits for all threads. When other programs keep few
+    # cores busy, the window waits for the processor once per thread; once is enough.
     if (os.cpu_count() or 1) < _CORES_TO_PAINT_WITH:
         os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")
     existing = QApplication.instance()

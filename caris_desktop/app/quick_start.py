@@ -1,16 +1,16 @@
-"""What a window's start need not do. To be imported before anything of Qt, by who opens a window."""
+"""Start-up shortcuts for commands with a window. Imported before Qt."""
 
 import builtins
 import gc
 
 
 def begin() -> None:
-    """Import Qt as cheaply as it comes, and collect no garbage until the window stands.
+    """Import Qt cheaply, and collect no garbage until the window is shown.
 
-    PySide6 puts an ``import`` of its own in the place of Python's, for ``from __feature__ import snake_case``: it reads
-    and keeps the source of each module that is imported from then on, to see whether it names PySide6. Nothing here
-    uses that. What is imported and built on the way to the first window stays; walking through all of it again and
-    again finds nothing. :class:`~caris_desktop.live.garbage.GarbageCollector` collects from then on.
+    PySide6 replaces Python's ``import`` for ``from __feature__ import snake_case``: it reads and keeps the source of
+    each module imported later, in search of PySide6. Nothing here uses that. Objects created until the first window
+    stay, so that collections would only traverse them in vain. :class:`~caris_desktop.live.garbage.GarbageCollector`
+    collects from then on.
     """
     gc.disable()
     plain_import = builtins.__import__

@@ -1,4 +1,4 @@
-"""A session that was just recorded, read back, replayed and exported to every format, and what that found."""
+"""Verification of a new recording: read back, replayed and exported to every format."""
 
 from collections import Counter
 from pathlib import Path
@@ -15,14 +15,14 @@ _OF_FORMAT = QT_TR_NOOP("Export as {format}: {told}")
 
 @dataclass(frozen=True, slots=True)
 class ReadBack:
-    """Sentences: what was ``found``, and which ``problems`` there are; without these the session is whole."""
+    """Sentences: results ``found``, and ``problems``; without problems the session is complete."""
 
     found: tuple[str, ...]
     problems: tuple[str, ...]
 
 
 def read_back(folder: Path, exports: Path) -> ReadBack:
-    """Read the closed session in ``folder`` in each way that people will; each format has a folder in ``exports``."""
+    """Read the closed session in ``folder`` in every supported way; each format has a folder in ``exports``."""
     found: list[str] = []
     problems: list[str] = []
     try:
@@ -45,7 +45,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
 
 
 def _missing(session: Session, read: Counter[str]) -> list[str]:
-    """Where the record has more or fewer values than the recorder counted while it wrote."""
+    """Streams with more or fewer values in the record than the recorder counted."""
     counts = session.header.get("counts")
     counted = Counter({str(name): int(count) for name, count in (counts or {}).items() if name in BY_NAME})
     if not counted:

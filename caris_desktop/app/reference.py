@@ -1,7 +1,7 @@
 """Generator of derived files: ``python -m caris_desktop.app.reference``.
 
-It writes the JSON Schemas, the guide's tables of keys of files, shortcuts, commands and data, the translators' texts of
-the scenario form, and the texts that a replay translates. A test fails when one of them is out of date.
+It writes the JSON Schemas, the guide's tables of file keys, shortcuts, commands and data, the translators' texts of the
+scenario form, and the texts that a replay translates. A test fails if one of them is outdated.
 """
 
 from pathlib import Path
@@ -18,13 +18,13 @@ from caris_desktop.ui.shortcuts import reference as shortcuts
 
 
 def reference_files() -> dict[Path, str]:
-    """What each file that follows from a declaration says."""
+    """Content of each generated file."""
     rooms = (domain, scenario, robot, coding_file, face, shortcuts, scenario_editor, commands_page, tables_page)
     return {path: text for room in rooms for path, text in room.reference_files().items()}
 
 
 def main() -> None:
-    """Write them all."""
+    """Write all generated files."""
     for path, text in reference_files().items():
         path.write_text(text, encoding="utf-8")
 

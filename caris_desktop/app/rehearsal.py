@@ -1,7 +1,7 @@
-"""A scripted wizard: plays a scenario through the real window, with Qt input events and nothing else.
+"""Scripted wizard: plays a scenario through the real window, by Qt input events only.
 
-The script looks at what the panels show (``LiveState``) the way a wizard looks at the screen; it acts only by
-pressing keys and clicking widgets.
+The script reads what the panels show (``LiveState``) as a wizard reads the screen; it acts only by pressing keys and
+clicking widgets.
 """
 
 import json
@@ -48,12 +48,12 @@ _KEYS = {"forward": Qt.Key.Key_W, "left": Qt.Key.Key_A, "right": Qt.Key.Key_D}
 
 
 class RehearsalError(Exception):
-    """A step did not come about; the text says which and what was seen instead."""
+    """A step failed; the text says which and what was found instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """The script waits for ``condition``."""
+    """Wait of the script for ``condition``."""
 
     what: str
     condition: Callable[[], bool]
@@ -64,7 +64,7 @@ Script = Generator[Until | None, None, None]
 
 
 class Rehearsal(QObject):
-    """Runs the script step by step between Qt events. ``finished(error text or "")`` at its end."""
+    """Runs the script step by step between Qt events. Emits ``finished(error text or "")`` at its end."""
 
     finished = Signal(str)
 
@@ -78,7 +78,7 @@ class Rehearsal(QObject):
         participant: RehearsedParticipant | None = None,
         trial: Mapping[str, str] = TRIAL,
     ) -> None:
-        """Without a ``participant`` nobody speaks before the robot. ``trial`` is typed into the start dialog."""
+        """Without a ``participant``, nobody speaks to the robot. ``trial`` is typed into the start dialog."""
         super().__init__(window)
         self._window = window
         self._console = console
@@ -146,7 +146,7 @@ class Rehearsal(QObject):
         self._screenshot("end")
 
     def _choose(self, text: str) -> None:
-        """A line of the menu that is open."""
+        """Click an entry of the open menu."""
         menu = QApplication.activePopupWidget()
         if isinstance(menu, QMenu):
             for action in menu.actions():
@@ -180,7 +180,7 @@ class Rehearsal(QObject):
         self._note("recording")
 
     def _tick_checks(self) -> Script:
-        """What the scenario has checked by hand."""
+        """Tick the scenario's manual checks."""
         for check in self._state.preflight.value:
             if check.manual and check.state != "passed":
                 self._click(f"tick_{check.id}")
@@ -204,7 +204,7 @@ class Rehearsal(QObject):
         return SAYS.get(path.stem if path is not None else "", SAYS_ELSEWHERE)
 
     def _talk(self, participant: RehearsedParticipant) -> Script:
-        """The participant speaks; the wizard answers by a suggestion, by a phrase and by typing."""
+        """Let the participant speak, and answer with a suggestion, a phrase and by typing."""
         state = self._state
         yield Until("what is said becomes text", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
         for number, text in enumerate(self._lines()):
@@ -236,7 +236,7 @@ class Rehearsal(QObject):
             yield from self._say_phrase(2, "Please tell me more.")
 
     def _say_phrase(self, number: int, otherwise: str) -> Script:
-        """By its key; where the scenario has no such phrase, or it asks for a word first, something is typed."""
+        """Say a phrase by its key; type ``otherwise`` if there is no such phrase or it requires a word first."""
         phrases = phrases_on_keys(self._console.scenario, self._state.phrase_group.value)
         if number <= len(phrases) and "{" not in phrases[number - 1].say:
             self._press(Qt.Key(Qt.Key.Key_F1 + number - 1))
@@ -253,7 +253,7 @@ class Rehearsal(QObject):
 
     def _take_photo(self) -> Script:
         folder = self._console.session_folder
-        # Where the picture is old there is none to take; a wizard looks before the key.
+        # With a stale picture no photo can be taken; a wizard looks before pressing the key.
         yield Until("the picture is fresh", lambda: self._window.actions_table.available("photo"), 60.0)
         self._press(Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
         yield Until("the photo is on disk", lambda: bool(folder and list((folder / "photos").glob("*.png"))))
@@ -286,7 +286,7 @@ class Rehearsal(QObject):
             if self._held and not state.drive.value.allowed:
                 raise RehearsalError(f"driving was refused: {state.drive.value.reason}")
             if self._held and not self._driving_is_on():
-                self._hold(set())  # it stopped by itself, as after a stall: a wizard lets go and presses again
+                self._hold(set())  # it stopped by itself, as after a stall: a wizard releases the key and presses again
             else:
                 self._hold(self._keys_towards(pose, target))
             yield None
@@ -302,7 +302,7 @@ class Rehearsal(QObject):
         state = self._state
         self._show_tab("Assistant")
         if self._find("assistant_field") is None:
-            # The scenario permits it and shows other panels: as a wizard does who looks for it.
+            # The scenario permits it but shows other panels: found as a wizard would, by search.
             yield from self._find_anything("Assistant")
             yield Until("the Assistant panel is open", lambda: self._find("assistant_field") is not None)
         field = self._find("assistant_field")
@@ -364,7 +364,7 @@ class Rehearsal(QObject):
         return None
 
     def _show_tab(self, title: str) -> None:
-        """Bring a panel to the front where it is behind others."""
+        """Bring a panel to the front if it is behind others."""
         for bar in (bar for top in QApplication.topLevelWidgets() for bar in top.findChildren(QTabBar)):
             for number in range(bar.count()):
                 if bar.isVisible() and bar.tabText(number) == title:
@@ -393,7 +393,7 @@ class Rehearsal(QObject):
                 yield None
 
     def _hold(self, keys: set[Qt.Key]) -> None:
-        """Hold exactly these drive keys, as fingers would."""
+        """Hold exactly these drive keys."""
         for key in self._held - keys:
             QTest.keyRelease(self._focus(), key)
         for key in keys - self._held:
@@ -423,7 +423,7 @@ class Rehearsal(QObject):
             self._heard.append(event)
 
     def _nearest_place(self, pose: Pose2D) -> Place | None:
-        """The nearest place that the LIDAR has a free line to; None when there is none."""
+        """Nearest place with a free line of sight of the LIDAR; None if there is none."""
         for place in sorted(self._console.scenario.places, key=lambda place: _distance_m(pose, place.pose_in_map)):
             distance_m = _distance_m(pose, place.pose_in_map)
             bearing = math.atan2(place.pose_in_map.y_m - pose.y_m, place.pose_in_map.x_m - pose.x_m)
@@ -432,7 +432,7 @@ class Rehearsal(QObject):
         return None
 
     def _clear_ahead_m(self, bearing_in_robot_rad: float) -> float:
-        """Free distance in a corridor of the robot's width in that direction, by the last scan."""
+        """Free distance in that direction by the last scan, in a corridor of the robot's width."""
         scan = self._state.scan.value
         heading_rad = scan.robot_from_laser.heading_rad
         nearest_m = math.inf
@@ -457,7 +457,7 @@ class Rehearsal(QObject):
 
     def _step(self) -> None:
         if QApplication.activeWindow() is None:
-            self._window.activateWindow()  # without a window manager nobody does it when a dialog closes
+            self._window.activateWindow()  # without a window manager, nothing activates it when a dialog closes
             return
         try:
             if self._waiting is not None:
@@ -496,11 +496,11 @@ class Rehearsal(QObject):
         return (clock.now_ns() - self._started_ns) / 1e9
 
     def _screenshot(self, name: str) -> None:
-        """Taken now, written at the end: a wizard's window does not stand still to write a picture."""
+        """Take a screenshot now, write it at the end: writing would block the window."""
         path = self._out / "screenshots" / f"{len(self.screenshots) + 1:02d}-{name}.png"
         if QApplication.platformName() == "offscreen":
             picture = self._window.grab()
-        else:  # dialogs and popups are in the picture too
+        else:  # includes dialogs and popups
             inside = self._window.geometry()
             picture = self._window.screen().grabWindow(0, inside.x(), inside.y(), inside.width(), inside.height())
         self.screenshots[path] = picture.toImage()

@@ -1,4 +1,4 @@
-"""``caris-desktop rehearse``: a scripted wizard plays a scenario in the real console on a simulated robot."""
+"""``caris-desktop rehearse``: scripted wizard in the real console on a simulated robot."""
 
 import argparse
 import os
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status 0 when every step came about and the session can be read, replayed and exported."""
+    """Exit status 0 if all steps succeeded and the session can be read, replayed and exported."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("win32", "darwin")):
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     out: Path = arguments.out.resolve()

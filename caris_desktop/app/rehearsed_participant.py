@@ -1,4 +1,4 @@
-"""Somebody before the simulated robot, who says what a rehearsal wants them to say."""
+"""Simulated participant of a rehearsal, who speaks to the simulated robot."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,18 +7,18 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 
 
 class RehearsedParticipant:
-    """Speaks into the robot's microphone; ``address`` gives the robot's rosbridge, None while there is none."""
+    """Speaks into the robot's microphone; ``address`` returns the robot's rosbridge, None while there is none."""
 
     def __init__(self, asyncio_thread: AsyncioThread, address: Callable[[], str | None]) -> None:
         self._asyncio = asyncio_thread
         self._address = address
 
     def prepare(self, texts: Sequence[str]) -> None:
-        """What they will say, so that nobody waits for its sound then."""
+        """Synthesise these texts in advance, so that speech starts without delay."""
         self._tell(simulator_calls.PREPARE, texts)
 
     def say(self, text: str) -> None:
-        """Returns at once. That nothing is heard is for who listens to notice."""
+        """Say a text. Returns at once; a failure shows only in that nothing is heard."""
         self._tell(simulator_calls.SAY, (text,))
 
     def _tell(self, service: str, texts: Sequence[str]) -> None:

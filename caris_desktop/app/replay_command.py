@@ -1,4 +1,4 @@
-"""``caris-desktop replay``: a recorded session, or somebody else's bag, in the console's window."""
+"""``caris-desktop replay``: a recorded session, or a foreign bag, in the console's window."""
 
 import argparse
 import asyncio
@@ -56,7 +56,7 @@ T = TypeVar("T")
 _LOOK_EVERY_S = 0.02
 _IMPORT_PREFIX = ".import-"
 _UNFINISHED_AFTER_S = 24 * 3600.0
-# Each jump asks for these again, and reading one takes longer than the window may stand still.
+# Each jump requests these again, and parsing one takes longer than the window may freeze.
 _READ_TEXTS_KEPT = 64
 
 
@@ -73,8 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status: 0 when the window was closed, 1 when annotations could not be saved, 2 when the session could not be
-    opened (stderr says why).
+    """Exit status: 0 if the window was closed, 1 if annotations could not be saved, 2 if the session could not be
+    opened (reason on stderr).
     """
     configure_logging(log_file(), verbose=arguments.verbose)
     try:
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGINT, lambda *_: replay.application.closeAllWindows())
     signal.signal(signal.SIGTERM, lambda *_: replay.application.closeAllWindows())
     heartbeat = QTimer()
-    heartbeat.timeout.connect(lambda: None)  # Python sees signals only between Qt events
+    heartbeat.timeout.connect(lambda: None)  # Python handles signals only between Qt events
     heartbeat.start(200)
     end_with_screen(replay.application)
     replay.show()
@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class ReplayRun:
-    """One replay: the session, what stands in for the console, and the window. Raises StartError, SessionError."""
+    """One replay: session, replacement of the console, and window. Raises StartError, SessionError."""
 
     def __init__(self, arguments: argparse.Namespace, *, settings: QSettings | None = None) -> None:
         self._arguments = arguments
@@ -131,7 +131,7 @@ class ReplayRun:
         QTimer.singleShot(0, self._start_rest)
 
     def close(self) -> None:
-        with ExitStack() as rest:  # what is entered first ends last, whatever else fails
+        with ExitStack() as rest:  # last entered, first ended, whatever else fails
             rest.callback(self.settings.finish)
             if self._garbage is not None:
                 rest.callback(self._garbage.stop)
@@ -168,7 +168,7 @@ class ReplayRun:
 
 
 def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str | None]) -> ReplayParts:
-    """What the replay of this session is made with. Raises SessionError."""
+    """Parts of this session's replay. Raises SessionError."""
     return ReplayParts(
         start_scenario=_first_scenario(session),
         read_scenario=_read_scenario,
@@ -185,10 +185,10 @@ def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str
 
 
 def _opened(folder: Path) -> Session:
-    """Open it; repairing a long one takes a while, which a small window tells. Raises SessionError."""
+    """Open a session; a small window shows the progress of a long repair. Raises SessionError."""
     if not needs_repair(folder):
         return open_session(folder)
-    gc.enable()  # what was left off for a quick start: nothing is quick now
+    gc.enable()  # disabled for a quick start, which a repair is not
     told = QProgressDialog()
     told.setWindowTitle("CARIS Desktop")
     told.setLabelText(
@@ -214,7 +214,7 @@ def _opened(folder: Path) -> Session:
 
 
 def _session_folder(path: Path) -> Path:
-    """The session at ``path``; a bag becomes one first, in the user's cache. Raises SessionError."""
+    """Session at ``path``; a bag is first converted, in the user's cache. Raises SessionError."""
     if not path.exists():
         raise SessionError(filled(QT_TR_NOOP("There is no {path}."), path=path))
     if is_session(path) or not looks_like_bag(path):
@@ -223,7 +223,7 @@ def _session_folder(path: Path) -> Path:
 
 
 def _imported(bag: Path) -> Path:
-    """The session that the bag was made into, once: told apart by place, size and time. Raises SessionError."""
+    """Session converted from the bag, cached by path, size and time. Raises SessionError."""
     folder = composition.imports_dir()
     try:
         folder /= _import_name(bag)
@@ -242,7 +242,7 @@ def _imported(bag: Path) -> Path:
         raise SessionError(str(error)) from error
     except OSError as error:
         if (folder / "session.json").exists():
-            return folder  # another replay of this bag was quicker
+            return folder  # another replay of this bag was faster
         _log.warning("importing %s into %s", bag, folder, exc_info=True)
         raise SessionError(
             filled(
@@ -261,7 +261,7 @@ def _imported(bag: Path) -> Path:
 
 
 def _remove_unfinished_imports(folder: Path) -> None:
-    """What was left behind by programs that were killed; younger ones may still be written. Raises OSError."""
+    """Remove what killed programs left behind; younger imports may still be in progress. Raises OSError."""
     for path in folder.iterdir():
         unfinished = path.name.startswith(_IMPORT_PREFIX) or (path.name[:1] == "." and path.suffix == ".importing")
         if unfinished and not path.is_symlink() and time.time() - path.stat().st_mtime > _UNFINISHED_AFTER_S:
@@ -277,7 +277,7 @@ def _import_name(bag: Path) -> str:
 
 
 def _first_scenario(session: Session) -> Scenario:
-    """The scenario that the record begins with; where it does not say, the tour guide's panels are shown."""
+    """First scenario of the record; the tour guide if there is none."""
     with SessionTimeline(session) as timeline:
         opened = next(iter(timeline.events(ScenarioOpened)), None)
     if opened is not None:
@@ -295,7 +295,7 @@ def _read_scenario(opened: ScenarioOpened) -> Scenario:
 
 
 def _read_layout(changed: LayoutChanged) -> LayoutNode:
-    """Checked by the schema of scenario files, as whatever comes from a file."""
+    """Layout of the record, checked by the schema of scenario files like any foreign file."""
     layout = _layout_in(changed.layout)
     if isinstance(layout, ValueError):
         raise layout.with_traceback(None)
@@ -307,7 +307,7 @@ def _read_robot(chosen: RobotChosen) -> RobotProfile:
 
 
 def _or_raise(read: T | ValueError) -> T:
-    """What cannot be read is kept too, as each jump asks for it again."""
+    """Return the value or raise the cached error: each jump requests it again."""
     if isinstance(read, ValueError):
         raise read.with_traceback(None)
     return read
@@ -338,7 +338,7 @@ def _robot_in(text: str, name: str) -> RobotProfile | ValueError:
 
 
 def _people_of(session: Session) -> PeopleStore | None:
-    """Names of people, where the session lies in its study."""
+    """Names of people, if the session is in its study folder."""
     database = session.folder.resolve().parent.parent / "people.sqlite"
     if not database.is_file():
         return None

@@ -1,4 +1,4 @@
-"""``caris-desktop robots``: which robots are known, what an unknown one offers, and whether its streams come."""
+"""``caris-desktop robots``: list of known robots, interfaces of an unknown one, and a check of its streams."""
 
 import argparse
 import asyncio
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit status 0 when all is well; without arguments the known robots are listed."""
+    """Exit status 0 if all is well; lists the known robots without arguments."""
     try:
         if arguments.explore:
             return _explore(check_address(arguments.explore), arguments.save)

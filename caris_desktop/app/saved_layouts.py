@@ -1,4 +1,4 @@
-"""Saving arrangements of panels in scenario files, and what a file said before, so that it can be had back."""
+"""Panel layouts saved in scenario files, and their previous versions for a reset."""
 
 import json
 import logging
@@ -24,17 +24,17 @@ _KINDS: tuple[SizeClass, ...] = ("usual", "compact", "large")
 
 
 class SavedLayouts:
-    """Kept in the user's settings, for each scenario file and size of screen that an arrangement was saved for."""
+    """Previous layouts, kept in the user's settings per scenario file and size class."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
 
     def as_before(self, scenario: Scenario) -> Scenario:
-        """The scenario with the arrangements that saving replaced, where it was saved by this program."""
+        """Scenario with the layouts that this program's saving replaced."""
         for kind in _KINDS:
             known = self._all().get(_name(scenario.path, kind))
             present = own_layout(scenario, kind)
-            # Whoever wrote another arrangement into the file by hand means that one.
+            # A layout that was since edited in the file takes precedence.
             if present is None or not isinstance(known, dict) or known.get("saved") != layout_data(present):
                 continue
             try:
@@ -46,7 +46,7 @@ class SavedLayouts:
         return scenario
 
     def note(self, path: Path, kind: SizeClass, saved: LayoutNode, *, replaced: Scenario) -> None:
-        """``saved`` went into ``path``; ``replaced`` is the scenario as it was open until then."""
+        """Note that ``saved`` was written to ``path``; ``replaced`` is the scenario as it was open before."""
         before = own_layout(self.as_before(replaced), kind)
         entry = {"before": None if before is None else layout_data(before), "saved": layout_data(saved)}
         self._keep(self._all() | {_name(path, kind): entry})
@@ -71,7 +71,7 @@ def _name(path: Path | None, kind: SizeClass) -> str:
 
 
 class OwnLayoutFiles:
-    """Implements LayoutFiles. ``keep_scenario`` hears which file is open from then on."""
+    """Implementation of LayoutFiles. ``keep_scenario`` is called with the file that is open from then on."""
 
     def __init__(self, settings: Settings, keep_scenario: Callable[[Path], None]) -> None:
         self._saved = SavedLayouts(settings)
@@ -99,7 +99,7 @@ class OwnLayoutFiles:
 
 
 def _tree_of(asked: SaveLayout) -> LayoutNode:
-    """Raises ToldFailure."""
+    """Checked layout of the request. Raises ToldFailure."""
     try:
         return checked_layout(parse_json(asked.layout))
     except ValueError as error:
@@ -111,7 +111,7 @@ def _tree_of(asked: SaveLayout) -> LayoutNode:
 
 
 def _written(scenario: Scenario) -> Path:
-    """Raises ToldFailure."""
+    """Write the scenario to the user's own file. Raises ToldFailure."""
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def _written(scenario: Scenario) -> Path:
 
 
 def _written_anew(scenario: Scenario) -> Path:
-    """Into a file of its own, named by its title; nothing that is there is written over. Raises ToldFailure."""
+    """Write the scenario to a new file named by its title; existing files are not overwritten. Raises ToldFailure."""
     first = path = own_file_called(scenario.title)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

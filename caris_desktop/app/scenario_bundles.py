@@ -1,4 +1,4 @@
-"""Scenarios that are handed on as one file: with the user's own robot profile and face, unpacked beside these."""
+"""Scenario bundles: one file with the user's own robot profile and face, for passing on and import."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -37,7 +37,7 @@ from caris_desktop.scenario.model import Scenario
 
 
 def share_scenario(scenario: Scenario, path: Path) -> None:
-    """Write it with what of the user's own it refers to. Raises ToldFailure."""
+    """Write the scenario with the user's own files that it refers to. Raises ToldFailure."""
     stem = scenario.path.stem if scenario.path is not None else scenario.title
     own = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
     try:
@@ -49,13 +49,13 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
 
 
 def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
-    """What in this file has the name of something else. Raises ToldFailure."""
+    """Name conflicts of this bundle with existing files. Raises ToldFailure."""
     with _told():
         return conflicts_of(_checked(path), _folders(), _known)
 
 
 def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
-    """Put it among the user's own, as was ``decided`` of names that something else has. Raises ToldFailure."""
+    """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises ToldFailure."""
     with _told():
         unpacked = unpack(_checked(path), _folders(), _known, decided)
     aside = ", ".join(str(place) for place in unpacked.put_aside)
@@ -87,7 +87,7 @@ def _told() -> Iterator[None]:
 
 
 def _beside(scenario: Scenario) -> list[BundledFile]:
-    """Its robot and its face, as far as they are the user's own. Nothing secret is in a profile's text."""
+    """Robot and face of the scenario, if they are the user's own. A profile's text contains no secrets."""
     parts = []
     if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():
         parts.append(BundledFile("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
@@ -106,7 +106,7 @@ def _check(part: BundledFile, bundle: Path) -> None:
 
 
 def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:
-    """The file that goes by this name already, and its text; no text where it cannot be used."""
+    """Existing file of that name, and its text; no text if it is unusable."""
     folders = {
         "scenario": (user_scenarios_dir(), layouts_dir()),
         "robot": (user_robots_dir(), resources_dir() / "robots"),

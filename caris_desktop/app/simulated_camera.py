@@ -1,4 +1,4 @@
-"""A camera in the simulated rooms, beside the real ones: to practise with several cameras, or with none at hand."""
+"""Simulated camera in the simulated rooms, beside real ones: for practice with several cameras, or without any."""
 
 import time
 
@@ -10,12 +10,12 @@ _SEED = 11
 
 
 def open_any_camera(chosen: ChosenCamera) -> CameraSource:
-    """What :func:`open_camera` opens, and the simulated one. Raises CameraError."""
+    """Open any camera of :func:`open_camera`, or the simulated one. Raises CameraError."""
     return SimulatedCamera() if chosen.kind == "simulated" else open_camera(chosen)
 
 
 class SimulatedCamera:
-    """Stands where the simulated robot begins, in rooms of its own: nobody drives there."""
+    """Camera at the simulated robot's start position, in rooms of its own, without a moving robot."""
 
     def __init__(self) -> None:
         from caris_desktop.simulator.camera import new_painter
@@ -38,4 +38,4 @@ class SimulatedCamera:
         return Picture(self._painter.paint(self._rooms.view()), taken_ns=time.monotonic_ns(), taken_uncertainty_ns=0)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""

@@ -1,4 +1,4 @@
-"""What the program asks of the simulated robot itself, beside what any robot can be asked for."""
+"""Service calls to the simulated robot itself: speech and faults."""
 
 import asyncio
 import json
@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 
 _log = logging.getLogger(__name__)
 SAY, PREPARE, FAULT = "/simulator/say", "/simulator/prepare", "/simulator/fault"
-# What is to be said is made first, which on a busy computer takes its time.
+# Speech is synthesised first, which takes long on a busy computer.
 _TOLD_WITHIN_S = 60.0
 
 
 async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]]) -> None:
-    """One call of ``service`` for each. A rosbridge forgets what it has not obeyed yet when its client leaves, so each
-    call waits for its answer. What fails is for whoever waits for the outcome to notice, and in the log.
+    """Call ``service`` once for each of ``arguments``. A rosbridge drops unexecuted calls when its client disconnects,
+    so each call awaits its answer. Failures are logged only; the caller notices the missing effect.
     """
     from websockets.asyncio.client import connect
     from websockets.exceptions import WebSocketException

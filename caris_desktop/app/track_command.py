@@ -1,4 +1,4 @@
-"""``caris-desktop track``: people in a recorded video, followed exactly as the console does, as fast as it goes."""
+"""``caris-desktop track``: people in a recorded video, tracked as in the console, at full speed."""
 
 import argparse
 import json
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """One JSON object on standard output; exit status 1 with a sentence on standard error where something is wrong."""
+    """Print one JSON object on standard output; exit status 1 with a sentence on standard error after a failure."""
     try:
         _check(arguments.out, arguments.video, arguments.threads)
         print(json.dumps(_track(arguments)))
@@ -55,11 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _WrongError(Exception):
-    """Told to whoever asked."""
+    """Failure that is printed."""
 
 
 def _check(path: Path, video: Path, threads: int) -> None:
-    """Before the work, so that nobody waits for what cannot be kept."""
+    """Check the arguments before the work, so that no result is lost."""
     if threads < 1:
         raise _WrongError("--threads needs at least 1.")
     folder = path.absolute().parent
@@ -118,7 +118,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
 
 
 def mot_row(frame: int, box: TrackedBox) -> str:
-    """One line of a MOTChallenge result; frames count from 1."""
+    """Line of a MOTChallenge result; frames count from 1."""
     place = f"{box.left_px:.2f},{box.top_px:.2f},{box.width_px:.2f},{box.height_px:.2f}"
     return f"{frame},{box.track},{place},{box.confidence:.4f},-1,-1,-1\n"
 

@@ -1,7 +1,7 @@
-"""What this user's windows keep from run to run: its version, its migrations, and what becomes of what cannot be read.
+"""Settings of this user's windows: version, migrations, and recovery from unreadable files.
 
-Everybody's keys lie below a group of their own: ``appearance/``, ``gamepad/``, ``layout/``, ``scenario/``, ``sound/``,
-``window/``, ``replay/``, ``wizards/``.
+Every key belongs to a group: ``appearance/``, ``gamepad/``, ``layout/``, ``scenario/``, ``sound/``, ``window/``,
+``replay/``, ``wizards/``.
 """
 
 import logging
@@ -31,11 +31,11 @@ _TYPES: dict[str, type] = {"window/geometry": QByteArray, "replay/geometry": QBy
 
 
 def _into_groups(settings: QSettings) -> None:
-    """Version 0, of the first releases, had no version and its keys at the top."""
+    """Migrate version 0, of the first releases, which had no version and its keys at the top level."""
     for old, new in _GROUPED.items():
         if settings.contains(old):
             value = settings.value(old)
-            settings.remove(old)  # first, as it also removes what lies below a group of that name
+            settings.remove(old)  # first, since it also removes keys below a group of that name
             settings.setValue(new, value)
 
 
@@ -44,17 +44,17 @@ _MIGRATIONS: tuple[Callable[[QSettings], None], ...] = (_into_groups,)
 
 
 def own_settings() -> QSettings:
-    """What this user's windows keep, of the console and of a replay alike."""
+    """Settings shared by console and replay."""
     return QSettings("CARIS", "CARIS Desktop")
 
 
 def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
     """Migrate ``settings`` to the present version.
 
-    What is newer or cannot be read is copied aside and begun anew. Gives what the wizard is to be told, if anything:
-    in English, as the settings name the wizard's language.
+    Newer or unreadable ones are copied aside and reset. Returns what the wizard must know, if anything: in English,
+    since the settings contain the wizard's language.
     """
-    settings.allKeys()  # only now is the file read
+    settings.allKeys()  # reads the file
     if settings.status() == QSettings.Status.AccessError:
         _log.warning("the settings in %s cannot be read or written", settings.fileName())
         return ToldFailure(
@@ -82,12 +82,12 @@ def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
 
 
 def said_now(failure: ToldFailure) -> ToldFailure:
-    """What ``bring_up_to_date`` gave, in the language that the window speaks meanwhile."""
+    """Result of ``bring_up_to_date`` in the language that the window meanwhile uses."""
     return ToldFailure(tr(failure.what), tr(failure.meaning), tr(failure.advice), severity=failure.severity)
 
 
 def _version(settings: QSettings) -> int | None:
-    """None for one that is no number."""
+    """Stored version; None if it is no number."""
     try:
         version = int(str(settings.value(VERSION_KEY, 0)))
     except ValueError:
@@ -118,9 +118,9 @@ def _begin_anew(settings: QSettings, what: str) -> ToldFailure:
 
 
 def _copy_aside(settings: QSettings) -> Path:
-    """Raises OSError."""
+    """Copy the settings file aside. Raises OSError."""
     source = Path(settings.fileName())
-    # On Windows it is a place in the registry.
+    # On Windows the settings are in the registry.
     folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppConfigLocation))
     stem, ending = (source.stem, source.suffix) if source.is_file() else ("CARIS Desktop", ".ini")
     folder = source.parent if source.is_file() else folder
