@@ -30,7 +30,7 @@ MOST_SUGGESTED = 2
 
 
 def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
-    """How the person was identified, and its limits.
+    """Basis of the person's identification, and its limits.
 
     ``recognise``: the scenario's setting; ``recognises``: available networks (clothing, face).
     """
