@@ -105,7 +105,7 @@ def commands() -> Iterator[tuple[str, str, bool]]:
             if ours := _OURS.fullmatch(line):
                 yield page, ours["words"], True
     for where, kind, text in blocks():
-        for line in text.splitlines() if kind != "yaml" else ():
+        for line in re.sub(r" *\\\n *", " ", text).splitlines() if kind != "yaml" else ():
             if ours := _OURS.fullmatch(line):
                 yield where, re.split(r" {2,}", ours["words"])[0], True
 
