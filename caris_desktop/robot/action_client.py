@@ -1,5 +1,6 @@
 """Action clients: actionlib's topics in ROS 1, rosbridge's goal operations in ROS 2."""
 
+import asyncio
 import logging
 import time
 from collections.abc import Mapping
@@ -42,6 +43,7 @@ FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and what became of it
 _REMEMBERED_GOALS = 20
 _ADOPTED_WITHIN_S = 2.0
 """A goal of ours turns up on the status topic within this time; what turns up later is somebody else's."""
+_PROVEN_WITHIN_S = 0.3
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
@@ -246,6 +248,14 @@ class BridgedActionClient:
         if uuid_hex is not None:
             # rosbridge before 2.1 accepts the operation above without effect.
             self._call_cancel(encode_cancel_goal(uuid_hex))
+        elif self._uuid_without_proof is not None and self._uuid_without_proof[0] == wire_id:
+            asyncio.get_running_loop().call_later(_PROVEN_WITHIN_S, self._cancel_without_proof, wire_id)
+
+    def _cancel_without_proof(self, wire_id: str) -> None:
+        """A server without feedback, behind a rosbridge that does not cancel by itself: whatever moves it must end."""
+        unproven = self._uuid_without_proof is not None and self._uuid_without_proof[0] == wire_id
+        if unproven and self._ros.is_connected and self._ros.factory.has_goal(wire_id):
+            self.cancel_all()
 
     def give_up(self, wire_id: str) -> None:
         self.cancel(wire_id)

@@ -610,6 +610,10 @@ class SafeFactory:
             self._calls.remove(socket)
             socket.close()
 
+    def has_goal(self, goal_id: str) -> bool:
+        """Whether this goal was sent and has not ended yet."""
+        return any(protocol.has_goal(goal_id) for protocol in self._protocols())
+
     def give_up_goal(self, goal_id: str) -> None:
         """Abandon a goal and its websocket."""
         for socket in list(self._calls):
