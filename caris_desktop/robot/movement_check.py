@@ -35,6 +35,7 @@ class MovementCheck:
     def __init__(self, profile: RobotProfile) -> None:
         self._limits = profile.limits
         self._has_odometry = profile.odometry is not None
+        self._sent: deque[tuple[float, Twist2D]] = deque(maxlen=128)
         self.forget(0.0)
 
     def forget(self, now_s: float) -> None:
@@ -46,7 +47,6 @@ class MovementCheck:
         self._twist = ZERO_TWIST
         self._tells_speed = False
         self._moves_in_a_row = 0
-        self._sent: deque[tuple[float, Twist2D]] = deque(maxlen=128)
         self._commanded_since_s: float | None = None
         self._followed_s = now_s
         self._foreign_s = -math.inf
@@ -86,7 +86,9 @@ class MovementCheck:
     def commanded(self, twist: Twist2D, now_s: float) -> None:
         """A velocity on the command topic: an echo of ours, or another sender's."""
         if not twist.moving or any(
-            now_s - at_s <= _ECHO_WITHIN_S and _same(twist, own) for at_s, own in reversed(self._sent)
+            # A rosbridge that was stopped obeys what lay in it of the connection before.
+            now_s - max(at_s, self._since_s) <= _ECHO_WITHIN_S and _same(twist, own)
+            for at_s, own in reversed(self._sent)
         ):
             return
         self._foreign_s = now_s

@@ -161,6 +161,17 @@ def test_what_somebody_else_commands_is_told_apart_from_the_echo_of_what_was_sen
     assert without.run(0.2, others=Twist2D(0.3), odometry=False)[-1] == "commanded_elsewhere"
 
 
+def test_what_a_stopped_rosbridge_obeys_of_the_connection_before_is_not_somebody_else_s() -> None:
+    base = Base()
+    base.run(2.0)
+    base.run(1.0, sent=Twist2D(0.3), moves=Twist2D(0.3))
+    base.run(5.0, odometry=False)
+    base.check.forget(base.now_s)
+    base.run(2.0)
+    assert base.run(0.2, others=Twist2D(0.3)) == ["standing"], "an echo of then"
+    assert base.run(0.2, others=Twist2D(0.2))[-1] == "commanded_elsewhere"
+
+
 def test_silence_is_no_standing_still() -> None:
     base = Base()
     assert base.run(2.0, odometry=False) == ["unknown"]
