@@ -442,7 +442,7 @@ def _velocity_topic_of(robot: str) -> str | None:
     try:
         return load_profile(robot).velocity.topic
     except ProfileError:
-        # Told where the robot is connected; the link refuses such a control in any case.
+        # Reported when the robot is connected; the link refuses such a control in any case.
         return None
 
 

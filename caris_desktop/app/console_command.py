@@ -295,7 +295,7 @@ class ConsoleRun:
             return composition.find_scenario("tour-guide"), last_time
 
     def _kept_microphone(self, role: Role) -> str | None:
-        """Stored microphone; None if switched off. Default: the system's."""
+        """Stored microphone; empty for the system's default, None if switched off."""
         kept = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
         return None if kept == _NO_MICROPHONE else kept
 

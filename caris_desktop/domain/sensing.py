@@ -78,8 +78,8 @@ class LaserScan:
         )
 
     def points(self, laser: Pose2D, *, behind_m: float = 0.0) -> NDArray[np.float64]:
-        """End points of those beams, or ``behind_m`` beyond: float64, shape (returns, 2), metres, in the frame of the
-        pose ``laser``.
+        """End points of the returned beams, or ``behind_m`` beyond: float64, shape (returns, 2), metres, in the frame
+        of the pose ``laser``.
         """
         returned = self.returned()
         angles = self.angle_min_rad + self.angle_increment_rad * np.flatnonzero(returned) + laser.heading_rad
