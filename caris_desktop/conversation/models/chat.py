@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from caris_desktop.conversation.models import failures, gemini, ollama, openai
 from caris_desktop.conversation.models.connection import api_key, check_model_is_here, check_place, connected, send
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
-from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request
+from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
 from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
 from caris_desktop.conversation.models.refused_parameters import LIMITS, leave_out, named_parameter, parameters_sent
 from caris_desktop.conversation.models.stream import check_type, documents, object_in, small_body
@@ -247,7 +247,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         except StopAsyncIteration:
                             break
                         try:
-                            chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, document, key)
+                            chunk = _chunk_of(endpoint, document, key)
                         except failures.UnusableError as error:
                             useless = useless or error
                             continue
@@ -307,6 +307,16 @@ async def _one_try(  # noqa: PLR0917 - all of one call
         _raise_nothing_said(endpoint, request, notes, why, useless)
     if not ended:
         raise failures.broke_off(endpoint)
+
+
+def _chunk_of(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+    """Parse a message of the stream, or a complete answer without streaming. Raises LanguageModelError."""
+    if document.strip() == "[DONE]":
+        return Chunk(closed=True)
+    message = json_object(endpoint, document)
+    failures.raise_error_object(endpoint, message, key)
+    chunk: Chunk = _DIALECTS[endpoint.provider].parse(endpoint, message, key)
+    return chunk
 
 
 def _raise_nothing_said(

@@ -1,12 +1,11 @@
 """Dialect of Gemini's v1beta API. https://ai.google.dev/api/generate-content"""
 
-import base64
 import re
 from typing import Any
 from urllib.parse import quote, urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import blocked, raise_error_object, unusable
+from caris_desktop.conversation.models.failures import blocked, unusable
 from caris_desktop.conversation.models.question import (
     REASONING_TOKENS,
     Chunk,
@@ -14,9 +13,8 @@ from caris_desktop.conversation.models.question import (
     Question,
     Request,
     Schema,
-    json_object,
+    told_name,
 )
-from caris_desktop.conversation.models.words import shortened, without
 
 _ROLES = {"user": "user", "assistant": "model"}
 _CUTS: dict[str, Cut] = {"STOP": "", "MAX_TOKENS": "length"}
@@ -35,9 +33,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
         for message in question.messages
         if message.role != "system"
     ]
-    for jpeg in question.jpegs:
-        picture = {"mimeType": "image/jpeg", "data": base64.b64encode(jpeg).decode()}
-        contents[-1]["parts"].append({"inlineData": picture})
+    for picture in question.pictures_base64:
+        contents[-1]["parts"].append({"inlineData": {"mimeType": "image/jpeg", "data": picture}})
     thinks, thinking = _thinking(endpoint.model)
     limit = question.max_tokens + (REASONING_TOKENS if thinks else 0)
     config: dict[str, Any] = {"maxOutputTokens": limit, "temperature": question.temperature}
@@ -71,18 +68,15 @@ def _thinking(model: str) -> tuple[bool, dict[str, Any]]:
     return True, {"thinkingBudget": 128 if "pro" in model else 0}
 
 
-def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> Chunk:
     """Parse a message of the stream. Raises LanguageModelError."""
-    message = json_object(endpoint, document)
-    raise_error_object(endpoint, message, key)
     feedback = message.get("promptFeedback")
     if isinstance(feedback, dict) and feedback.get("blockReason"):
         raise blocked(endpoint, str(feedback["blockReason"]))
     candidates = message.get("candidates") or []
     if not isinstance(candidates, list):
         raise unusable(endpoint, "a message has no candidates")
-    told = message.get("modelVersion")
-    version = shortened(without(key, told), 100) if isinstance(told, str) else ""
+    version = told_name(endpoint, message.get("modelVersion"), key)
     if not candidates:
         return Chunk(version=version)
     candidate = candidates[0]

@@ -6,7 +6,7 @@ from typing import Any
 
 from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.openai import told_name
+from caris_desktop.conversation.models.question import told_name
 from caris_desktop.conversation.models.stream import small_object
 from caris_desktop.conversation.models.words import LanguageModelError
 

@@ -1,11 +1,10 @@
 """Dialect of Ollama. https://github.com/ollama/ollama/blob/main/docs/api.md"""
 
-import base64
 from typing import Any
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failures import raise_error_object, unusable
-from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
+from caris_desktop.conversation.models.failures import unusable
+from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request
 
 
 def request(endpoint: ModelEndpoint, question: Question) -> Request:
@@ -13,7 +12,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
         {"role": message.role, "content": message.content} for message in question.messages
     ]
     if question.jpegs:
-        written[-1]["images"] = [base64.b64encode(jpeg).decode() for jpeg in question.jpegs]
+        written[-1]["images"] = question.pictures_base64
     options: dict[str, Any] = {"num_predict": question.max_tokens, "temperature": question.temperature}
     if question.seed is not None:
         options["seed"] = question.seed
@@ -25,10 +24,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     return Request("api/chat", body)
 
 
-def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+def parse(endpoint: ModelEndpoint, message: dict[str, Any], _key: str | None) -> Chunk:
     """Parse a line of the stream. Raises LanguageModelError."""
-    message = json_object(endpoint, document)
-    raise_error_object(endpoint, message, key)
     ended = message.get("done") is True
     reason = str(message.get("done_reason", ""))
     cut: Cut = "length" if reason == "length" else ""

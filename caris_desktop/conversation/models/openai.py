@@ -3,7 +3,6 @@
 https://platform.openai.com/docs/api-reference/chat
 """
 
-import base64
 import re
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,9 +16,9 @@ from caris_desktop.conversation.models.question import (
     Question,
     Request,
     Schema,
-    json_object,
+    told_name,
 )
-from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
+from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.translation import QT_TR_NOOP
 
 _REASONS = re.compile(r"o\d|gpt-[5-9]")
@@ -40,8 +39,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
                 QT_TR_NOOP("Ask without the picture, or choose another model."),
             )
         pictures = [
-            {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"}}
-            for jpeg in question.jpegs
+            {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{picture}"}}
+            for picture in question.pictures_base64
         ]
         written[-1]["content"] = [{"type": "text", "text": written[-1]["content"]}, *pictures]
     # OpenAI's newer models refuse the old name; compatible servers often know only that one.
@@ -76,12 +75,8 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     return Request(path, body, bounded=not reasons)
 
 
-def parse(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
+def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> Chunk:
     """Parse a message of the stream, or a complete answer without streaming. Raises LanguageModelError."""
-    if document.strip() == "[DONE]":
-        return Chunk(closed=True)
-    message = json_object(endpoint, document)
-    raise_error_object(endpoint, message, key)
     version = _told_version(endpoint, message, key)
     choices = message.get("choices")
     if not choices:
@@ -120,15 +115,6 @@ def refuses_schema(request: Request, status: int, said: str) -> bool:
         and status in (400, 422, 500, 501)
         and ("response_format" in said or "json_schema" in said)
     )
-
-
-def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
-    """Model name from a server, sanitised for the record: no key, no address, only the last part of a path."""
-    if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
-        return ""
-    if told.startswith(("/", "~", ".")) or "\\" in told:
-        told = told.replace("\\", "/").rstrip("/").rpartition("/")[2]
-    return shortened(without(key, told), 100)
 
 
 def _told_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:

@@ -1,11 +1,14 @@
 """Requests and answer chunks, independent of the dialect."""
 
+import base64
 import json
 from collections.abc import Sequence
 from typing import Any, Literal
+from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failures import unusable
+from caris_desktop.conversation.models.words import shortened, without
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 
@@ -33,6 +36,10 @@ class Question:
     schema_in_object: bool = False
     slot: int | None = None
 
+    @property
+    def pictures_base64(self) -> list[str]:
+        return [base64.b64encode(jpeg).decode() for jpeg in self.jpegs]
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -59,6 +66,15 @@ class Chunk:
     version: str = ""
     cut: Cut = ""
     why: str = ""
+
+
+def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
+    """Model name from a server, sanitised for the record: no key, no address, only the last part of a path."""
+    if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
+        return ""
+    if told.startswith(("/", "~", ".")) or "\\" in told:
+        told = told.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    return shortened(without(key, told), 100)
 
 
 def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
