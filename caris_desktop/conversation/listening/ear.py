@@ -39,6 +39,8 @@ _LOOKED_BACK_TURNS = 4
 """A sentence of the robot with pauses in it may have been told as so many turns."""
 _ONLY_ROBOT = 0.9
 _ROBOTS_WORDS = 0.6
+_NOTHING_BEYOND = 0.1
+"""A participant over a robot that is 6 dB louder makes up 0.15 of the energy beyond it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +343,20 @@ class Ear:
     def _is_robots(self, turn: HeardTurn) -> bool:
         text = " ".join(turn.texts)
         self._own_words.was_heard_on_time(self.canceller.share_between)
-        share = self.canceller.share_between(turn.voice_began_ns, turn.voice_ended_ns)
-        return self._own_words.is_robots(text, turn.voice_began_ns, turn.voice_ended_ns, share) >= _ROBOTS_WORDS
+        began_ns, ended_ns = turn.voice_began_ns, turn.voice_ended_ns
+        heard = self.canceller.heard_in(began_ns, ended_ns) if turn.over else None
+        if heard is not None and heard.beyond <= _NOTHING_BEYOND:
+            return True
+        robots = self._own_words.is_robots(
+            text,
+            began_ns,
+            ended_ns,
+            self.canceller.share_between(began_ns, ended_ns),
+            confidence=turn.confidence,
+            beside_robot=self.canceller.plays_at(began_ns),
+            late_s=None if heard is None else heard.late_s,
+        )
+        return robots >= _ROBOTS_WORDS
 
     def _tell_utterance(
         self, turn: HeardTurn, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""

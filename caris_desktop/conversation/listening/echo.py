@@ -5,6 +5,7 @@ loudspeakers fall behind within a sentence. So the delay is estimated from the s
 is not found or no longer explains the sound.
 """
 
+import itertools
 from dataclasses import field
 
 import numpy as np
@@ -59,6 +60,13 @@ _RESOUNDS_FRAMES = 16
 """For so long a room goes on after what the room filter holds: 0.26 s."""
 _CATCHES_UP_EVERY = 8 * HOP
 """Who speaks through the robot is played in pieces of some milliseconds, each of which may be told late."""
+_PIECE, _LEAD = 24_000, 8_000
+"""1.5 s; what was played 0.5 s before still resounds in it."""
+_BANDS = np.unique(np.geomspace(5, 225, 25).astype(int))
+_GOES_ON, _LOUDER = 0.58, 4.0
+"""Energy of a room from one frame to the next (60 dB in 0.4 s); so much louder than usual is somebody else."""
+_BREATH_NS = 150_000_000
+"""Between two words of one sentence."""
 _SAME_ROOM_FOR = RATE_HZ // 2
 """After so short a silence it still stands where it stood; samples."""
 _USUAL_LOUDNESS = 1.0
@@ -166,6 +174,36 @@ class EchoCanceller:
         if self._may_sound_from is not None and last - self._looked_at >= _LOOKED_FOR_EVERY // 2 * HOP:
             self._look_for_robot(last)
         return self._share(self._place_of(started_ns), self._place_of(ended_ns))
+
+    def plays_at(self, moment_ns: int) -> bool:
+        """Whether what was played is heard then, or was a breath before, as late as the robot was found to be."""
+        breath = samples_in(_BREATH_NS)
+        return bool(self._reference(self._place_of(moment_ns) - breath, breath + HOP).any())
+
+    def heard_in(self, started_ns: int, ended_ns: int) -> "RobotHeard | None":
+        """The robot as it is heard in the very sound of a turn, wherever it was found before; None where it is not.
+
+        In pieces, as it may have been given nothing for a moment in between.
+        """
+        start = max(self._place_of(started_ns), self._heard_from)
+        end = min(self._place_of(ended_ns), self._next_frame)
+        if end - start < FRAME + HOP:
+            return None
+        late: list[int] = []
+        whole = beyond = 0.0
+        pieces = max(1, round((end - start) / _PIECE))
+        for first, last in itertools.pairwise(start + (end - start) * each // pieces for each in range(pieces + 1)):
+            lag, peak, _loudness = self._find(first, last - FRAME)
+            heard = _in_bands(self._heard_at(first, last - first))
+            energy = float(heard.sum())
+            whole += energy
+            if peak < _SURE_PEAK_ELSEWHERE:
+                beyond += energy
+                continue
+            late.append(lag)
+            played = self._played.sound(self._base_ns + ns_of(first - lag - _LEAD), last - first + _LEAD)
+            beyond += _beyond_robot(heard, _resounding(_in_bands(played))[-len(heard) :])
+        return RobotHeard(late[0] / RATE_HZ, beyond / max(whole, 1e-12)) if late else None
 
     def _catch_up(self) -> None:
         """Recompute frames processed before their playback was reported."""
@@ -407,6 +445,39 @@ class EchoCanceller:
             return None
         heard = sum(energies.heard for energies in there)
         return min(1.0, max(0.0, 1.0 - sum(energies.others for energies in there) / max(heard, 1e-12)))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotHeard:
+    """``late_s`` later than told it is heard; ``beyond`` is how much of the energy its loudness in time and pitch does
+    not explain, also where it was not learnt how the room changes it: 0 is nothing but the robot.
+    """
+
+    late_s: float
+    beyond: float
+
+
+def _in_bands(sound: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Energies, shape (frames, bands): as finely as an ear tells tones apart."""
+    frames = np.lib.stride_tricks.sliding_window_view(sound, FRAME // 2)[::HOP]
+    energies = np.abs(np.fft.rfft(frames * np.hanning(FRAME // 2).astype(np.float32))) ** 2
+    return np.add.reduceat(energies, _BANDS, axis=1).astype(np.float32)
+
+
+def _resounding(energies: NDArray[np.float32]) -> NDArray[np.float32]:
+    """As a usual room goes on with them."""
+    sounding = energies.copy()
+    for at in range(1, len(sounding)):
+        sounding[at] += _GOES_ON * sounding[at - 1]
+    return sounding
+
+
+def _beyond_robot(heard: NDArray[np.float32], robot: NDArray[np.float32]) -> float:
+    """The energy that is louder than the robot is as a rule in that band."""
+    robot = robot + np.float32(1e-4) * robot.max() + np.float32(1e-12)
+    loud = robot > 0.05 * robot.max(axis=0)
+    gains = np.nanmedian(np.where(loud, heard / robot, np.nan), axis=0)
+    return float(np.maximum(heard - _LOUDER * gains * robot, 0.0).sum())
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,10 @@ _HARDLY_ANYTHING_LEFT, _MORE_LETTERS = 0.87, 300.0
 """And a sentence where next to nothing else was heard: a participant is never so much softer than the robot."""
 _LEAST_BESIDE_ROBOT_NS = 450_000_000
 """While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
+_UNSURE, _UNSURE_WITHIN_NS = 0.45, 1_800_000_000
+"""Of what is left of the robot a recogniser makes a few words that it does not believe itself."""
+_SAME_MOMENT_S = 0.7
+"""So exactly it is known when a word is heard and when the robot says it, with a pause in its sentence."""
 _LETTERS_A_SECOND = 22.0
 """Nobody speaks faster: more was made out than was said."""
 _MOSTLY_SOMEBODY_ELSE = 0.5
@@ -118,12 +122,24 @@ class OwnWords:
                 now = replace(known, words=words, ended_ns=utterance.stamp_ns, exactly=known.exactly and exactly)
         self._sayings[self._sayings.index(known)] = now
 
-    def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
+    def is_robots(
+        self,
+        text: str,
+        started_ns: int,
+        ended_ns: int,
+        echo_share: float | None = None,
+        *,
+        confidence: float | None = None,
+        beside_robot: bool = False,
+        late_s: float | None = None,
+    ) -> float:
         """Fraction of a transcript that is the robot's: 0 nothing, 1 all of it.
 
         ``echo_share`` is the echo canceller's result for that time, None if unknown, as for a robot with its own voice.
         If the robot was certainly not heard, the same words are the participant's, who may repeat them; if nothing else
-        was heard, all words are the robot's.
+        was heard, all words are the robot's. ``beside_robot``: the canceller hears the robot as the voice begins.
+        ``late_s`` is the delay at which the robot is heard in that very sound, None if it is not. ``confidence`` is the
+        recogniser's for the words, None if unknown.
         """
         if echo_share is not None and echo_share >= _NOTHING_BUT_ROBOT:
             return 1.0
@@ -133,7 +149,10 @@ class OwnWords:
             return 0.0
         if echo_share is not None and letters <= _letters_of_what_is_left(echo_share):
             return 1.0
-        if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and self._speaks_at(started_ns):
+        if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and (beside_robot or self._speaks_at(started_ns)):
+            return 1.0
+        unsure = confidence is not None and confidence < _UNSURE
+        if unsure and late_s is not None and ended_ns - started_ns < _UNSURE_WITHIN_NS:
             return 1.0
         if (echo_share or 0.0) >= 0.3 and letters > _LETTERS_A_SECOND * (ended_ns - started_ns) / 1e9:
             return 1.0
@@ -143,13 +162,16 @@ class OwnWords:
         for sayings in self._around(started_ns, ended_ns):
             said = [word for saying in sayings for word in saying.words]
             aligned = _aligned(heard, said)
+            heard_late_s = _late_s(aligned, heard, (started_ns, ended_ns), sayings)
+            if late_s is not None and aligned.pairs and abs(heard_late_s - late_s) <= _SAME_MOMENT_S:
+                # Nobody says the robot's words with it.
+                most = max(most, aligned.letters / letters)
             if (
                 aligned.letters <= _SHORT_ANSWER_LETTERS
                 and echo_share is not None
                 and echo_share < _MOSTLY_SOMEBODY_ELSE
             ):
                 continue
-            late_s = _late_s(aligned, heard, (started_ns, ended_ns), sayings)
             length_s = (sayings[-1].end_ns - sayings[0].started_ns) / 1e9
             allowed_s = slack_s + slack_of_length * length_s
             if not all(saying.exactly for saying in sayings):
@@ -157,8 +179,8 @@ class OwnWords:
             share = aligned.letters / letters
             # Remains of the robot's voice are recognised badly.
             nothing_else = max(0.5, _NOTHING_ELSE - 0.6 * max(0.0, (echo_share or 0.0) - 0.5))
-            if abs(late_s) <= allowed_s or (
-                share >= nothing_else and self._may_be_as_late(late_s, aligned, sayings, started_ns, echo_share)
+            if abs(heard_late_s) <= allowed_s or (
+                share >= nothing_else and self._may_be_as_late(heard_late_s, aligned, sayings, started_ns, echo_share)
             ):
                 most = max(most, share)
             if echo_share is None or echo_share >= _MOSTLY_SOMEBODY_ELSE:

@@ -56,7 +56,7 @@ class Known(OwnWords):
     def was_heard(self, text: str, started_ns: int, ended_ns: int) -> list[tuple[str, bool, bool]]:
         return []
 
-    def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
+    def is_robots(self, text: str, started_ns: int, ended_ns: int, *_told: object, **_more: object) -> float:
         return float(text.strip() in self.words and bool(text.strip()))
 
 

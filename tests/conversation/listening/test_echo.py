@@ -105,6 +105,16 @@ def test_who_speaks_over_the_robot_is_left_as_they_were() -> None:
     assert (heard.share(0.55, 1.4) or 0) > 0.96
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.4, 1.8])
+def test_it_knows_until_when_the_robot_is_heard_however_late(late_s: float) -> None:
+    sound = heard_in(room(np.random.default_rng(3)), _padded(_ROBOT, _BEFORE_S + late_s, 5.6))
+    heard = _hear(sound, _played())
+    heard.share(0.55 + late_s, 3.0 + late_s)
+    moments_s = (0.7, 1.5, 2.9, 3.5, 4.5)
+    plays = [heard.canceller.plays_at(_moment(late_s + each)) for each in moments_s]
+    assert plays == [True, True, True, False, False]
+
+
 def test_the_share_is_told_while_it_is_heard() -> None:
     somebody = _padded(_SOMEBODY, 2.0, 3.6)
     shares = np.array(_hear(_echo() + somebody, _played()).shares)
@@ -259,3 +269,16 @@ def test_a_hole_in_the_sound_is_a_hole_in_what_comes_back() -> None:
     chunks = chunks_of(speech_like(1.0, 3), _START_NS, "robot microphone")
     stamps = [canceller.process(chunk).stamp_ns for chunk in chunks[:10] + chunks[30:]]
     assert stamps == [chunk.stamp_ns for chunk in chunks[:10] + chunks[30:]]
+
+
+@pytest.mark.parametrize("late_s", [0.1, 1.4, 2.6])
+def test_the_robot_is_found_in_the_very_sound_of_a_turn_and_who_speaks_over_it_is_beyond(late_s: float) -> None:
+    whole_s = 6.5
+    robot = heard_in(room(np.random.default_rng(5)), _padded(_ROBOT, _BEFORE_S + late_s, whole_s))
+    at = _moment(_BEFORE_S + late_s + 0.6), _moment(_BEFORE_S + late_s + 2.2)
+    alone = _hear(robot, _played()).canceller.heard_in(*at)
+    assert alone is not None and alone.late_s == pytest.approx(late_s, abs=0.06) and alone.beyond < 0.1
+    somebody = _padded(_SOMEBODY, _BEFORE_S + late_s + 0.8, whole_s)
+    both = _hear(robot + somebody, _played()).canceller.heard_in(*at)
+    assert both is None or both.beyond > 0.12
+    assert _hear(somebody, _played()).canceller.heard_in(*at) is None

@@ -87,6 +87,25 @@ def test_a_word_or_two_beside_the_robot_count_where_enough_of_somebody_else_was_
     assert _robot().is_robots("No, I have to go home now.", _ns(10.5), _ns(12.0), 0.86) < 0.5
 
 
+def test_words_that_the_recogniser_does_not_believe_itself_are_made_of_the_robot_that_is_left() -> None:
+    text, at_ns = "I don't know if I don't", (_ns(11.2), _ns(12.9))
+    assert _robot().is_robots(text, *at_ns, 0.62, confidence=0.41, late_s=0.0) == 1.0
+    assert _robot().is_robots(text, *at_ns, 0.62, confidence=0.68, late_s=0.0) < 0.6, "somebody over the robot"
+    assert _robot().is_robots(text, *at_ns, 0.62, confidence=0.41) < 0.6, "the robot is not heard in it"
+    assert _robot().is_robots(text, _ns(11.2), _ns(14.0), 0.62, confidence=0.41, late_s=0.0) < 0.6, "long"
+
+
+def test_its_words_are_its_own_at_the_moment_at_which_it_is_heard_whatever_the_share() -> None:
+    assert _robot().is_robots("the kitchen or", _ns(13.9), _ns(14.7), 0.0, late_s=2.1) > 0.6
+    assert _robot().is_robots("the kitchen or", _ns(13.9), _ns(14.7), 0.0, late_s=0.3) < 0.6, "an answer"
+    assert _robot().is_robots("the kitchen", _ns(13.9), _ns(14.5), 0.0) < 0.6
+
+
+def test_a_syllable_while_the_robot_is_heard_late_is_its_own() -> None:
+    assert _robot().is_robots("3, 2, 3, 2, 3,", _ns(14.5), _ns(14.7), 0.0, beside_robot=True) == 1.0
+    assert _robot().is_robots("Yes", _ns(14.5), _ns(15.1), 0.0, beside_robot=True) == 0.0
+
+
 def test_a_whole_sentence_of_the_robots_is_its_own_though_the_canceller_did_not_find_it() -> None:
     assert _robot().is_robots(_SAYS, _ns(10.2), _ns(13.2), 0.1) > 0.6
 
