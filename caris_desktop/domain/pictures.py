@@ -78,11 +78,24 @@ def checked_size(content: bytes) -> tuple[int, int]:
     Raises PictureError if too large, and for other formats, whose decoders may expand kilobytes to gigabytes.
     """
     size_px = picture_size(content)
-    if size_px is None:
+    if size_px is None or (content[:1] == b"\x89" and not _chunks_fit(content)):
         raise PictureError("is neither a whole JPEG nor a whole PNG")
     if min(size_px) < 1 or size_px[0] * size_px[1] > MOST_PIXELS:
         raise PictureError(f"has {size_px[0]} x {size_px[1]} pixels, which is too large to show")
     return size_px
+
+
+def _chunks_fit(content: bytes) -> bool:
+    """Whether a PNG is whole, with one head. Decoders allocate the length that a chunk claims: 2.5 GB for 9 kB."""
+    at = 8
+    while at + 12 <= len(content):
+        kind, end = content[at + 4 : at + 8], at + 12 + int.from_bytes(content[at : at + 4])
+        if end > len(content) or (kind == b"IHDR") != (at == 8):
+            return False
+        if kind == b"IEND":
+            return True
+        at = end
+    return False
 
 
 def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:

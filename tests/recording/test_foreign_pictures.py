@@ -1,5 +1,6 @@
 """Pictures and films of sessions, bags and other computers: format and size are checked before any decoder runs."""
 
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,7 +41,16 @@ def claiming(content: bytes, width_px: int, height_px: int) -> bytes:
     return bytes(changed)
 
 
+def with_chunk(length: int, kind: bytes, data: bytes = b"") -> bytes:
+    """A PNG with one more chunk behind its head, as long as it claims or not."""
+    content = coded(".png")
+    return content[:33] + length.to_bytes(4) + kind + data + zlib.crc32(kind + data).to_bytes(4) + content[33:]
+
+
 HOSTILE = {
+    "a chunk of gigabytes": with_chunk(0x98002000, b"IDAT"),
+    "a second head": with_chunk(13, b"IHDR", (60_000).to_bytes(4) * 2 + b"\x08\x02\0\0\0"),
+    "a torn png": coded(".png")[:-20],
     "webp": coded(".webp"),
     "bmp": coded(".bmp"),
     "tiff": coded(".tiff"),

@@ -73,7 +73,7 @@ async def _listed(endpoint: ModelEndpoint, *, local_only: bool) -> dict[str, Any
 
 def _listed_digest(endpoint: ModelEndpoint, listed: dict[str, Any]) -> str:
     # Ollama resolves a name without a tag to latest.
-    names = {endpoint.model, f"{endpoint.model}:latest"}
+    names = (endpoint.model, f"{endpoint.model}:latest")
     models = listed.get("models")
     for model in models if isinstance(models, list) else ():
         if isinstance(model, dict) and (model.get("name") in names or model.get("model") in names):

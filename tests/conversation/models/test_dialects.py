@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from caris_desktop.conversation.models import gemini, ollama, openai
-from caris_desktop.conversation.models.endpoint import KEYED_BY, ModelEndpoint
-from caris_desktop.conversation.models.listing import models_here
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, KEYED_BY, ModelEndpoint
+from caris_desktop.conversation.models.listing import model_version, models_here
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.domain.events import ChatMessage
 from tests.conversation.models.served import (
@@ -25,6 +25,7 @@ from tests.conversation.models.served import (
     sends,
     serving,
 )  # fmt: skip
+from tests.support.mutations import mutated
 
 # https://platform.openai.com/docs/api-reference/chat-streaming and
 # https://platform.openai.com/docs/guides/structured-outputs
@@ -34,6 +35,7 @@ OPENAI_ANSWER = (
     {"content": " there."},
     {},
 )
+
 # https://github.com/ollama/ollama/blob/main/docs/api.md#generate-a-chat-completion
 OLLAMA_ANSWER = (
     {"message": {"role": "assistant", "content": "Over", "images": None}, "done": False},
@@ -268,6 +270,30 @@ def test_gemini_is_not_asked_without_a_key(monkeypatch: pytest.MonkeyPatch) -> N
     endpoint = ModelEndpoint("gemini", "http://127.0.0.1:9", "m", KEYED_BY["gemini"])
     with pytest.raises(Exception, match="keyring set caris-desktop GEMINI_API_KEY"):
         asyncio.run(collect(endpoint))
+
+
+_TAGS = {"models": [{"name": "m:latest", "model": "m:latest", "digest": "sha256:" + 64 * "a"}, {"name": "b"}]}
+_DATA = {"object": "list", "data": [{"id": "small", "object": "model"}, {"id": "/home/me/big.gguf"}]}
+
+
+@pytest.mark.parametrize(("provider", "plain"), [("ollama", _TAGS), ("embedded", _DATA), ("openai", _DATA)])
+def test_no_mutation_of_a_list_of_models_does_harm(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, provider: Any, plain: dict[str, Any]
+) -> None:
+    """Whatever stands in it, there are names fit to be shown, and no folder in them."""
+    monkeypatch.setenv(EMBEDDED_KEY, "key")
+    replies = [b'{"models": [{"name": []}], "data": [{"id": {}}]}']
+    whole = json.dumps(plain).encode()
+    replies += [mutated(whole, seed) for seed in range(200 if request.config.getoption("--long") else 20)]
+
+    async def listed(reply: bytes) -> tuple[str, ...]:
+        async with serving(sends(b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n" + reply)) as served:
+            endpoint = ModelEndpoint(provider, served.url, "m")
+            return (*await models_here(endpoint), await model_version(endpoint, local_only=True))
+
+    for number, reply in enumerate(replies):
+        names = asyncio.run(listed(reply))
+        assert all(name.isprintable() and "/home" not in name for name in names), (number, names)
 
 
 def test_servers_on_this_computer_list_their_models() -> None:
