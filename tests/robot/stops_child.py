@@ -1,7 +1,8 @@
 """``safety_child`` that also tells when a stop was pressed, and where what is on show contradicts the odometry.
 
 More lines: ``act stop``, ``act estop``, ``act release KEY`` (real keys), ``speak WORDS``. Reported: ``acted`` (how
-many, and when the last key went down or up) and ``contradictions``, each with how long it was on show.
+many, and when the last key went down or up) and ``contradictions``, each with how long it was on show, and
+whether one is now.
 """
 
 import sys
@@ -52,7 +53,12 @@ class StopsDriver(SafetyDriver):
 
     def _on_show(self) -> dict[str, object]:
         self._look_for_contradictions()
-        return {**super()._on_show(), "acted": list(self._acted), "contradictions": list(self._contradictions)}
+        return {
+            **super()._on_show(),
+            "acted": list(self._acted),
+            "contradictions": list(self._contradictions),
+            "contradicts": self._contradicts_since_ns != 0,
+        }
 
     def _look_for_contradictions(self) -> None:
         state = self._run.console.state
