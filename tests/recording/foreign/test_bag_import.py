@@ -36,7 +36,7 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
-from caris_desktop.recording.export import export_session
+from caris_desktop.recording.export import FORMATS, export_session
 from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
 from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
@@ -679,7 +679,10 @@ def test_a_clock_that_was_set_makes_no_session_of_years(tmp_path: Path, forward:
     said = [value.text for value in values(session, UtteranceChanged)]
     assert said == [f"said {number}" for count in counts for number in range(count)], "as in the file"
     assert session.clock.utc(session.ended_ns)[:4] == "2026"
-    export_session(tmp_path / "s", "html", tmp_path / "html")
+    for fmt in FORMATS:
+        export_session(tmp_path / "s", fmt.name, tmp_path / fmt.name)
+        written = [path.stat().st_size for path in (tmp_path / fmt.name).rglob("*") if path.is_file()]
+        assert 0 < sum(written) < 1_000_000, fmt.name
 
 
 def test_stray_stamps_are_counted_and_left_out(tmp_path: Path) -> None:
