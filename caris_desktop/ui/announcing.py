@@ -11,6 +11,7 @@ from caris_desktop.domain import events
 from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.event_words import event_sentence
+from caris_desktop.ui.give_keys import window_of
 from caris_desktop.ui.people.shown_people import name_of
 
 KEPT_MS = 10_000
@@ -71,7 +72,7 @@ def announce(widget: QWidget, text: str) -> None:
     """Announce ``text`` in the window of ``widget``; does nothing without a screen reader."""
     if not text or not QAccessible.isActive():
         return
-    window = widget.window()
+    window = window_of(widget)
     if sys.platform != "linux":
         QAccessible.updateAccessibility(QAccessibleAnnouncementEvent(window, text))
         return

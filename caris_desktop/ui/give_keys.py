@@ -39,12 +39,12 @@ def bring_keys_to(window: QWidget) -> None:
         # A floating panel has just closed, and the window manager has not activated another window yet.
         ours = QGuiApplication.applicationState() == Qt.ApplicationState.ApplicationActive
     else:
-        ours = _main_of(active) is _main_of(window)
+        ours = main_of(active) is main_of(window)
     if ours:
         window.activateWindow()
 
 
-def _main_of(window: QWidget) -> QWidget:
+def main_of(window: QWidget) -> QWidget:
     """The main window of a floating panel; any other window is its own."""
     parent = window.parentWidget()
     return window_of(parent) if window.windowType() == Qt.WindowType.Tool and parent is not None else window

@@ -7,6 +7,8 @@ from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QWindow
 from PySide6.QtWidgets import QApplication, QWidget
 
+from caris_desktop.ui.give_keys import window_of
+
 KEPT_S = 0.6
 """Longest grab in seconds; a busy window manager may need this long."""
 _LOOK_EVERY_MS, _TOLD_MS = 20, 50
@@ -48,9 +50,9 @@ class KeptKeys(QObject):
     def keep_for_heir_of(self, closing: QWidget, main: QWidget) -> None:
         """Grab the keyboard for the window behind ``closing``: its parent, else ``main``."""
         heir: QWidget | None = closing.parentWidget()
-        while heir is not None and not heir.window().isVisible():
-            heir = heir.window().parentWidget()
-        handle = (main if heir is None else heir).window().windowHandle()
+        while heir is not None and not window_of(heir).isVisible():
+            heir = window_of(heir).parentWidget()
+        handle = window_of(main if heir is None else heir).windowHandle()
         if QGuiApplication.platformName() != "xcb" or handle is None or not handle.isVisible():
             return
         self._until_s = time.monotonic() + KEPT_S

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QAccessible, QAccessibleInterface
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.conversation.transcript import TranscriptView
@@ -127,3 +127,18 @@ def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsol
     qtbot.waitUntil(lambda: "The robot is at 6.5 m, 3.5 m." in plan.accessibleDescription())
     assert "Places: " in plan.accessibleDescription() and "Robot arm" in plan.accessibleDescription()
     qtbot.waitUntil(lambda: "Luis" in video.accessibleDescription() or "Nobody" in video.accessibleDescription())
+
+
+@pytest.mark.panels("video", "speak", "people")
+def test_people_are_told_and_have_their_card_wherever_the_panel_is(window: MainWindow) -> None:
+    """Its own window goes for good when it comes back, and takes along what PySide holds for a part of it."""
+    panel = window.findChild(PeoplePanel)
+    assert panel is not None
+    person_id = panel.model.persons[0].person_id
+    for _ in range(3):
+        window.dock_host.toggle_floating("people")
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+        panel._told.refresh()
+        panel.open_card(person_id)
+        assert panel.card is not None and panel.card.isVisible()
+        panel.card.close_card()

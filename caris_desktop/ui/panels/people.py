@@ -14,7 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import boxes, event_words, tokens, words
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import give_keys, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout, with_one_question
 from caris_desktop.ui.people.people_list import PeopleList
@@ -341,10 +341,11 @@ class PeoplePanel(Panel):
         person = self._find(person_id)
         if person is None:
             return
+        window = main_of(window_of(self))  # a floating panel has no room for it and would take it along
         if self._card is None:
             self._card = PersonCard(
                 self.theme,
-                self.window(),
+                window,
                 do=self.console.do,
                 pixmaps=self._pixmaps,
                 everyone=lambda: self.everyone,
@@ -356,7 +357,7 @@ class PeoplePanel(Panel):
             )
             self.destroyed.connect(self._card.deleteLater)
         self._card.about.use_networks(self.state.perception.value.recognises)
-        beside = QRect(self.mapTo(self.window(), QPoint()), self.size())
+        beside = QRect(window.mapFromGlobal(self.mapToGlobal(QPoint())), self.size())
         self._card.open_for(person, self.state.present.now_ns(), beside)
 
     @property
