@@ -318,7 +318,7 @@ fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
 extras=embedded,listening,openvino,voices
-if [[ $with_tests == yes ]]; then extras+=,test; fi
+if [[ $with_tests == yes ]]; then extras+=,test,docs; fi
 # One resolution, so that torch, torchvision and what depends on them agree.
 pip_install "${torch_pins[@]}" --editable ".[$extras]"
 if [[ $with_tests == yes ]]; then

@@ -60,7 +60,14 @@ def code_of(notebook: Path) -> str:
     return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
 
 
-@pytest.mark.parametrize("notebook", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
+# One in each run of the suite; the others with --long.
+NOTEBOOKS = [
+    pytest.param(path, marks=[pytest.mark.long] if number else [], id=path.stem)
+    for number, path in enumerate(sorted(EXAMPLES.glob("*.ipynb")))
+]
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS)
 def test_the_code_of_a_notebook_runs(notebook: Path, examples: Path) -> None:
     pytest.importorskip("pandas", reason="pandas is not installed: pip install '.[test]'")
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
@@ -77,6 +84,7 @@ def test_the_code_of_a_notebook_runs(notebook: Path, examples: Path) -> None:
     assert run.returncode == 0, run.stderr
 
 
+@pytest.mark.long
 def test_the_r_script_reads_the_tables(examples: Path, tmp_path: Path) -> None:
     if shutil.which("Rscript") is None:
         pytest.skip("R is not installed")
