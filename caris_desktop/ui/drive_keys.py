@@ -23,6 +23,7 @@ from PySide6.QtGui import (
     QShortcut,
 )
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QAbstractItemView,
     QAbstractSpinBox,
     QApplication,
@@ -71,6 +72,7 @@ _MODIFIER_KEYS = (
 _CTRL_SHIFT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
 _PRESSING_KEYS = (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Select)
 _BY_TAB = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
+_COMES_BACK = (Qt.FocusReason.ActiveWindowFocusReason, Qt.FocusReason.OtherFocusReason)
 _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 # In a list or combo box, letters search for entries and arrows move the selection.
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
@@ -108,6 +110,7 @@ class HoldToDrive(QObject):
         self._always_pressable: QWidget | None = None
         self._reached_by_tab: QWidget | None = None
         self._followed_ms = 0
+        self._clicked_elsewhere = False
         self.motion = HeldMotion(console, actions, self._takes_keys, self)
         self._bindings = KeyBindings()
         self._alt_drove = self._alt_gr_down = False
@@ -116,6 +119,7 @@ class HoldToDrive(QObject):
         self._about_to_talk: dict[int, QTimer] = {}
         self._nowhere = QTimer(self, singleShot=True, interval=NOWHERE_MS)
         self._nowhere.timeout.connect(self._on_nowhere_ended)
+        self._types_at_button = QTimer(self, singleShot=True, interval=NOWHERE_MS)
         self._question: tuple[str, Callable[[str], None], Qt.KeyboardModifier] | None = None
         self.captures: Callable[[PressedKey], None] | None = None
         """While there is one, it gets every key but Esc and Pause, which does nothing else."""
@@ -228,7 +232,8 @@ class HoldToDrive(QObject):
                 _come_first(self, self._app)
             if not isinstance(event, QKeyEvent):
                 return False
-            return self._filter_key(event) or (kind == QEvent.Type.KeyPress and self._is_kept_from_bar(watched, event))
+            pressed = kind == QEvent.Type.KeyPress
+            return self._filter_key(event) or (pressed and self._is_kept_from_button(watched, event))
         if kind == QEvent.Type.MouseButtonPress:
             return isinstance(event, QMouseEvent) and self._filter_press(watched, event)
         if kind == QEvent.Type.FocusIn and isinstance(event, QFocusEvent) and isinstance(watched, QWidget):
@@ -261,9 +266,11 @@ class HoldToDrive(QObject):
         self._end_nowhere()
         # A press propagates through the parents until one accepts it; only the first receiver counts.
         goes_up = bool(event.timestamp()) and event.timestamp() == self._followed_ms
-        if not goes_up and isinstance(watched, QWidget) and self._is_ours(window := window_of(watched)):
+        if not goes_up and isinstance(watched, QWidget):
             self._followed_ms = int(event.timestamp())
-            follow_click(watched, drives=self._drives_with(window.focusWidget()))
+            self._clicked_elsewhere = not self._is_driving_part(watched)
+            if self._is_ours(window := window_of(watched)):
+                follow_click(watched, drives=self._drives_with(window.focusWidget()))
         # Qt uses the first press outside a menu or combo box to close it; a stop must not need a second press.
         button, popup = self._always_pressable, self._app.activePopupWidget()
         if button is None or popup is None or not button.isVisible():
@@ -278,12 +285,18 @@ class HoldToDrive(QObject):
 
     def _filter_focus(self, watched: QWidget, reason: Qt.FocusReason) -> bool:
         """Move the focus from a bar's button to the window on activation, since Qt focuses the first button of a window
-        without focus; returns whether it did.
+        without focus; and away from driving when a closed card or dialog returns it there after a click elsewhere.
+        Returns whether it did.
         """
         bar = bar_of(watched)
         if bar is None:
             if key_place_of(watched) is not None:
                 self._reached_by_tab = None
+            if self._drives_with(watched):
+                if self._clicked_elsewhere and reason in _COMES_BACK:
+                    window_of(watched).setFocus(reason)
+                    return True
+                self._clicked_elsewhere = False
         elif reason in _BY_TAB:
             self._reached_by_tab = watched
         elif reason == Qt.FocusReason.ActiveWindowFocusReason and watched is not self._reached_by_tab:
@@ -291,16 +304,26 @@ class HoldToDrive(QObject):
             return True
         return False
 
-    def _is_kept_from_bar(self, watched: QObject, event: QKeyEvent) -> bool:
-        """Whether to block Space and Enter on a bar's widget: they press it only if it got the focus by Tab. The red
-        button always works.
+    def _is_kept_from_button(self, watched: QObject, event: QKeyEvent) -> bool:
+        """Whether to block Space and Enter: on a bar's widget unless it got the focus by Tab, and on any button while
+        the wizard types letters that nothing takes. The red button always works.
         """
-        if event.key() not in _PRESSING_KEYS or event.modifiers() & CHORD_MODIFIERS:
-            return False
         target = watched if isinstance(watched, QWidget) else self._app.focusWidget()
-        if target is None or bar_of(target) is None or not self._is_ours(window_of(target)):
+        if target is None or event.modifiers() & CHORD_MODIFIERS or target.property(STOPS):
             return False
-        return target is not self._reached_by_tab and not target.property(STOPS)
+        if event.key() not in _PRESSING_KEYS:
+            if isinstance(target, QAbstractButton) and event.text().isprintable() and event.text():
+                self._types_at_button.start()
+            elif event.key() in (Qt.Key.Key_Tab, Qt.Key.Key_Backtab):
+                self._types_at_button.stop()
+            return False
+        if self._types_at_button.isActive():
+            self._types_at_button.start()
+            self.slipped.emit(tr("You are typing where no text goes. Rest for 3 seconds, then this key works again."))
+            return True
+        if bar_of(target) is None or not self._is_ours(window_of(target)):
+            return False
+        return target is not self._reached_by_tab
 
     def _filter_close(self, event: QCloseEvent) -> bool:
         """Refuse a window manager's close request while the wizard drives: another key was meant."""
@@ -533,6 +556,7 @@ class HoldToDrive(QObject):
         return True
 
     def _end_nowhere(self) -> None:
+        self._types_at_button.stop()
         if self._nowhere.isActive():
             self._nowhere.stop()
             self._on_nowhere_ended()
@@ -743,8 +767,11 @@ class HoldToDrive(QObject):
             focused is not None
             and not isinstance(focused, _KEEPS_ITS_KEYS)
             and focused.isVisible()
-            and any(panel is focused or panel.isAncestorOf(focused) for panel in self._driving_panels)
+            and self._is_driving_part(focused)
         )
+
+    def _is_driving_part(self, widget: QWidget) -> bool:
+        return any(panel is widget or panel.isAncestorOf(widget) for panel in self._driving_panels)
 
     def _update_driving_focus(self, focused: QWidget | None) -> None:
         driving = self._drives_with(focused)

@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from PySide6.QtCore import QSize
+import shiboken6
+from PySide6.QtCore import QPointF, QSize
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWidget, QWidget
 
+from caris_desktop.domain.intents import GoToStep
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.live.status import LiveRobotsStatus
+from caris_desktop.live.status import GoingOnStatus, LiveRobotsStatus, PracticeStatus
 from caris_desktop.robot.explore import Exploration
 from caris_desktop.robot.proposal import propose
 from caris_desktop.scenario.file import load_scenario
@@ -22,7 +24,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from tests.support.window_check import flaws
-from tests.ui import samples, test_sessions
+from tests.ui import samples, test_confirm_file, test_going_on_card, test_practice_strip, test_same_names, test_sessions
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
 from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview
@@ -63,6 +65,7 @@ class EveryWindow:
         self.window.use_library(FakeLibrary(test_sessions.SESSIONS, test_sessions.HITS))
         self.theme = theme
         self._opened: dict[int, QSize] = {}
+        self.replayed: FakeConsole | None = None
         self.window.resize(USUAL)
         self.window.show()
         freshen(self.console)
@@ -73,12 +76,14 @@ class EveryWindow:
         self.language.use(ENGLISH)
         self.window.deleteLater()
 
-    def seen(self) -> Iterator[Seen]:
+    def seen(self, *, with_what_is_beside: bool = False) -> Iterator[Seen]:
         """Each part in turn; the one before is closed."""
         yield from self._cards()
         yield from self._of_sessions()
         yield from self._of_the_robot()
         yield from self._of_the_scenario()
+        if with_what_is_beside:
+            yield from self._beside()
         yield from self._shown_to_others()
         yield from self.of_the_replay()
 
@@ -95,48 +100,53 @@ class EveryWindow:
             yield Seen(name, self._card())
             window.hold.escape_pressed.emit()
         window.show_set_up()
-        page = self._card()
-        yield Seen("first use", page)
-        _press(page, "first_use_own")
-        for button in page.findChildren(QAbstractButton):
-            if button.objectName().startswith("first_use_to_"):
-                button.click()
-                yield Seen(f"first use, {button.objectName().removeprefix('first_use_to_')}", page)
+        yield Seen("first use", self._card())
+        for step in ("robot", "sound"):
+            window.show_set_up()
+            page = self._card()
+            _press(page, "first_use_own")
+            _press(page, f"first_use_to_{step}")
+            yield Seen(f"first use, {step}", page)
         window.hold.escape_pressed.emit()
 
-    def _card(self) -> QWidget:
-        return next(card for card in self.window.findChildren(Overlay) if card.isVisible())
+    def _card(self, name: str = "") -> QWidget:
+        kind = QWidget if name else Overlay
+        return next(card for card in self.window.findChildren(kind, name or None) if card.isVisible())
 
     def _of_sessions(self) -> Iterator[Seen]:
         sessions = self.window.sessions
         sessions.open_start_dialog()
         yield self._own("start", "start_dialog")
         sessions.open_sessions()
-        seen = self._own("sessions", "sessions_window")
-        yield seen
+        yield self._own("sessions", "sessions_window")
+        sessions.open_sessions()
+        seen = self._own("sessions found", "sessions_window")
         field = seen.part.findChild(QLineEdit, "sessions_search")
         assert field is not None
         field.setText("robot")
         field.returnPressed.emit()
-        yield Seen("sessions found", seen.part)
-        seen.part.close()
+        yield seen
+        _close(seen)
         sessions.open_export([test_sessions.SESSIONS[0].folder])
         yield self._own("export", "export_dialog")
 
     def _of_the_robot(self) -> Iterator[Seen]:
-        self.window.robots.open_dialog()
-        seen = self._own("robot", "robot_dialog")
-        yield seen
-        field = seen.part.findChild(QLineEdit, "robot_address")
-        assert field is not None
-        field.setText(ADDRESS)
-        _press(seen.part, "robot_security")
-        _press(seen.part, "robot_look")
-        self.explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
-        yield Seen("robot mapped", seen.part)
-        _press(seen.part, "robot_page_1")
-        yield Seen("robot offers", seen.part)
-        seen.part.close()
+        robots = self.window.robots
+        robots.open_dialog()
+        yield self._own("robot", "robot_dialog")
+        for name, page in (("robot mapped", "robot_page_0"), ("robot offers", "robot_page_1")):
+            robots.open_dialog()
+            seen = self._own(name, "robot_dialog")
+            field = seen.part.findChild(QLineEdit, "robot_address")
+            assert field is not None
+            field.setText(ADDRESS)
+            if name == "robot mapped":
+                _press(seen.part, "robot_security")
+            _press(seen.part, "robot_look")
+            self.explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
+            _press(seen.part, page)
+            yield seen
+        _close(seen)
         self.window.gamepad.open()
         yield self._own("gamepad", "gamepad_dialog")
         self.window.faces.edit()
@@ -146,14 +156,84 @@ class EveryWindow:
         dialog = TitleDialog(self.theme, self.window)
         dialog.show()
         yield self._own("layout title", "layout_title_dialog")
-        self.window.editor.open()
-        seen = self._own("scenario", "scenario_editor")
-        sections = seen.part.findChild(QListWidget, "editor_sections")
-        assert sections is not None
-        for row in range(sections.count()):
+        row, rows = 0, 1
+        while row < rows:
+            self.window.editor.open()
+            seen = self._own(f"scenario, {row}", "scenario_editor")
+            sections = seen.part.findChild(QListWidget, "editor_sections")
+            assert sections is not None
+            rows = sections.count()
             sections.setCurrentRow(row)
-            yield Seen(f"scenario, {row}", seen.part)
-        seen.part.close()
+            yield seen
+            row += 1
+        _close(seen)
+
+    def _of_files(self) -> Iterator[Seen]:
+        state = self.console.state
+        state.file_question.set_anew(test_confirm_file.QUESTION)
+        yield self._own("confirm file", "confirm_file_dialog")
+        state.file_question.set_anew(None)
+        state.import_question.set_anew(test_same_names.QUESTION)
+        seen = self._own("same names", "same_names_dialog")
+        yield seen
+        _close(seen)
+        state.import_question.set_anew(None)
+
+    def _beside(self) -> Iterator[Seen]:
+        """What asks about a file, cards and bands in the window, panels in windows of their own, and Qt's dialogs."""
+        yield from self._of_files()
+        yield from self._in_the_window()
+        files = self.window.menus._parts.scenario_files
+        for name, opened in (("import scenario", files.choose_import), ("share scenario", files.choose_share)):
+            opened()
+            seen = self._own(name, "scenario_file_dialog")
+            yield seen
+            _close(seen)
+
+    def _in_the_window(self) -> Iterator[Seen]:
+        """Cards that lie beside what they are about, bands and strips, and a panel in a window of its own."""
+        window, console = self.window, self.console
+        window.activateWindow()
+        window.open_panel("people")
+        people = window.panels["people"]
+        for page in ("about", "merge", "forget"):
+            people.open_card(console.state.persons.value[0].person_id)
+            assert people.card is not None
+            people.card.show_page(page)
+            yield Seen(f"person, {page}", people.card)
+        people.card.close_card()
+        console.mark("Interested", mark_id="mark-1")
+        window.marking.card.show_mark("mark-1")
+        yield Seen("mark", window.marking.card)
+        window.marking.card.write_note()
+        yield Seen("note", window.marking.card)
+        window.marking.card.close_card()
+        protocol = window._protocol
+        console.do(GoToStep(console.scenario.protocol.steps[3].step_id))
+        for name, opened in (("steps", protocol.show_steps), ("branches", protocol.choose_branch)):
+            opened()
+            yield Seen(name, self._card(f"{name}_card"))
+            protocol.put_away()
+        window.open_panel("map")
+        tools = window.panels["map"].tools
+        tools._on_place_clicked(console.scenario.places[0].name, QPointF(120, 80))
+        yield Seen("place", self._card("map_card"))
+        tools.ask_map_name("save_map")
+        yield Seen("map name", self._card("map_name"))
+        window.hold.escape_pressed.emit()
+        window._question.ask("Erase everything that was recorded?", "Erase", lambda: None)
+        yield Seen("question", window._question)
+        window._question.put_away()
+        console.state.going_on.set(test_going_on_card.OFFERED)
+        yield Seen("going on", self._card("going_on_card"))
+        console.state.going_on.set(GoingOnStatus())
+        console.state.practice.set(test_practice_strip.status_at(2))
+        yield Seen("practice", window.practice)
+        console.state.practice.set(PracticeStatus())
+        for panel in ("speak", "people"):
+            window.dock_host.toggle_floating(panel)
+            yield self._own(f"floating, {panel}", "floating_panels")
+            window.dock_host.toggle_floating(panel)
 
     def _shown_to_others(self) -> Iterator[Seen]:
         for sees in SEES_WORDS:
@@ -174,11 +254,23 @@ class EveryWindow:
         console.state = LiveState(present=PresentClock(live=False))
         samples.fill_console(console)
         window, replay = MainWindow(console, theme=self.theme), FakeReplay()
+        self.replayed = console
         replay.overview.set(sample_overview())
         replay.coding.set(sample_coding(120_000))
         window.use_replay(replay)
         window.show()
         console.state.close()
+        window.resize(USUAL)
+        self.settle()
+        assert window._replay_parts is not None
+        rows = window._replay_parts.timeline.rows
+        for name, opened in (
+            ("agreement", rows.open_agreement), ("import", rows.open_import), ("tier", rows.open_tier_dialog),
+        ):  # fmt: skip
+            opened()
+            seen = self._own(name, f"{name}_dialog")
+            yield seen
+            _close(seen)
         window.resize(SMALLEST)
         self.settle()
         yield Seen("replay", window)
@@ -187,15 +279,6 @@ class EveryWindow:
         replay.live_robots.set(LiveRobotsStatus(("The robot of the second floor",)))
         _press(window, "timeline_drawer")
         yield Seen("replay, live robot", window)
-        assert window._replay_parts is not None
-        rows = window._replay_parts.timeline.rows
-        for name, opened in (
-            ("tier", rows.open_tier_dialog), ("agreement", rows.open_agreement), ("import", rows.open_import),
-        ):  # fmt: skip
-            opened()
-            seen = self._own(name, f"{name}_dialog")
-            yield seen
-            seen.part.close()
         window.close()
         window.deleteLater()
 
@@ -228,6 +311,11 @@ class EveryWindow:
     def settle(self) -> None:
         for _ in range(10):
             QApplication.processEvents()
+
+
+def _close(seen: Seen) -> None:
+    if shiboken6.isValid(seen.part):
+        seen.part.close()
 
 
 def _press(part: QWidget, name: str) -> None:

@@ -14,7 +14,7 @@ from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
 
-def _status(now: int) -> PracticeStatus:
+def status_at(now: int) -> PracticeStatus:
     steps = tuple(
         PracticeStepStatus(step.id, "done" if number < now else "now" if number == now else "open")
         for number, step in enumerate(STEPS)
@@ -35,7 +35,7 @@ def test_it_leads_from_step_to_step_with_the_key_that_does_it(
     window.wizards.choose("Ana")
     window.practice.begin()
     assert console.named("BeginPractice") == [intents.BeginPractice("Ana")]
-    console.state.practice.set(_status(2))
+    console.state.practice.set(status_at(2))
     assert "3 of 10" in _text(window, "practice_title") and "F1" in _text(window, "practice_how")
     click(qtbot, find(window, "practice_skip"))
     click(qtbot, find(window, "practice_end"))
@@ -43,7 +43,7 @@ def test_it_leads_from_step_to_step_with_the_key_that_does_it(
 
 
 def test_what_comes_back_is_on_the_button(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
-    ended = replace(_status(10), state="ended", done=10, score=99, minutes=2.1, back_to="Reception")
+    ended = replace(status_at(10), state="ended", done=10, score=99, minutes=2.1, back_to="Reception")
     console.state.practice.set(ended)
     assert find(window, "practice_end").accessibleName() == "Back to Reception"
     console.state.practice.set(replace(ended, back_to=""))
@@ -56,8 +56,8 @@ def test_what_comes_back_is_on_the_button(window: MainWindow, console: FakeConso
 def test_the_result_is_kept_once_for_the_wizard(window: MainWindow, console: FakeConsole) -> None:
     window.wizards.choose("Ana")
     for score in (70, 82):
-        console.state.practice.set(_status(9))
-        ended = replace(_status(10), state="ended", done=10, score=score, minutes=6.5)
+        console.state.practice.set(status_at(9))
+        ended = replace(status_at(10), state="ended", done=10, score=score, minutes=6.5)
         console.state.practice.set(ended)
         window.practice._show(ended)  # as when a key is changed meanwhile
     assert [run.score for run in practised(window.wizards)] == [70, 82]

@@ -156,7 +156,7 @@ def test_a_key_is_changed_and_its_cap_follows_where_it_acts(desk: Desk, window: 
     window.actions_table.run("next_step")
     press(Key.Key_E, CTRL)
     assert desk.console.calls[-1] == ("protocol", intents.TakeBranch("Cries"))
-    find(window, "video_view").setFocus()
+    find(window, "video_view").setFocus(Qt.FocusReason.ShortcutFocusReason)
     assert photo.key == "X"
     desk.console.calls.clear()
     press(Key.Key_X)
@@ -169,7 +169,7 @@ def test_a_drive_key_is_changed_by_its_place_and_drives_from_then_on(desk: Desk,
     assert desk.cell("drive_forward", "driving_keys").caps == ("R", "↑")
     press(Key.Key_Escape)
     view = find(window, "video_view")
-    view.setFocus()
+    view.setFocus(Qt.FocusReason.ShortcutFocusReason)
     desk.console.calls.clear()
     QTest.keyPress(view, Key.Key_W)
     assert "drive" not in desk.called
