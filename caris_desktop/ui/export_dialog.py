@@ -176,8 +176,7 @@ class ExportDialog(TabAsRead, QWidget):
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
         layout.addLayout(licence)
-        for box in (self._names, self._plain_csv, self._csv_bom):
-            layout.addWidget(box)
+        layout.addWidget(self._names)
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
@@ -214,6 +213,9 @@ class ExportDialog(TabAsRead, QWidget):
             row.addWidget(description)
             column.addLayout(row)
             self._boxes[fmt.name] = box
+            if fmt.name == "csv":
+                column.addWidget(self._plain_csv)
+                column.addWidget(self._csv_bom)
         column.addStretch(1)
         area = QScrollArea(widgetResizable=True)
         area.setObjectName("export_formats")
