@@ -23,7 +23,7 @@ for argument in "$@"; do
     --newest) newest=yes ;;
     --fresh) if [[ ${CARIS_OWN_MOUNTS:-} != yes ]]; then rm -rf --one-file-system -- "$root"; fi ;;
     *)
-      echo "test-release.sh: unknown argument '$argument' (known: --newest, --fresh, --)" >&2
+      echo "test-release.sh: unknown argument '$argument' (known: --newest, --fresh)" >&2
       exit 2
       ;;
   esac

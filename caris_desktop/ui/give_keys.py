@@ -80,7 +80,7 @@ def pass_keys_on(window: QWidget, gone: QWidget) -> None:
     place = key_place_of(gone)
     target = place.focus_target() if place is not None and place.isVisible() else window
     usable = target.isVisible() and target.isEnabled() and target is not gone
-    (target if usable else window).setFocus(Qt.FocusReason.OtherFocusReason)
+    (target if usable else window).setFocus(Qt.FocusReason.PopupFocusReason)
 
 
 def follow_click(pressed: QWidget, *, drives: bool) -> None:

@@ -229,7 +229,7 @@ class MarkCard(QWidget):
         self._second.stop()
         self.hide()
         if had_focus and self._focus_before is not None and self._focus_before.isVisible():
-            self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
+            self._focus_before.setFocus(Qt.FocusReason.PopupFocusReason)
 
     # ---- layout
 

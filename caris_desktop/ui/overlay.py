@@ -53,7 +53,7 @@ class Overlay(QWidget):
             window.step_back(back=False)
         self._stepped_back.clear()
         if self._focus_before is not None and self._focus_before.isVisible():
-            self._focus_before.setFocus(Qt.FocusReason.OtherFocusReason)
+            self._focus_before.setFocus(Qt.FocusReason.PopupFocusReason)
         before, self._keys_before = self._keys_before, None
         if isinstance(before, WindowAbove) and before.isVisible():
             bring_keys_to(before)

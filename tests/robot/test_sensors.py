@@ -28,6 +28,7 @@ from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.messages import encode_laser_scan, encode_odometry, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
+from caris_desktop.ros.rosbridge import encode_json
 from caris_desktop.simulator.encoding import Placement, transforms
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
@@ -321,6 +322,10 @@ def test_goals_of_ros2_are_in_the_profiles_map_frame_and_known_by_their_uuid() -
         entry = {"goal_info": {"goal_id": {"uuid": list(range(16))}, "stamp": {"sec": 1, "nanosec": 0}}, "status": 2}
         await bench.bridge.publish("/robot1/navigate_to_pose/_action/status", {"status_list": [entry]})
         await bench.until(lambda: bench.of(GoalChanged)[-1].state == "active", "active before any feedback")
+        # It proves that the goal of this name is the one that was sent.
+        feedback = {"op": "action_feedback", "id": goal["id"], "action": goal["action"], "values": {}}
+        await bench.bridge.send(encode_json(feedback))
+        await bench.until(lambda: bench.link._navigator._server._with_feedback == goal["id"], "feedback")
         bench.send(Drive(now_ns(), Twist2D(0.2), "keyboard"))
         name = "/robot1/navigate_to_pose/_action/cancel_goal"
         [call] = await bench.until(lambda: bench.bridge.operations("call_service", name), "the cancellation")

@@ -35,11 +35,11 @@ _PLAYED = "a rehearsal's, which speaks and writes to the terminal in English"
 _PROCESS = "the name of a process, for the log"
 _FOLDER = "the name of a folder"
 _RECORD = "written into the record, which is English"
-_BROWSER = "for whoever types an address of the page by hand"
 AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
     "app/check_command.py": {"*": _TERMINAL},
     "app/commands.py": {"*": _TERMINAL},
+    "app/commands_page.py": {"*": "a page of the guide, which is English"},
     "app/composition.py": {
         "imported bags": _FOLDER,
         "hearing along": _PROCESS,
@@ -65,11 +65,11 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/robots_command.py": {"ROS {}": _TERMINAL, "an unknown ROS": _TERMINAL},
     "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"person {}": _PROMPT, "group {}": _PROMPT},
-    "conversation/face/page.py": {"There is nothing here.\n": _BROWSER, "Too many pages are open.\n": _BROWSER},
     "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
     "live/services/assistant.py": {"Hello.": _PROMPT},
+    "live/services/face.py": {"face page": _PROCESS},
     "live/services/practice.py": {
         "Could you tell me something about this place?": "said by who takes part in the practice"
     },

@@ -285,7 +285,7 @@ class PeoplePanel(Panel):
         late_s = max((perception.inference_ms or 0.0) / 1e3, 1.0 / looks_per_s if looks_per_s else 0.0)
         return late_s if late_s >= _LATE_S else 0.0
 
-    def _why_empty(self, *, blind: bool, late_s: float) -> str:
+    def _why_empty(self, *, blind: bool, late_s: float = 0.0) -> str:
         perception: PerceptionStatus = self.state.perception.value
         if self.everyone and self._search.text().strip() and not self._search.isHidden():
             nobody = tr("Nobody’s name, group or tags have “{text}”.")

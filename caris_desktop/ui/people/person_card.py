@@ -192,7 +192,7 @@ class PersonCard(QWidget):
         self.hide()
         before = self._focus_before
         if held_focus and before is not None and before.isVisible():
-            before.setFocus(Qt.FocusReason.OtherFocusReason)
+            before.setFocus(Qt.FocusReason.PopupFocusReason)
 
     # ---- placement and style
 
