@@ -52,9 +52,10 @@ logger = logging.getLogger(__name__)
 
 # A newly started rosbridge reaches the base only after DDS discovery, up to 2 s after it has accepted the first zeros
 # (measured with Fast DDS).
-ZERO_AGAIN_S = tuple(tenth / 10 for tenth in range(6, 31))
-# On a busy computer that takes longer; then the odometry shows the motion.
-ZERO_WHILE_MOVING_S = tuple(float(second) for second in range(3, 11))
+ZERO_AGAIN_S = (1.0, 2.0)
+# Ten a second where the odometry shows motion, so that the base gets one as soon as it can be reached; on a busy computer
+# that takes longer. More where nothing moves would conflict with navigation.
+ZERO_WHILE_MOVING_S = (*(tenth / 10 for tenth in range(6, 31)), *(float(second) for second in range(4, 11)))
 _STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
 _ODOMETRY_COUNTS_S = 1.0
 OLDEST_DRIVE_S = 0.25
