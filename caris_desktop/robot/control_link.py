@@ -53,8 +53,8 @@ logger = logging.getLogger(__name__)
 # A newly started rosbridge reaches the base only after DDS discovery, up to 2 s after it has accepted the first zeros
 # (measured with Fast DDS).
 ZERO_AGAIN_S = (1.0, 2.0)
-# Ten a second where the odometry shows motion, so that the base gets one as soon as it can be reached; on a busy computer
-# that takes longer. More where nothing moves would conflict with navigation.
+# Ten per second while the odometry shows motion, so that the base gets one as soon as it can be reached; on a busy
+# computer that takes longer. More while nothing moves would conflict with navigation.
 ZERO_WHILE_MOVING_S = (*(tenth / 10 for tenth in range(6, 31)), *(float(second) for second in range(4, 11)))
 _STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
 _ODOMETRY_COUNTS_S = 1.0

@@ -423,8 +423,9 @@ class SqliteBag:
         for number, topic, type_name, encoding in database.execute(
             "SELECT id, name, type, serialization_format FROM topics"
         ):
-            form, text = definitions.get(type_name, ("", ""))
-            channels[number] = BagChannel(_topic(topic), type_spelling(type_name), str(encoding), text, form)
+            # SQLite holds whatever was written, whatever type a column is declared with.
+            form, text = definitions.get(str(type_name), ("", ""))
+            channels[number] = BagChannel(_topic(str(topic)), type_spelling(str(type_name)), str(encoding), text, form)
         (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
         query = (
             "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END FROM messages ORDER BY timestamp, id"
@@ -437,7 +438,10 @@ class SqliteBag:
             if not isinstance(data, bytes):
                 notes.add(f"A message of {channel.topic} is far too large; it was left out.")
                 continue
-            message = BagMessage(int(at_ns), channel, data, number / max(1, count))
+            if not isinstance(at_ns, int):
+                notes.add(f"A message of {channel.topic} has no time; it was left out.")
+                continue
+            message = BagMessage(at_ns, channel, data, number / max(1, count))
             yield from _unfolded_message(message, notes) if self._folded else (message,)
 
 
