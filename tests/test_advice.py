@@ -24,14 +24,14 @@ def name_of(call: ast.Call) -> str:
 
 
 def names_of_failures(trees: dict[Path, ast.Module]) -> set[str]:
-    """ToldFailure, and the classes made of it that are given the same as it is."""
+    """UserFacingError, and the classes made of it that are given the same as it is."""
     bases = {
         node.name: {ast.unparse(base).rsplit(".", 1)[-1] for base in node.bases}
         for tree in trees.values()
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef) and not any(_is_init(part) for part in node.body)
     }
-    found = {"ToldFailure"}
+    found = {"UserFacingError"}
     while more := {name for name, of in bases.items() if of & found} - found:
         found |= more
     return found
@@ -126,14 +126,14 @@ def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.
         'bus.problem("warning", tr("It broke."), tr("Nothing is seen."), "")',
         'Problem(now_ns, "error", what, meaning, "")',
         'Condition("link", "error", what, meaning, tr("Look.") if one else "")',
-        "ToldFailure(what, meaning, '')",
-        "ToldFailure(what, meaning, advice='', severity='warning')",
+        "UserFacingError(what, meaning, '')",
+        "UserFacingError(what, meaning, advice='', severity='warning')",
     ],
 )
 def test_what_has_no_advice_is_seen(call: str) -> None:
-    (found,) = [told(node, {"ToldFailure"}) for node in ast.walk(ast.parse(call)) if told_here(node)]
+    (found,) = [told(node, {"UserFacingError"}) for node in ast.walk(ast.parse(call)) if told_here(node)]
     assert found is not None and found[0] != "info" and may_be_empty(found[1])
 
 
 def told_here(node: ast.AST) -> bool:
-    return isinstance(node, ast.Call) and told(node, {"ToldFailure"}) is not None
+    return isinstance(node, ast.Call) and told(node, {"UserFacingError"}) is not None

@@ -36,7 +36,7 @@ NOT_GUI_THREAD = {
     "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
 }
 READ_ASIDE = {
-    "live/coding_desk.py: CodingDesk.start": "as a replay begins, from which nothing is driven",
+    "live/coding_desk.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
     "live/live_robots.py: _meeting_place": "slow work",
     "live/live_robots.py: _own_place": "slow work",
     "live/live_robots.py: _found_consoles": "slow work",

@@ -12,7 +12,7 @@ import numpy as np
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
 from caris_desktop.app.simulated_camera import open_any_camera
-from caris_desktop.conversation.listening.engine import EngineAway, NoEngine
+from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.preflight import probe_language_model, probe_sound
@@ -160,9 +160,9 @@ def recogniser_finding(scenario: Scenario) -> Finding:
             noise = np.random.default_rng(0).normal(0.0, 0.003, _SECOND_OF_SOUND).astype(np.float32)
             engine.transcribe(noise, "", careful=True)
             took_s, with_what = time.monotonic() - began_s, engine.asked_with
-    except NoEngine as error:
+    except NoEngineError as error:
         return Finding("Speech to text", False, error.what, error.advice)
-    except EngineAway as error:
+    except EngineUnavailableError as error:
         advice = "Look after that server, and at listening.server and listening.model of the scenario."
         return Finding("Speech to text", False, error.what, advice)
     answers = f"{engine.model} answers a second of sound after {took_s:.1f} s"

@@ -26,19 +26,19 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live import confirmed_files
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
-from caris_desktop.live.parts import Parts, RobotParts
+from caris_desktop.live.parts import Adapters, RobotParts
 from caris_desktop.live.services.assistant import AssistantParts
 from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
-from caris_desktop.live.services.going_on import GoingOnParts
+from caris_desktop.live.services.going_on import CrashRecoveryAdapters
 from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.services.people import PeopleParts
 from caris_desktop.live.services.practice import PracticeParts
@@ -49,7 +49,7 @@ from caris_desktop.live.services.sound import SoundParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.people.store import PeopleStore
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
@@ -112,7 +112,7 @@ def imports_dir() -> Path:
 def find_scenario(name_or_path: str, *, accept_named: bool = False, ask: bool = False) -> Scenario:
     """Load the scenario, if the user has confirmed what it names or does so with ``accept_named``.
 
-    Raises StartError; with ``ask``, ConfirmationNeeded if the window has to ask first.
+    Raises StartError; with ``ask``, ConfirmationNeededError if the window has to ask first.
     """
     try:
         scenario = load_scenario(find_scenario_file(name_or_path), _velocity_topic_of)
@@ -135,7 +135,7 @@ def confirm_robot(name: str, *, accept_named: bool = False) -> None:
 def _confirmed(check: Callable[[], None], *, accept_named: bool, ask: bool) -> None:
     try:
         check()
-    except confirmed_files.ConfirmationNeeded as needed:
+    except confirmed_files.ConfirmationNeededError as needed:
         if accept_named:
             try:
                 confirmed_files.accept(needed.question)
@@ -166,7 +166,7 @@ def parts(
     cameras: Sequence[str] | None = None,
     microphone: MicrophoneParts | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
-) -> Parts:
+) -> Adapters:
     """Parts of a console run. ``cameras`` replace those of the scenario. ``address_of`` returns the address of a listed
     robot, if other than its profile's.
 
@@ -174,18 +174,18 @@ def parts(
     """
     chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
     inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
-    return Parts(
-        recorder=ProcessBody("recorder", bodies.recorder),
-        speech=ProcessBody("speech", bodies.speech),
+    return Adapters(
+        recorder=ProcessSpec("recorder", bodies.recorder),
+        speech=ProcessSpec("speech", bodies.speech),
         said_before=said_before_file(study.path),
         people=PeopleParts(
-            inference=ProcessBody("inference", bodies.inference, (inference,)),
+            inference=ProcessSpec("inference", bodies.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
             as_told=_inference_as_told,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantParts(
-            server=ProcessBody("language-model", bodies.language_model),
+            server=ProcessSpec("language-model", bodies.language_model),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
             list_models=local_models,
@@ -213,14 +213,14 @@ def parts(
             study=study.path,
         ),
         practice=PracticeParts(layouts_dir() / "practice.yaml", _no_robot_to_practise_on, lambda _seconds: None),
-        going_on=GoingOnParts(
+        going_on=CrashRecoveryAdapters(
             Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "trials",
             study.sessions,
             details_of_session,
         ),
         forgetting=functools.partial(_forgetting, study),
         listening=_recogniser,
-        sound=SoundParts(ProcessBody("hearing along", bodies.playback), ProcessBody("own voice", bodies.playback)),
+        sound=SoundParts(ProcessSpec("hearing along", bodies.playback), ProcessSpec("own voice", bodies.playback)),
         microphone=microphones(lambda _role: None, lambda _role, _name: None) if microphone is None else microphone,
     )
 
@@ -229,7 +229,7 @@ def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str 
     """Microphones of this computer, with the stored choice of those used."""
 
     def choice(role: Role, source: str) -> MicrophoneChoice:
-        body = ProcessBody(source, bodies.microphone, (source,))
+        body = ProcessSpec(source, bodies.microphone, (source,))
         return MicrophoneChoice(body, functools.partial(chosen, role), functools.partial(keep, role))
 
     return MicrophoneParts(choice("participant", MICROPHONE), choice("wizard", WIZARD_MICROPHONE))
@@ -247,16 +247,16 @@ def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
     )  # fmt: skip
 
 
-def _recogniser(scenario: Scenario) -> ProcessBody:
-    return ProcessBody("recogniser", bodies.recogniser, (recogniser_settings(scenario),))
+def _recogniser(scenario: Scenario) -> ProcessSpec:
+    return ProcessSpec("recogniser", bodies.recogniser, (recogniser_settings(scenario),))
 
 
-def _forgetting(study: StudyFolder, person_id: str) -> ProcessBody:
+def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
     """Process that forgets the person in the whole study."""
     from caris_desktop.live.forgetting import ForgettingAsked
 
     asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path))
-    return ProcessBody("forgetting", bodies.forgetting, (asked,))
+    return ProcessSpec("forgetting", bodies.forgetting, (asked,))
 
 
 def own_files(study: Path) -> "OwnFiles":
@@ -286,7 +286,7 @@ def own_files(study: Path) -> "OwnFiles":
 def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:
     """Cameras of a run: ``given`` on the command line, else those of the scenario."""
     models: dict[str, CameraModel] = {}
-    failures: list[ToldFailure] = []
+    failures: list[UserFacingError] = []
     chosen = list(given or ())
     if given is None:
         for camera in scenario.cameras:
@@ -294,7 +294,7 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
                 chosen.append(parse_camera(camera.source, name=camera.name))
             except CameraError as error:
                 what, meaning = str(error), tr("The scenario is used without this camera.")
-                failures.append(ToldFailure(tr(what), meaning, tr(error.advice), severity="warning"))
+                failures.append(UserFacingError(tr(what), meaning, tr(error.advice), severity="warning"))
                 continue
             if camera.mount is not None:
                 stands = next((place for place in scenario.places if place.name == camera.place), None)
@@ -302,7 +302,9 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
                     what = tr("The camera {camera} stands at “{place}”, which is none of the places.")
                     what = what.format(camera=chosen[-1].name, place=camera.place)
                     meaning = tr("It is shown, but its people have no place in the map.")
-                    failures.append(ToldFailure(what, meaning, tr("Correct the scenario file."), severity="warning"))
+                    failures.append(
+                        UserFacingError(what, meaning, tr("Correct the scenario file."), severity="warning")
+                    )
                     continue
                 at = None if stands is None else stands.pose_in_map
                 models[chosen[-1].name] = replace(camera.mount, stands_in_map=at)
@@ -312,7 +314,7 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
         for camera in with_distinct_names(camera for camera in chosen if camera.kind != "robot")
     )
     of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
-    bodies_of = {camera.name: ProcessBody(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}
+    bodies_of = {camera.name: ProcessSpec(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}
     return WantedCameras(
         tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
         None if "" in of_robot else tuple(of_robot),
@@ -352,7 +354,7 @@ def _software() -> dict[str, str]:
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None) -> RobotConnection:
-    """Connection settings of a robot. Raises StartError, and ConfirmationNeeded if the window has to ask first.
+    """Connection settings of a robot. Raises StartError, and ConfirmationNeededError if the window has to ask first.
 
     If an address does not say which ROS version runs there, it is detected first.
     """
@@ -366,8 +368,8 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None) ->
         name=profile.title,
         address=without_credentials(settings.address),
         profile=profile,
-        control=ProcessBody("control", bodies.control_link, (settings,)),
-        media=ProcessBody("media", bodies.media_link, (settings,)),
+        control=ProcessSpec("control", bodies.control_link, (settings,)),
+        media=ProcessSpec("media", bodies.media_link, (settings,)),
         settle=functools.partial(_ask_for_ros, name_or_path_or_url)
         if address is None and leaves_ros_open(name_or_path_or_url)
         else None,
@@ -375,7 +377,7 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None) ->
 
 
 async def _ask_for_ros(url: str) -> RobotConnection:
-    """Detect the ROS version at an address. Raises ToldFailure while the robot does not answer."""
+    """Detect the ROS version at an address. Raises UserFacingError while the robot does not answer."""
     # Importing the link code takes long, and most runs name a profile.
     from caris_desktop.robot.explore import ExploreError, detect_dialect
     from caris_desktop.robot.link_process import UNREACHABLE_MEANING
@@ -383,13 +385,13 @@ async def _ask_for_ros(url: str) -> RobotConnection:
     try:
         dialect = await detect_dialect(load_profile(url).address)
     except ExploreError as refusal:
-        raise ToldFailure(tr(refusal.what), tr(UNREACHABLE_MEANING), tr(refusal.advice)) from refusal
+        raise UserFacingError(tr(refusal.what), tr(UNREACHABLE_MEANING), tr(refusal.advice)) from refusal
     return robot_connection(with_ros(url, 2 if dialect is Dialect.ROS2 else 1))
 
 
-def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
+def _open_presence(study: StudyFolder) -> tuple[PresenceTracker, list[Event]]:
     try:
-        return Presence(KnownPeople(PeopleStore(study.people_database))), []
+        return PresenceTracker(KnownPeople(PeopleStore(study.people_database))), []
     except PeopleStoreError as error:
         what = str(error)
         problem = Problem(
@@ -399,14 +401,14 @@ def _open_presence(study: StudyFolder) -> tuple[Presence, list[Event]]:
             tr("People are recognised, but names that you give are forgotten when the program closes."),
             tr("Make the study's folder writable, or start with another --study."),
         )
-        return Presence(), [problem]
+        return PresenceTracker(), [problem]
 
 
 def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
     return resolve_endpoint(model, embedded_url=embedded_url)
 
 
-def _inference_as_told(body: ProcessBody, scenario: Scenario) -> ProcessBody:
+def _inference_as_told(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
     (settings,) = body.arguments
     detector = detector_settings(scenario)
     return replace(body, arguments=(replace(settings, detector=detector, tracker=scenario.perception.tracker),))
@@ -429,7 +431,7 @@ def _load_scenario(path: Path) -> Scenario:
     try:
         scenario = load_scenario(path, _velocity_topic_of)
     except ScenarioError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The scenario was not opened."),
             str(error),
             tr("The previous scenario stays. Correct the file and open it."),
@@ -454,7 +456,7 @@ def _save_places(scenario: Scenario) -> Scenario:
         saved = save_places(scenario, path)
         confirmed_files.carry(scenario, saved)
     except (OSError, ScenarioError) as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The place was not saved."),
             str(error),
             tr("Make that file writable, or copy the scenario and open the copy."),
@@ -466,7 +468,7 @@ def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str
     try:
         return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
     except ScenarioError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The scenario was not saved."),
             str(error),
             tr("What you changed is still in the window in which you edit it, and there it says what to do."),
@@ -484,7 +486,7 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
     try:
         return robot_connection(name, address=address_of(name))
     except StartError as refusal:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The robot was not connected."),
             str(refusal),
             tr("The present robot stays. Correct the profile and try again."),
@@ -492,7 +494,7 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
 
 
 def _no_robot_to_practise_on(_actor: Actor) -> None:
-    raise ToldFailure(
+    raise UserFacingError(
         tr("There is no simulated robot here to practise on."),
         tr("Nothing was changed."),
         tr("Start the program with --demo."),

@@ -18,21 +18,21 @@ from PySide6.QtCore import QSettings, Qt, QTimer
 from caris_desktop import __version__
 from caris_desktop.app import composition, one_console, simulator_calls
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
-from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.kept_settings import SavedSettings
 from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
 from caris_desktop.domain.sound import Role
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.confirmed_files import ConfirmationNeeded
+from caris_desktop.live.confirmed_files import ConfirmationNeededError
 from caris_desktop.live.console import Console
 from caris_desktop.live.garbage import GarbageCollector
-from caris_desktop.live.live_robots import LiveRobotHost
+from caris_desktop.live.live_robots import RobotConnections
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.services.robot import RobotConnection
@@ -72,11 +72,11 @@ class ConsoleRun:
     ) -> None:
         kept = own_settings() if settings is None else settings
         self._settings_trouble = bring_up_to_date(kept)
-        self.settings = KeptSettings(kept)
+        self.settings = SavedSettings(kept)
         self._arguments = arguments
         # Without a visible window, nobody can be asked.
         self._asks = robot is None
-        self._to_confirm: ConfirmationNeeded | None = None
+        self._to_confirm: ConfirmationNeededError | None = None
         scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
         self._narrowed = study.narrowed + narrow([*composition.own_folders(), Path(kept.fileName())])
@@ -99,7 +99,7 @@ class ConsoleRun:
         of_scenario = replace(parts.scenario, layouts=OwnLayoutFiles(self.settings, self._keep_scenario))
         self.console = Console(replace(parts, practice=practice, robots=robots, scenario=of_scenario), scenario)
         self.settings.failed.connect(self._on_settings_failed)
-        self.host = LiveRobotHost(self.console, composition.live_consoles_dir(), self.console)
+        self.host = RobotConnections(self.console, composition.live_consoles_dir(), self.console)
         self.host.window_asked.connect(self._show_window)
         theme = self._theme = Theme(
             self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system"))
@@ -241,11 +241,11 @@ class ConsoleRun:
                 tr("{title} is open instead. Correct the file and open it.").format(title=self.console.scenario.title),
             )
 
-    def _on_settings_failed(self, failure: ToldFailure) -> None:
+    def _on_settings_failed(self, failure: UserFacingError) -> None:
         self.console.problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     def _robot_to_start_with(self, robot: str, last: str) -> RobotConnection:
-        """Robot of the ``last`` run if one of that name still exists, else ``robot``. Raises ToldFailure."""
+        """Robot of the ``last`` run if one of that name still exists, else ``robot``. Raises UserFacingError."""
         if self._arguments.accept_named:
             composition.confirm_robot(robot, accept_named=True)
         if last:
@@ -254,7 +254,7 @@ class ConsoleRun:
         try:
             return composition.robot_connection(robot)
         except composition.StartError as refusal:
-            raise ToldFailure(
+            raise UserFacingError(
                 str(refusal), tr("No robot is connected."), tr("Start again with another --robot.")
             ) from refusal
 
@@ -286,7 +286,7 @@ class ConsoleRun:
             wanted = named or last_time
             accepted = self._arguments.accept_named
             return composition.find_scenario(wanted, accept_named=accepted, ask=self._asks), ""
-        except ConfirmationNeeded as needed:
+        except ConfirmationNeededError as needed:
             self._to_confirm = needed
             return composition.find_scenario("tour-guide"), ""
         except composition.StartError:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.forgetting import ForgettingAsked, forget, person_of
 from caris_desktop.recording.forgetting.study import Forgotten, receipt_words
 from caris_desktop.recording.studies.study_index import study_dir_of
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _CANCELLED
         with ProgressLine() as line:
             outcome = forget(asked, line.show)
-    except ToldFailure as failure:
+    except UserFacingError as failure:
         print(failure, file=sys.stderr)
         return 1
     except KeyboardInterrupt:

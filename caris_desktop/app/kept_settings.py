@@ -5,26 +5,26 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QSettings, Signal
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 
 
-class KeptSettings(QObject):
+class SavedSettings(QObject):
     """QSettings interface that never waits for the disk. GUI thread.
 
     QSettings itself writes in the GUI thread and waits for the disk. Only keys set here are written, so that changes by
     the user's other windows remain.
     """
 
-    failed = Signal(object)  # ToldFailure: a write failed; emitted once until writing works again
+    failed = Signal(object)  # UserFacingError: a write failed; emitted once until writing works again
 
     def __init__(self, settings: QSettings, parent: QObject | None = None) -> None:
         super().__init__(parent)
         settings.sync()
         self._file, self._format = settings.fileName(), settings.format()
         self._values = {key: settings.value(key) for key in settings.allKeys()}
-        self._work = SlowWork(self)
+        self._work = BackgroundWorker(self)
         self._changed = threading.Lock()
         self._unwritten: dict[str, Any] = {}
         self._failing = False
@@ -59,7 +59,7 @@ class KeptSettings(QObject):
             settings.setValue(key, value)
         settings.sync()
         if settings.status() != QSettings.Status.NoError:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("Your settings could not be kept."),
                 tr("What you change in the window is forgotten when it closes. The session is not affected."),
                 tr("See to it that {file} can be written to.").format(file=self._file),
@@ -69,7 +69,7 @@ class KeptSettings(QObject):
     def _on_written(self, _nothing: None) -> None:
         self._failing = False
 
-    def _on_failed(self, failure: ToldFailure) -> None:
+    def _on_failed(self, failure: UserFacingError) -> None:
         if not self._failing:
             self._failing = True
             self.failed.emit(failure)

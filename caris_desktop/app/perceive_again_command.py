@@ -18,7 +18,7 @@ from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.inference import person_box
-from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, Look
+from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
 from caris_desktop.perception.inference_settings import TRACKERS, default_threads
 from caris_desktop.perception.looking_back import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
@@ -168,7 +168,7 @@ def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Percei
         ref = FrameRef(info.stamp_ns, info.robot_stamp_ns, camera, "", 0, number, width_px, height_px)
         looked = None if model is None else turning.looked(info.stamp_ns, on_head=model.on_head)
         focal = USUAL_FOCAL_PER_WIDTH if model is None else model.fx_px / model.width_px
-        perceived = perceiver.perceive(image_bgr, Look(ref, looked, focal))
+        perceived = perceiver.perceive(image_bgr, DetectionRequest(ref, looked, focal))
         layer.boxes.append(perceived.boxes)
         layer.poses.append(
             {box.detection: perceived.poses[box.track] for box in perceived.boxes if box.track in perceived.poses}

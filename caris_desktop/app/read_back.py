@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.export import FORMATS, ExportContext, ExportError, export_session
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -39,8 +39,8 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
             export_session(folder, each.name, exports / each.name, ExportContext(warn=notes.append))
             written.append(each.name)
         except ExportError as error:
-            problems.append(filled(_OF_FORMAT, format=each.name, told=filled(str(error))))
-        found += [filled(_OF_FORMAT, format=each.name, told=note) for note in dict.fromkeys(notes)]
+            problems.append(localized(_OF_FORMAT, format=each.name, told=localized(str(error))))
+        found += [localized(_OF_FORMAT, format=each.name, told=note) for note in dict.fromkeys(notes)]
     return ReadBack((*found, f"Exported as {', '.join(written) or 'nothing'}."), tuple(problems))
 
 

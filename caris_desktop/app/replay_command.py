@@ -23,13 +23,13 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
-from caris_desktop.app.kept_settings import KeptSettings
+from caris_desktop.app.kept_settings import SavedSettings
 from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
@@ -113,7 +113,7 @@ class ReplayRun:
         self.application = the_application()
         kept = own_settings() if settings is None else settings
         self._settings_trouble = bring_up_to_date(kept)
-        self.settings = KeptSettings(kept)
+        self.settings = SavedSettings(kept)
         self._language = Language()
         self._language.use(arguments.language or str(self.settings.value(LANGUAGE_KEY, ENGLISH)))
         session = _opened(_session_folder(arguments.session))
@@ -151,7 +151,7 @@ class ReplayRun:
         elif self._arguments.at is not None:
             self.console.seek(self.console.session.started_ns + round(self._arguments.at * 1e9))
 
-    def _on_settings_failed(self, failure: ToldFailure) -> None:
+    def _on_settings_failed(self, failure: UserFacingError) -> None:
         now_ns = self.console.state.present.now_ns()
         self.window.problems.show_problem(
             Problem(now_ns, failure.severity, failure.what, failure.meaning, failure.advice)
@@ -216,7 +216,7 @@ def _opened(folder: Path) -> Session:
 def _session_folder(path: Path) -> Path:
     """Session at ``path``; a bag is first converted, in the user's cache. Raises SessionError."""
     if not path.exists():
-        raise SessionError(filled(QT_TR_NOOP("There is no {path}."), path=path))
+        raise SessionError(localized(QT_TR_NOOP("There is no {path}."), path=path))
     if is_session(path) or not looks_like_bag(path):
         return path
     return _imported(path)
@@ -245,7 +245,7 @@ def _imported(bag: Path) -> Path:
             return folder  # another replay of this bag was faster
         _log.warning("importing %s into %s", bag, folder, exc_info=True)
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{bag} cannot be opened: it has to be kept as a session in {folder}, which failed"
                     " ({why}). Make room there, and make sure that you may write to it."

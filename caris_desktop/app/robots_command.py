@@ -7,7 +7,7 @@ from pathlib import Path
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_accept_named
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.robot.explore import Exploration, StreamCheck, check_streams, explore_robot, load_profile_blocking
 from caris_desktop.robot.profile import (
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.listen:
             composition.confirm_robot(arguments.listen, accept_named=arguments.accept_named)
             return _listen(arguments.listen, arguments.seconds)
-    except (ToldFailure, ProfileError, composition.StartError) as error:
+    except (UserFacingError, ProfileError, composition.StartError) as error:
         print(error, file=sys.stderr)
         return 1
     if arguments.save:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
@@ -99,11 +99,11 @@ class OwnLayoutFiles:
 
 
 def _tree_of(asked: SaveLayout) -> LayoutNode:
-    """Checked layout of the request. Raises ToldFailure."""
+    """Checked layout of the request. Raises UserFacingError."""
     try:
         return checked_layout(parse_json(asked.layout))
     except ValueError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The panel layout was not saved."),
             tr("It cannot be read: {why}.").format(why=error),
             tr("Arrange the panels anew, or reset them, and save again."),
@@ -111,7 +111,7 @@ def _tree_of(asked: SaveLayout) -> LayoutNode:
 
 
 def _written(scenario: Scenario) -> Path:
-    """Write the scenario to the user's own file. Raises ToldFailure."""
+    """Write the scenario to the user's own file. Raises UserFacingError."""
     path = own_file(scenario.path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def _written(scenario: Scenario) -> Path:
 
 
 def _written_anew(scenario: Scenario) -> Path:
-    """Write the scenario to a new file named by its title; existing files are not overwritten. Raises ToldFailure."""
+    """Write the scenario to a new file named by its title; existing files are not overwritten. Raises UserFacingError."""
     first = path = own_file_called(scenario.title)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,9 +135,9 @@ def _written_anew(scenario: Scenario) -> Path:
     return path
 
 
-def _not_saved(path: Path, error: Exception) -> ToldFailure:
+def _not_saved(path: Path, error: Exception) -> UserFacingError:
     why = error.strerror if isinstance(error, OSError) and error.strerror else error
-    return ToldFailure(
+    return UserFacingError(
         tr("The panel layout was not saved."),
         tr("{path} cannot be written ({why}).").format(path=path, why=why),
         tr(

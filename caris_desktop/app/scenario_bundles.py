@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from caris_desktop.conversation.face.file import FaceError, parse_face, user_faces_dir
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
@@ -37,25 +37,25 @@ from caris_desktop.scenario.model import Scenario
 
 
 def share_scenario(scenario: Scenario, path: Path) -> None:
-    """Write the scenario with the user's own files that it refers to. Raises ToldFailure."""
+    """Write the scenario with the user's own files that it refers to. Raises UserFacingError."""
     stem = scenario.path.stem if scenario.path is not None else scenario.title
     own = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
     try:
         write_bundle(Bundle(own, tuple(_beside(scenario))), path)
     except (BundleError, ProfileError, OSError) as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The scenario was not written as one file."), str(error), tr("Choose another folder or another name.")
         ) from error
 
 
 def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
-    """Name conflicts of this bundle with existing files. Raises ToldFailure."""
+    """Name conflicts of this bundle with existing files. Raises UserFacingError."""
     with _told():
         return conflicts_of(_checked(path), _folders(), _known)
 
 
 def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
-    """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises ToldFailure."""
+    """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises UserFacingError."""
     with _told():
         unpacked = unpack(_checked(path), _folders(), _known, decided)
     aside = ", ".join(str(place) for place in unpacked.put_aside)
@@ -79,7 +79,7 @@ def _told() -> Iterator[None]:
         yield
     except (BundleError, ProfileError, FaceError) as error:
         why = error.what if isinstance(error, FaceError) else str(error)
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The scenario was not imported."),
             why,
             tr("Nothing was changed. Ask whoever sent it for the file again."),

@@ -10,7 +10,7 @@ from pathlib import Path
 from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import TRACKERS, default_threads
 from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.tracker import TrackedBox
@@ -93,7 +93,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
             height_px, width_px = image_bgr.shape[:2]
             number = frames + video.torn
             ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, number, width_px, height_px)
-            perceived = perceiver.perceive(image_bgr, Look(ref))
+            perceived = perceiver.perceive(image_bgr, DetectionRequest(ref))
             rows += [mot_row(number, box) for box in perceived.boxes]
             people |= {box.track for box in perceived.boxes}
             detector_s, tracker_s = detector_s + perceived.detector_s, tracker_s + perceived.tracker_s

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
 
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 
 VERSION = 1
 VERSION_KEY = "version"
@@ -48,7 +48,7 @@ def own_settings() -> QSettings:
     return QSettings("CARIS", "CARIS Desktop")
 
 
-def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
+def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
     """Migrate ``settings`` to the present version.
 
     Newer or unreadable ones are copied aside and reset. Returns what the wizard must know, if anything: in English,
@@ -57,10 +57,10 @@ def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
     settings.allKeys()  # reads the file
     if settings.status() == QSettings.Status.AccessError:
         _log.warning("the settings in %s cannot be read or written", settings.fileName())
-        return ToldFailure(
+        return UserFacingError(
             QT_TR_NOOP("Your settings cannot be read or kept."),
             QT_TR_NOOP("The window begins as it did the first time, and forgets what you change in it when it closes."),
-            filled(QT_TR_NOOP("See to it that {file} can be written to."), file=settings.fileName()),
+            localized(QT_TR_NOOP("See to it that {file} can be written to."), file=settings.fileName()),
             severity="warning",
         )
     version = _version(settings)
@@ -81,9 +81,9 @@ def bring_up_to_date(settings: QSettings) -> ToldFailure | None:
     return None
 
 
-def said_now(failure: ToldFailure) -> ToldFailure:
+def said_now(failure: UserFacingError) -> UserFacingError:
     """Result of ``bring_up_to_date`` in the language that the window meanwhile uses."""
-    return ToldFailure(tr(failure.what), tr(failure.meaning), tr(failure.advice), severity=failure.severity)
+    return UserFacingError(tr(failure.what), tr(failure.meaning), tr(failure.advice), severity=failure.severity)
 
 
 def _version(settings: QSettings) -> int | None:
@@ -95,24 +95,26 @@ def _version(settings: QSettings) -> int | None:
     return version if version >= 0 else None
 
 
-def _begin_anew(settings: QSettings, what: str) -> ToldFailure:
+def _begin_anew(settings: QSettings, what: str) -> UserFacingError:
     try:
         copy = _copy_aside(settings)
     except OSError as error:
         _log.warning("the settings could not be copied: %s", error)
-        return ToldFailure(
+        return UserFacingError(
             what,
-            filled(QT_TR_NOOP("They could not be copied either ({why}), and are left as they are."), why=error),
-            filled(QT_TR_NOOP("Make room, or take the file {file} away, and start again."), file=settings.fileName()),
+            localized(QT_TR_NOOP("They could not be copied either ({why}), and are left as they are."), why=error),
+            localized(
+                QT_TR_NOOP("Make room, or take the file {file} away, and start again."), file=settings.fileName()
+            ),
             severity="warning",
         )
     _log.warning("%s They are kept in %s", what, copy)
     settings.clear()
     settings.setValue(VERSION_KEY, VERSION)
-    return ToldFailure(
+    return UserFacingError(
         what,
         QT_TR_NOOP("Theme, keys, arrangement and devices begin as they did the first time. A copy was kept."),
-        filled(QT_TR_NOOP("Set what you need again. The copy is {file}."), file=copy),
+        localized(QT_TR_NOOP("Set what you need again. The copy is {file}."), file=copy),
         severity="warning",
     )
 

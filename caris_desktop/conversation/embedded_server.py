@@ -17,7 +17,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.priority import step_back
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
 
@@ -154,7 +154,7 @@ def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> No
 
 def _problem(error: Exception) -> Problem:
     missing, wrong = isinstance(error, FileNotFoundError), isinstance(error, WrongChecksum)
-    failed = filled(QT_TR_NOOP("The embedded language model failed ({error})."), error=error)
+    failed = localized(QT_TR_NOOP("The embedded language model failed ({error})."), error=error)
     return Problem(
         clock.now_ns(),
         "warning",

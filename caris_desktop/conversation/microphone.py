@@ -23,7 +23,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
 SAMPLE_RATE_HZ = 16_000
@@ -195,7 +195,7 @@ class _Microphone:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    filled(
+                    localized(
                         QT_TR_NOOP("Your microphone cannot be heard ({why}).")
                         if own
                         else QT_TR_NOOP("The microphone cannot be heard ({why})."),

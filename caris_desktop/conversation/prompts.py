@@ -33,7 +33,7 @@ _JOINERS = "\u200c\u200d"
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
+class ContextPart:
     """Context of a question.
 
     ``step`` is the title of the present protocol step. ``people`` are labels of people present, ``things`` names of
@@ -56,7 +56,7 @@ def system_text(*parts: str) -> str:
     return "\n\n".join(part.strip() for part in parts if part.strip())
 
 
-def build_messages(question: str, *, system_prompt: str, along: Along = Along()) -> tuple[ChatMessage, ...]:
+def build_messages(question: str, *, system_prompt: str, along: ContextPart = ContextPart()) -> tuple[ChatMessage, ...]:
     """System message, newest turns as dialogue, then the context with the question.
 
     The robot's utterances become the model's own turns: small models parrot a transcript inside a question.
@@ -83,7 +83,7 @@ def alternating(messages: Iterable[ChatMessage]) -> tuple[ChatMessage, ...]:
     return tuple(joined)
 
 
-def context_lines(along: Along) -> dict[str, str]:
+def context_lines(along: ContextPart) -> dict[str, str]:
     """Lines for protocol step, people, things and notes, where present."""
     lines: dict[str, str] = {}
     if along.step.strip():
@@ -117,7 +117,7 @@ def quoted(text: str, most_characters: int) -> str:
     return f'"{cut_to(_one_line(text), most_characters).translate(_QUOTATION_MARKS)}"'
 
 
-def _newest_turns(along: Along) -> list[ChatMessage]:
+def _newest_turns(along: ContextPart) -> list[ChatMessage]:
     def name_of(person_id: str) -> str:
         return along.label_of(person_id) or "somebody"
 

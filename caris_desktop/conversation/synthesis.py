@@ -31,7 +31,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
@@ -252,7 +252,7 @@ class _Synthesis:
         if not text:
             self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("there is nothing to say in it"))
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
-            too_long = filled(
+            too_long = localized(
                 QT_TR_NOOP("it is longer than {most} characters: say it in parts"), most=MAX_UTTERANCE_CHARACTERS
             )
             self._report(command, "failed", clock.now_ns(), too_long)
@@ -318,7 +318,7 @@ class _Synthesis:
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
                 self._tell_cut_off(clock.now_ns())
-                why_not = filled(QT_TR_NOOP("it could not be turned into sound ({why})"), why=detail)
+                why_not = localized(QT_TR_NOOP("it could not be turned into sound ({why})"), why=detail)
                 self._end("failed", clock.now_ns(), why_not)
             case {"event": "voices", "voices": list(voices)}:
                 self._send(VoicesFound(tuple((str(name), str(language)) for name, language in voices)))
@@ -416,7 +416,7 @@ class _Synthesis:
         self._enter("off", None)
         failed, self._waiting = self._waiting, deque()
         for utterance in failed:
-            no_voice = filled(QT_TR_NOOP("this computer has no voice ({why})"), why=detail)
+            no_voice = localized(QT_TR_NOOP("this computer has no voice ({why})"), why=detail)
             self._report(utterance, "failed", clock.now_ns(), no_voice)
         self._report_dropped()
         self._send(
@@ -424,7 +424,7 @@ class _Synthesis:
                 Problem(
                     clock.now_ns(),
                     "error",
-                    filled(QT_TR_NOOP("This computer has no voice ({detail})."), detail=detail),
+                    localized(QT_TR_NOOP("This computer has no voice ({detail})."), detail=detail),
                     QT_TR_NOOP("What is to be spoken on this computer stays unsaid."),
                     QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again."),
                     until="voice",
@@ -439,8 +439,8 @@ class _Synthesis:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    filled(QT_TR_NOOP("This computer speaks with another voice: {why_not}."), why_not=why_not),
-                    filled(QT_TR_NOOP("What is said is heard, as {voice}."), voice=self._voice),
+                    localized(QT_TR_NOOP("This computer speaks with another voice: {why_not}."), why_not=why_not),
+                    localized(QT_TR_NOOP("What is said is heard, as {voice}."), voice=self._voice),
                     GET_PIPER_VOICES,
                 )
             )
@@ -454,7 +454,7 @@ class _Synthesis:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    filled(QT_TR_NOOP("This computer has no sound output ({detail})."), detail=detail),
+                    localized(QT_TR_NOOP("This computer has no sound output ({detail})."), detail=detail),
                     QT_TR_NOOP("Nobody hears what it says; utterances still take their time and are recorded."),
                     QT_TR_NOOP("Connect loudspeakers or start the sound server; the next utterance tries again."),
                     until="voice",

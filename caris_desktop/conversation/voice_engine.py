@@ -21,7 +21,7 @@ from typing import IO, Any
 from caris_desktop.conversation.voices.choice import VoiceChoice, every_voice, open_voice
 from caris_desktop.conversation.voices.loudspeaker import DeviceTroubleError, Loudspeaker
 from caris_desktop.conversation.voices.rendering import Rendering
-from caris_desktop.conversation.voices.sound import GrowingSound, Samples, Voice, words_of
+from caris_desktop.conversation.voices.sound import Samples, StreamingBuffer, Voice, words_of
 from caris_desktop.domain.process_title import title_process
 
 
@@ -71,7 +71,7 @@ class _Engine:
             threading.Thread(target=self._tell_voices, args=(choice, voice), name="voices", daemon=True).start()
         while True:
             text, number = self._commands.get()
-            sound = GrowingSound(voice.rate_hz, self._woken.set)
+            sound = StreamingBuffer(voice.rate_hz, self._woken.set)
             rendering.say(text, sound, functools.partial(self._tell_part, voice.rate_hz, number))
             self._say(sound, rendering, loudspeaker)
             loudspeaker.stay_awake()
@@ -104,7 +104,7 @@ class _Engine:
         # The main thread may hang, and nobody is left to hear it.
         os._exit(0)
 
-    def _say(self, sound: GrowingSound, rendering: Rendering, loudspeaker: Loudspeaker) -> None:
+    def _say(self, sound: StreamingBuffer, rendering: Rendering, loudspeaker: Loudspeaker) -> None:
         try:
             while not (sound.begun or sound.complete or self._silenced.is_set()):
                 self._woken.wait()
@@ -116,7 +116,7 @@ class _Engine:
         finally:
             rendering.stop()
 
-    def _play(self, sound: GrowingSound, loudspeaker: Loudspeaker) -> None:
+    def _play(self, sound: StreamingBuffer, loudspeaker: Loudspeaker) -> None:
         if not loudspeaker.audible and not self._silenced.is_set():
             self._tell_device(loudspeaker.look())
         for attempt in (1, 2):
@@ -156,7 +156,7 @@ class _Engine:
         except Exception:
             traceback.print_exc()
 
-    def _tell_inaudible(self, sound: GrowingSound, *, played_s: float) -> None:
+    def _tell_inaudible(self, sound: StreamingBuffer, *, played_s: float) -> None:
         """Report the duration of an inaudible utterance once it is synthesised."""
         while not (sound.complete or self._silenced.is_set()):
             self._woken.wait()

@@ -5,21 +5,22 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import dataclass
 
 _FOV_DEG = (5.0, 170.0)
 
-Radians = Annotated[float, Rule(unit="radians", at_least=-7, at_most=7)]
-Offset = Annotated[float, Rule(unit="metres", at_least=-5, at_most=5)]
+Radians = Annotated[float, FieldSpec(unit="radians", at_least=-7, at_most=7)]
+Offset = Annotated[float, FieldSpec(unit="metres", at_least=-5, at_most=5)]
 _HeadingDeg = Annotated[
-    float, Rule("Where it looks, to the left of forward; 0 if not given.", unit="degrees", at_least=-360, at_most=360)
+    float,
+    FieldSpec("Where it looks, to the left of forward; 0 if not given.", unit="degrees", at_least=-360, at_most=360),
 ]
 _HeadingRad = Annotated[
     float,
     # Within the range of degrees that it is written back as.
-    Rule("The same in radians.", unit="radians", at_least=-6.2831, at_most=6.2831, instead_of=("heading_deg",)),
+    FieldSpec("The same in radians.", unit="radians", at_least=-6.2831, at_most=6.2831, instead_of=("heading_deg",)),
 ]
 
 
@@ -28,36 +29,39 @@ class CameraModelKeys:
     """Where a camera is and what it sees, as its data sheet or its calibration says."""
 
     width_px: Annotated[
-        int, Rule("Width of the picture that the other numbers belong to.", unit="pixels", at_least=16, at_most=16_384)
+        int,
+        FieldSpec("Width of the picture that the other numbers belong to.", unit="pixels", at_least=16, at_most=16_384),
     ]
-    height_px: Annotated[int, Rule("Its height.", unit="pixels", at_least=16, at_most=16_384)]
-    horizontal_fov_deg: Annotated[float | None, Rule(
+    height_px: Annotated[int, FieldSpec("Its height.", unit="pixels", at_least=16, at_most=16_384)]
+    horizontal_fov_deg: Annotated[float | None, FieldSpec(
         "The angle from the left to the right edge.", unit="degrees", at_least=_FOV_DEG[0], at_most=_FOV_DEG[1],
     )] = None  # fmt: skip
-    fx_px: Annotated[float | None, Rule(
+    fx_px: Annotated[float | None, FieldSpec(
         "Focal length across, of a calibration.", unit="pixels", more_than=0, instead_of=("horizontal_fov_deg",),
     )] = None  # fmt: skip
     fy_px: Annotated[
-        float | None, Rule("Focal length down; as fx_px if not given.", unit="pixels", more_than=0, beside=("fx_px",))
+        float | None,
+        FieldSpec("Focal length down; as fx_px if not given.", unit="pixels", more_than=0, beside=("fx_px",)),
     ] = None
     cx_px: Annotated[
-        float | None, Rule("Column of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
+        float | None,
+        FieldSpec("Column of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",)),
     ] = None
     cy_px: Annotated[
-        float | None, Rule("Row of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
+        float | None, FieldSpec("Row of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
     ] = None
-    x_m: Annotated[Offset, Rule("In front of the robot's centre.")] = 0.0
-    y_m: Annotated[Offset, Rule("To the left of it.")] = 0.0
-    z_m: Annotated[float, Rule("Above the floor.", unit="metres", at_least=0.02, at_most=5)] = 1.0
-    heading_deg: Annotated[_HeadingDeg | None, Rule()] = None
-    heading_rad: Annotated[_HeadingRad | None, Rule()] = None
+    x_m: Annotated[Offset, FieldSpec("In front of the robot's centre.")] = 0.0
+    y_m: Annotated[Offset, FieldSpec("To the left of it.")] = 0.0
+    z_m: Annotated[float, FieldSpec("Above the floor.", unit="metres", at_least=0.02, at_most=5)] = 1.0
+    heading_deg: Annotated[_HeadingDeg | None, FieldSpec()] = None
+    heading_rad: Annotated[_HeadingRad | None, FieldSpec()] = None
     tilt_deg: Annotated[
-        float | None, Rule("How far it looks down; 0 if not given.", unit="degrees", at_least=-90, at_most=90)
+        float | None, FieldSpec("How far it looks down; 0 if not given.", unit="degrees", at_least=-90, at_most=90)
     ] = None
-    tilt_rad: Annotated[float | None, Rule(
+    tilt_rad: Annotated[float | None, FieldSpec(
         "The same in radians.", unit="radians", at_least=-1.5708, at_most=1.5708, instead_of=("tilt_deg",),
     )] = None  # fmt: skip
-    on_head: Annotated[bool, Rule("`true` where it turns with the robot's head.", quiet=True)] = False
+    on_head: Annotated[bool, FieldSpec("`true` where it turns with the robot's head.", quiet=True)] = False
 
     def model(self) -> CameraModel:
         if self.fx_px is None:
@@ -103,10 +107,10 @@ class CameraModelKeys:
 class PoseKeys:
     """A place in the robot frame."""
 
-    x_m: Annotated[float, Rule("In front of the robot's centre.", unit="metres")] = 0.0
-    y_m: Annotated[float, Rule("To the left of it.", unit="metres")] = 0.0
-    heading_deg: Annotated[_HeadingDeg | None, Rule()] = None
-    heading_rad: Annotated[_HeadingRad | None, Rule()] = None
+    x_m: Annotated[float, FieldSpec("In front of the robot's centre.", unit="metres")] = 0.0
+    y_m: Annotated[float, FieldSpec("To the left of it.", unit="metres")] = 0.0
+    heading_deg: Annotated[_HeadingDeg | None, FieldSpec()] = None
+    heading_rad: Annotated[_HeadingRad | None, FieldSpec()] = None
 
     @classmethod
     def of(cls, pose: Pose2D) -> "PoseKeys":

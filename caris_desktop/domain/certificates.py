@@ -12,7 +12,7 @@ import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -121,7 +121,7 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
     """
     if not isinstance(error, ssl.SSLCertVerificationError):
         told = QT_TR_NOOP("No secured connection to {name} came about ({reason}).")
-        return (filled(told, name=name, reason=error.reason or error),), ()
+        return (localized(told, name=name, reason=error.reason or error),), ()
     code = error.verify_code
     shown = None if certificate is None else _read(certificate)
     now = datetime.datetime.now(datetime.UTC)
@@ -147,15 +147,15 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
             told = QT_TR_NOOP("The certificate of {name} names no server: the extension subjectAltName is missing.")
         elif names is None:
             told = QT_TR_NOOP("The certificate of what answers as {name} is for another name.")
-        what.append(filled(told, names=", ".join(names or ())))
+        what.append(localized(told, names=", ".join(names or ())))
         advice.append(
             QT_TR_NOOP("Use a name of the certificate as the address, or give the server a certificate for this one.")
         )
     if not what:
         told = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")
-        what.append(filled(told, reason=error.verify_message))
+        what.append(localized(told, reason=error.verify_message))
         advice.append(QT_TR_NOOP("Check the certificate on the server."))
-    return tuple(filled(sentence, name=name) for sentence in what), tuple(advice)
+    return tuple(localized(sentence, name=name) for sentence in what), tuple(advice)
 
 
 def _read(certificate: bytes) -> "x509.Certificate | None":

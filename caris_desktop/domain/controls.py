@@ -8,7 +8,7 @@ from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 
 from caris_desktop.domain.control_effects import NO_NAMES, ControlClass, RobotInterfaceNames, control_class
-from caris_desktop.domain.declared import Elsewhere, NotInFile, Rule, Spread
+from caris_desktop.domain.declared import Excluded, ExternalSchema, FieldSpec, Flattened
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 
@@ -19,7 +19,7 @@ VALUE = "$value"
 ROS_NAME = "ROS name"
 RosName = Annotated[
     str,
-    Rule(
+    FieldSpec(
         noun=ROS_NAME,
         longest=255,
         pattern="^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*$",
@@ -28,7 +28,7 @@ RosName = Annotated[
 ]
 RosType = Annotated[
     str,
-    Rule(
+    FieldSpec(
         noun="ROS type",
         longest=255,
         pattern="^[A-Za-z][A-Za-z0-9_]*(/(msg|srv|action))?/[A-Za-z][A-Za-z0-9_]*$",
@@ -46,9 +46,9 @@ _CHOICE = ("kind", "choice")
 class PublishMessage:
     """Publish ``message`` on ``topic``."""
 
-    topic: Annotated[RosName, Rule("Where.")]
-    type: Annotated[RosType, Rule("What the topic carries.")]
-    message: Annotated[_Template, Rule("The message; `$value` stands for what the wizard chose.")] = field(
+    topic: Annotated[RosName, FieldSpec("Where.")]
+    type: Annotated[RosType, FieldSpec("What the topic carries.")]
+    message: Annotated[_Template, FieldSpec("The message; `$value` stands for what the wizard chose.")] = field(
         default_factory=dict
     )
 
@@ -57,9 +57,9 @@ class PublishMessage:
 class CallService:
     """Call ``service`` with ``request``."""
 
-    service: Annotated[RosName, Rule("Which one.")]
-    type: Annotated[RosType, Rule("Its type.")]
-    request: Annotated[_Template, Rule("The request; `$value` stands for what the wizard chose.")] = field(
+    service: Annotated[RosName, FieldSpec("Which one.")]
+    type: Annotated[RosType, FieldSpec("Its type.")]
+    request: Annotated[_Template, FieldSpec("The request; `$value` stands for what the wizard chose.")] = field(
         default_factory=dict
     )
 
@@ -68,9 +68,9 @@ class CallService:
 class SendActionGoal:
     """Send ``goal`` to an action server (actionlib in ROS 1)."""
 
-    action: Annotated[RosName, Rule("Which action.", key="name")]
-    type: Annotated[RosType, Rule("Its type.")]
-    goal: Annotated[_Template, Rule("The goal; `$value` stands for what the wizard chose.")] = field(
+    action: Annotated[RosName, FieldSpec("Which action.", key="name")]
+    type: Annotated[RosType, FieldSpec("Its type.")]
+    goal: Annotated[_Template, FieldSpec("The goal; `$value` stands for what the wizard chose.")] = field(
         default_factory=dict
     )
 
@@ -82,10 +82,10 @@ ControlEffect = PublishMessage | CallService | SendActionGoal
 class _EffectKeys:
     """What a control does, under the key of its kind."""
 
-    publish: Annotated[PublishMessage | None, Rule("Publish a message.", beside=_SENDING, needed=_SENDING)] = None
-    call: Annotated[CallService | None, Rule("Call a service.", beside=_SENDING, instead_of=("publish",))] = None
+    publish: Annotated[PublishMessage | None, FieldSpec("Publish a message.", beside=_SENDING, needed=_SENDING)] = None
+    call: Annotated[CallService | None, FieldSpec("Call a service.", beside=_SENDING, instead_of=("publish",))] = None
     action: Annotated[
-        SendActionGoal | None, Rule("Send a goal to an action.", beside=_SENDING, instead_of=("publish", "call"))
+        SendActionGoal | None, FieldSpec("Send a goal to an action.", beside=_SENDING, instead_of=("publish", "call"))
     ] = None
 
     def effect(self) -> ControlEffect | None:
@@ -107,19 +107,19 @@ def _effect_keys(effect: ControlEffect | None) -> _EffectKeys:
 class Reading:
     """What of a topic is shown."""
 
-    topic: Annotated[RosName, Rule("Where the robot tells it.")]
-    type: Annotated[RosType, Rule("What the topic carries.")]
+    topic: Annotated[RosName, FieldSpec("Where the robot tells it.")]
+    type: Annotated[RosType, FieldSpec("What the topic carries.")]
     field: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "One value of the message.",
             pattern="^[A-Za-z_][A-Za-z0-9_]*(\\[[0-9]+\\])*(\\.[A-Za-z_][A-Za-z0-9_]*(\\[[0-9]+\\])*)*$",
             allowed="a path such as data or status[0].level.",
         ),
     ]
-    scale: Annotated[float, Rule("The value is shown times this.", quiet=True)] = 1.0
+    scale: Annotated[float, FieldSpec("The value is shown times this.", quiet=True)] = 1.0
     throttle_ms: Annotated[
-        int, Rule("At most one message in this time.", unit="milliseconds", at_least=0, at_most=60_000, quiet=True)
+        int, FieldSpec("At most one message in this time.", unit="milliseconds", at_least=0, at_most=60_000, quiet=True)
     ] = 200
 
 
@@ -127,8 +127,8 @@ class Reading:
 class Choice:
     """One line of a ``choice``."""
 
-    title: Annotated[str, Rule("What the wizard reads.")]
-    value: Annotated[ControlValue, Rule("What `$value` stands for then.")]
+    title: Annotated[str, FieldSpec("What the wizard reads.")]
+    value: Annotated[ControlValue, FieldSpec("What `$value` stands for then.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,39 +137,43 @@ class RobotControl:
 
     id: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "Unique among the controls; it is what the recording says.",
             pattern="^[a-z][a-z0-9_]*$",
             allowed="a short lower-case name of letters, digits and _.",
         ),
     ]
-    title: Annotated[str, Rule("What the wizard reads.", shortest=1, longest=60)]
-    kind: Annotated[ControlKind, Rule("What it is.", noun="kind")]
-    effect: Annotated[ControlEffect | None, Spread(_EffectKeys, _EffectKeys.effect, _effect_keys), Rule(order=1)] = None
+    title: Annotated[str, FieldSpec("What the wizard reads.", shortest=1, longest=60)]
+    kind: Annotated[ControlKind, FieldSpec("What it is.", noun="kind")]
+    effect: Annotated[
+        ControlEffect | None, Flattened(_EffectKeys, _EffectKeys.effect, _effect_keys), FieldSpec(order=1)
+    ] = None
     reading: Annotated[
-        Reading | None, Rule("The state as the robot tells it.", key="shows", needed=("kind", "readout"), order=2)
+        Reading | None, FieldSpec("The state as the robot tells it.", key="shows", needed=("kind", "readout"), order=2)
     ] = None
-    group: Annotated[str, Rule("Controls of one group stand together under this heading.", longest=40, quiet=True)] = ""
-    unit: Annotated[str, Rule("Shown behind the number.", longest=12, quiet=True)] = ""
+    group: Annotated[
+        str, FieldSpec("Controls of one group stand together under this heading.", longest=40, quiet=True)
+    ] = ""
+    unit: Annotated[str, FieldSpec("Shown behind the number.", longest=12, quiet=True)] = ""
     range: Annotated[
-        tuple[float, float] | None, Rule("Lowest and highest value of a slider.", beside=_SLIDER, needed=_SLIDER)
+        tuple[float, float] | None, FieldSpec("Lowest and highest value of a slider.", beside=_SLIDER, needed=_SLIDER)
     ] = None
-    step: Annotated[float, Rule("Step of a slider; 0: continuous.", at_least=0, beside=_SLIDER, quiet=True)] = 0.0
+    step: Annotated[float, FieldSpec("Step of a slider; 0: continuous.", at_least=0, beside=_SLIDER, quiet=True)] = 0.0
     choices: Annotated[
         tuple[Choice, ...],
-        Rule("What can be chosen.", shortest=1, longest=40, beside=_CHOICE, needed=_CHOICE, quiet=True),
+        FieldSpec("What can be chosen.", shortest=1, longest=40, beside=_CHOICE, needed=_CHOICE, quiet=True),
     ] = ()
-    confirm: Annotated[bool, Rule("The wizard is asked before it is done.", quiet=True)] = False
+    confirm: Annotated[bool, FieldSpec("The wizard is asked before it is done.", quiet=True)] = False
     moves: Annotated[
         bool,
-        Rule(
+        FieldSpec(
             "`false` for what moves nothing (a light, a volume, a screen): it also works where driving is not "
             "permitted, and under the emergency stop if the console knows that kind. What ROS or the profile uses for "
             "motion stays motion.",
             quiet=True,
         ),
     ] = True
-    decided: Annotated[ControlClass | None, NotInFile()] = field(default=None, compare=False)
+    decided: Annotated[ControlClass | None, Excluded()] = field(default=None, compare=False)
 
     @property
     def lowest(self) -> float:
@@ -207,7 +211,9 @@ class RobotControl:
 
 
 CONTROL = Annotated[
-    RobotControl, Rule(noun="control"), Elsewhere("robot-control.schema.json", "robot-profiles.md#the-robot-panel")
+    RobotControl,
+    FieldSpec(noun="control"),
+    ExternalSchema("robot-control.schema.json", "robot-profiles.md#the-robot-panel"),
 ]
 """One control in a file."""
 

@@ -30,7 +30,7 @@ Group: TypeAlias = Any
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class FieldSpec:
     """What holds at one place of a file beside its type, and what people are told of it.
 
     ``noun`` is what one of these is called in messages. Numbers are bounded by ``at_least``, ``more_than`` and
@@ -80,7 +80,7 @@ class Rule:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class Flattened:
     """A value that stands in the file as the ``keys`` of another declaration, among those of its group."""
 
     keys: Group
@@ -89,7 +89,7 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class WrittenAs:
+class StoredAs:
     """A value that stands in the file as ``kind``, which is another declaration."""
 
     kind: Any
@@ -98,26 +98,26 @@ class WrittenAs:
 
 
 @dataclass(frozen=True, slots=True)
-class Elsewhere:
+class ExternalSchema:
     """What stands here is explained elsewhere, because several files have it: in a schema and on a page."""
 
     schema: str
     page: str
 
 
-class NotInFile:
+class Excluded:
     """Marker of attributes that are not in the file."""
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class ValueForm:
     """What stands at one place: its type without annotations, the rules that hold there, and how it is written."""
 
     kind: Any
-    rule: Rule = Rule()
-    spread: Spread | None = None
-    written_as: WrittenAs | None = None
-    elsewhere: Elsewhere | None = None
+    rule: FieldSpec = FieldSpec()
+    spread: Flattened | None = None
+    written_as: StoredAs | None = None
+    elsewhere: ExternalSchema | None = None
     in_file: bool = True
 
 
@@ -127,7 +127,7 @@ class Key:
 
     name: str
     attribute: str
-    form: Form
+    form: ValueForm
     default: Any = MISSING
 
     @property
@@ -135,43 +135,43 @@ class Key:
         return self.default is MISSING or self.form.rule.wanted
 
 
-def form_of(hint: Any) -> Form:
+def form_of(hint: Any) -> ValueForm:
     """Form that an annotation declares. Outer rules precede inner ones; None means that the key is left out."""
-    return hint if isinstance(hint, Form) else _form_of(hint)
+    return hint if isinstance(hint, ValueForm) else _form_of(hint)
 
 
 @functools.cache
-def _form_of(hint: Any) -> Form:
+def _form_of(hint: Any) -> ValueForm:
     hint = without_alias(hint)
     if get_origin(hint) is Annotated:
         inner, *marks = get_args(hint)
         return functools.reduce(_with_mark, marks, form_of(inner))
     members = [member for member in union_members(hint) if member is not type(None)]
-    return form_of(members[0]) if len(members) == 1 else Form(hint)
+    return form_of(members[0]) if len(members) == 1 else ValueForm(hint)
 
 
-def _with_mark(form: Form, mark: Any) -> Form:
+def _with_mark(form: ValueForm, mark: Any) -> ValueForm:
     match mark:
-        case Rule():
+        case FieldSpec():
             return replace(form, rule=_with_rule(form.rule, mark))
-        case Spread():
+        case Flattened():
             return replace(form, spread=mark)
-        case WrittenAs():
+        case StoredAs():
             written = form_of(mark.kind)
             return replace(form, kind=written.kind, rule=_with_rule(form.rule, written.rule), written_as=mark)
-        case Elsewhere():
+        case ExternalSchema():
             return replace(form, elsewhere=mark)
-        case NotInFile():
+        case Excluded():
             return replace(form, in_file=False)
     return form
 
 
-def _with_rule(inner: Rule, outer: Rule) -> Rule:
-    given = {each.name: getattr(outer, each.name) for each in fields(Rule)}
+def _with_rule(inner: FieldSpec, outer: FieldSpec) -> FieldSpec:
+    given = {each.name: getattr(outer, each.name) for each in fields(FieldSpec)}
     return replace(inner, **{name: value for name, value in given.items() if value != getattr(_NO_RULE, name)})
 
 
-_NO_RULE = Rule()
+_NO_RULE = FieldSpec()
 
 
 def is_group(kind: Any) -> bool:
@@ -186,7 +186,7 @@ def groups_of(kind: Any) -> tuple[Group, ...]:
     return groups if len(groups) == len([member for member in members if member is not str]) else ()
 
 
-def text_of(kind: Any) -> Form | None:
+def text_of(kind: Any) -> ValueForm | None:
     """Form of the text that may replace groups; None unless both are allowed."""
     if not groups_of(kind):
         return None
@@ -209,19 +209,19 @@ def is_free(kind: Any) -> bool:
     return get_origin(kind) is Mapping
 
 
-def item_of(kind: Any) -> Form | None:
+def item_of(kind: Any) -> ValueForm | None:
     """Form of a list's entries; None if it is no list."""
     return form_of(get_args(kind)[0]) if get_origin(kind) is tuple else None
 
 
-def size_of(form: Form) -> tuple[int, int | None]:
+def size_of(form: ValueForm) -> tuple[int, int | None]:
     """Minimum and maximum count of characters or entries."""
     if get_origin(form.kind) is tuple and get_args(form.kind)[-1] is not Ellipsis:
         return len(get_args(form.kind)), len(get_args(form.kind))
     return form.rule.shortest, form.rule.longest
 
 
-def _is_known(form: Form) -> bool:
+def _is_known(form: ValueForm) -> bool:
     """Whether values of this form can be checked, read and written."""
     if (item := item_of(form.kind)) is not None:
         return len(set(get_args(form.kind)) - {...}) == 1 and _is_known(item)
@@ -268,7 +268,7 @@ def value_from(hint: Any, data: Any) -> Any:
     return _value(form_of(hint), data)
 
 
-def _value(form: Form, data: Any) -> Any:
+def _value(form: ValueForm, data: Any) -> Any:
     if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
         value = _value(text, data)
     elif is_group(form.kind):
@@ -298,7 +298,7 @@ def data_of(hint: Any, value: Any) -> Any:
     return _data(form_of(hint), value)
 
 
-def _data(form: Form, value: Any) -> Any:
+def _data(form: ValueForm, value: Any) -> Any:
     if form.written_as is not None:
         value = form.written_as.write(value)
     if is_group(type(value)):
@@ -321,7 +321,7 @@ def _group_data(value: Any) -> dict[str, Any]:
     return data
 
 
-def replaced(hint: Any, data: Any, change: Callable[[Form, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
+def replaced(hint: Any, data: Any, change: Callable[[ValueForm, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
     """Checked ``data`` with ``change`` applied to each single value."""
     form = form_of(hint)
     if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
@@ -338,7 +338,7 @@ def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
     """Single values in checked ``data`` that name something outside the file, with their key path without indices."""
     found: list[tuple[External, Any, str]] = []
 
-    def look(form: Form, value: Any, path: KeyPath) -> Any:
+    def look(form: ValueForm, value: Any, path: KeyPath) -> Any:
         if form.rule.external is not None:
             found.append((form.rule.external, value, ".".join(step for step in path if isinstance(step, str))))
         return value

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from caris_desktop.domain.declared import (
-    Form,
     Group,
     Key,
+    ValueForm,
     choices_of,
     form_of,
     group_meant,
@@ -48,7 +48,7 @@ def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
     return _problems(form_of(hint), data, path)
 
 
-def _problems(form: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
+def _problems(form: ValueForm, data: Any, path: KeyPath) -> Iterator[Problem]:
     if (text := text_of(form.kind)) is not None and not isinstance(data, dict):
         yield from _problems(text, data, path)
         return
@@ -63,7 +63,9 @@ def _problems(form: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
         yield path, sentence
 
 
-def _group_problems(groups: tuple[Group, ...], data: Mapping[str, Any], path: KeyPath, form: Form) -> Iterator[Problem]:
+def _group_problems(
+    groups: tuple[Group, ...], data: Mapping[str, Any], path: KeyPath, form: ValueForm
+) -> Iterator[Problem]:
     meant = group_meant(groups, data)
     keys = {key.name: key for group in (groups if meant is None else (meant,)) for key in keys_of(group)}
     misspelled = set()
@@ -136,7 +138,7 @@ def either(words: Sequence[str]) -> str:
     return tr("{first} or {last}").format(first=", ".join(first), last=last) if first else last
 
 
-def _list_problems(form: Form, item: Form, data: Any, path: KeyPath) -> Iterator[Problem]:
+def _list_problems(form: ValueForm, item: ValueForm, data: Any, path: KeyPath) -> Iterator[Problem]:
     if not isinstance(data, (list, tuple)):
         yield path, _wrong_kind(tr("a list"), data, path, form)
         return
@@ -148,7 +150,7 @@ def _list_problems(form: Form, item: Form, data: Any, path: KeyPath) -> Iterator
         yield from _problems(item, entry, (*path, index))
 
 
-def _value_problem(form: Form, value: Any, path: KeyPath) -> str | None:
+def _value_problem(form: ValueForm, value: Any, path: KeyPath) -> str | None:
     name, rule = name_of(path), form.rule
     if choices := choices_of(form.kind):
         if any(value == choice and type(value) is type(choice) for choice in choices):
@@ -182,7 +184,7 @@ def _allowed(words: str) -> str:
     return tr("Allowed: {words}").format(words=words)
 
 
-def _length_problem(form: Form, data: Sequence[Any], found: str, path: KeyPath) -> str | None:
+def _length_problem(form: ValueForm, data: Sequence[Any], found: str, path: KeyPath) -> str | None:
     """Problem of the length; ``found`` is a text with placeholders ``key`` and ``count``."""
     least, most = size_of(form)
     if len(data) >= least and (most is None or len(data) <= most):
@@ -204,7 +206,7 @@ def _is_a(kind: type[Any], value: Any) -> bool:
     return isinstance(value, (int, float) if kind is float else kind)
 
 
-def _wrong_kind(words: str, found: Any, path: KeyPath, form: Form) -> str:
+def _wrong_kind(words: str, found: Any, path: KeyPath, form: ValueForm) -> str:
     must = tr("{key} must be {kind}, found {found}.").format(key=name_of(path), kind=words, found=quoted(found))
     return f"{must} {_allowed(tr(form.rule.allowed))}" if form.rule.allowed else must
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from caris_desktop.domain.declared import (
-    Form,
     Group,
     Key,
+    ValueForm,
     choices_of,
     data_of,
     form_of,
@@ -111,7 +111,7 @@ def _shown(default: Any) -> str:
     return f"`{default}`" if default or isinstance(default, (int, float)) else "none"
 
 
-def _allowed(form: Form) -> Iterator[str]:
+def _allowed(form: ValueForm) -> Iterator[str]:
     kind, rule = form.kind, form.rule
     if (item := item_of(kind)) is not None:
         yield f"list{_size(form, 'entry', 'entries')}: {', '.join(_allowed(item))}"
@@ -142,7 +142,7 @@ def _listed(choices: tuple[Any, ...]) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _size(form: Form, one: str, many: str) -> str:
+def _size(form: ValueForm, one: str, many: str) -> str:
     least, most = size_of(form)
     if least == most:
         return f" of {least} {many}"

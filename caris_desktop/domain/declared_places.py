@@ -7,10 +7,10 @@ from dataclasses import MISSING
 from typing import Any
 
 from caris_desktop.domain.declared import (
-    Form,
+    FieldSpec,
     Group,
     Key,
-    Rule,
+    ValueForm,
     choices_of,
     data_of,
     form_of,
@@ -42,7 +42,7 @@ class Difference:
     after: Any
 
 
-def group_at(form: Form, data: Any) -> Group | None:
+def group_at(form: ValueForm, data: Any) -> Group | None:
     """Group of the keys at this position for the present ``data``; None if there are none."""
     if is_group(form.kind):
         return form.kind
@@ -59,7 +59,7 @@ def text_key(group: Group) -> str:
     return keys_of(group)[0].name
 
 
-def form_at(hint: Any, data: Any, path: KeyPath) -> Form:
+def form_at(hint: Any, data: Any, path: KeyPath) -> ValueForm:
     """Form declared at ``path``, given the ``data`` of the whole file. Raises KeyError if there is none."""
     form = form_of(hint)
     for part in path:
@@ -74,7 +74,7 @@ def form_at(hint: Any, data: Any, path: KeyPath) -> Form:
     return form
 
 
-def key_of(form: Form, data: Any, name: str) -> Key:
+def key_of(form: ValueForm, data: Any, name: str) -> Key:
     """Key of that name in a group. Raises KeyError."""
     groups = [group] if (group := group_at(form, data)) is not None else list(groups_of(form.kind))
     for group in groups:
@@ -101,7 +101,7 @@ def default_of(key: Key) -> Any:
     return data_of(key.form, key.default)
 
 
-def blank_of(form: Form) -> Any:
+def blank_of(form: ValueForm) -> Any:
     """Initial content of a new list entry or group: required keys with minimal values."""
     if text_of(form.kind) is not None:
         return ""
@@ -160,7 +160,7 @@ def differences(hint: Any, before: Any, after: Any, path: KeyPath = ()) -> Itera
     yield from _differences(form_of(hint), before, after, path)
 
 
-def _differences(form: Form, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
+def _differences(form: ValueForm, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
     if before == after and before is not ABSENT:
         return
     if text_of(form.kind) is not None and isinstance(before, Mapping) is not isinstance(after, Mapping):
@@ -179,7 +179,7 @@ def _differences(form: Form, before: Any, after: Any, path: KeyPath) -> Iterator
         yield Difference(path, before, after)
 
 
-def _as_group(form: Form, data: Any) -> Any:
+def _as_group(form: ValueForm, data: Any) -> Any:
     """Group that a text in its place stands for."""
     group = group_at(form, data)
     return {text_key(group): data} if isinstance(data, str) and group is not None else data
@@ -197,12 +197,12 @@ def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterat
         yield Difference(path, before, after)
 
 
-def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Rule, str]]:
+def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
     """References to entries of the file's own lists: path, rule and name."""
     yield from _references(form_of(hint), data, ())
 
 
-def _references(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Rule, str]]:
+def _references(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
     item = item_of(form.kind)
     if isinstance(data, Mapping) and (group := group_at(form, data)) is not None:
         for key in keys_of(group):

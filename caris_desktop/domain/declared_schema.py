@@ -4,10 +4,10 @@ import json
 from typing import Any
 
 from caris_desktop.domain.declared import (
-    Form,
+    FieldSpec,
     Group,
     Key,
-    Rule,
+    ValueForm,
     choices_of,
     form_of,
     groups_of,
@@ -41,13 +41,13 @@ def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
     return json.dumps(file_schema(declaration, title=title, schema_id=schema_id), indent=2, ensure_ascii=False) + "\n"
 
 
-def description_of(form: Form) -> str:
+def description_of(form: ValueForm) -> str:
     """Description for people: the rule's text, else the declaration's docstring."""
     said = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
     return " ".join(said.replace("``", "`").split())
 
 
-def _schema(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
+def _schema(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
     if form.elsewhere is not None:
         schema: dict[str, Any] = {"$ref": form.elsewhere.schema}
     else:
@@ -57,7 +57,7 @@ def _schema(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     return {**schema, "description": description} if description else schema
 
 
-def _defined(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
+def _defined(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
     """Reference to a shared definition: what has a noun is described once, and may be recursive."""
     name = form.rule.noun.replace(" ", "_")
     if name not in definitions:
@@ -66,7 +66,7 @@ def _defined(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     return {"$ref": f"#/$defs/{name}"}
 
 
-def _bare(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
+def _bare(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
     kind, rule = form.kind, form.rule
     least, most = size_of(form)
     if is_group(kind):
@@ -98,7 +98,7 @@ def _bare(form: Form, definitions: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def _group(group: Group, definitions: dict[str, Any], rule: Rule) -> dict[str, Any]:
+def _group(group: Group, definitions: dict[str, Any], rule: FieldSpec) -> dict[str, Any]:
     keys = keys_of(group)
     properties = {}
     for key in keys:
@@ -145,7 +145,7 @@ def _one_of(groups: tuple[Group, ...], definitions: dict[str, Any]) -> dict[str,
     of the group meant.
     """
     first, *others = groups
-    schema = _group(first, definitions, Rule())
+    schema = _group(first, definitions, FieldSpec())
     if not others:
         return schema
     decisive = next(key.name for key in keys_of(first) if key.required)

@@ -5,7 +5,17 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from caris_desktop.domain.declared import Form, Group, Key, choices_of, form_of, groups_of, is_group, item_of, keys_of
+from caris_desktop.domain.declared import (
+    Group,
+    Key,
+    ValueForm,
+    choices_of,
+    form_of,
+    groups_of,
+    is_group,
+    item_of,
+    keys_of,
+)
 from caris_desktop.domain.declared_schema import description_of
 from caris_desktop.domain.translation import tr
 
@@ -18,19 +28,19 @@ def title_of(key: Key) -> str:
     return tr(title)
 
 
-def said_of(form: Form) -> str:
+def said_of(form: ValueForm) -> str:
     """Description; empty without one."""
     said = description_of(form)
     return tr(said) if said else ""
 
 
-def allowed_by(form: Form) -> str:
+def allowed_by(form: ValueForm) -> str:
     """Allowed values in words; empty without them."""
     allowed = form.rule.allowed
     return tr(allowed) if allowed else ""
 
 
-def unit_of(form: Form) -> str:
+def unit_of(form: ValueForm) -> str:
     unit = form.rule.unit
     return tr(unit) if unit else ""
 
@@ -63,7 +73,7 @@ def texts_of(declaration: Group) -> list[str]:
     return list(dict.fromkeys(text for text in _texts(form_of(declaration), set()) if text))
 
 
-def _texts(form: Form, seen: set[Any]) -> Iterator[str]:
+def _texts(form: ValueForm, seen: set[Any]) -> Iterator[str]:
     yield from (description_of(form), form.rule.allowed, form.rule.unit, form.rule.needs, form.rule.noun)
     yield from (_word(choice) for choice in (*choices_of(form.kind), *form.rule.else_one_of))
     if (item := item_of(form.kind)) is not None:

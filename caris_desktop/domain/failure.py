@@ -3,7 +3,7 @@
 from caris_desktop.domain.events import Severity
 
 
-class ToldFailure(Exception):  # noqa: N818 - its kinds end in Error
+class UserFacingError(Exception):
     """Failure as the wizard needs it: what happened, what it means for the session, what to do."""
 
     def __init__(self, what: str, meaning: str, advice: str, *, severity: Severity = "error") -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
 _CONNECT_TIMEOUT_S = 3.0
@@ -89,7 +89,7 @@ def read_checked(path: Path) -> tuple[bytes, str]:
 def _checked(path: Path, digest: str) -> str:
     if expected_of(path) - {digest}:
         raise WrongChecksum(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "The file {name} of a model is not the one that its checksum is of: it is damaged, or another was "
                     "put in its place. It is not used."
@@ -131,7 +131,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
         asked = str(request.url)
         if not is_encrypted_or_local(asked) or (is_loopback(asked) and not is_loopback(url)):
             raise NotFetched(
-                filled(QT_TR_NOOP("{address} is not an https:// address"), address=without_credentials(asked))
+                localized(QT_TR_NOOP("{address} is not an https:// address"), address=without_credentials(asked))
             )
 
     def expected(chunks: Iterable[bytes]) -> Iterator[bytes]:
@@ -159,4 +159,4 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
         raise NotFetched(QT_TR_NOOP("this computer is offline")) from error
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
         _log.warning("download of %s failed: %s", target.name, error)
-        raise NotFetched(filled(QT_TR_NOOP("failed: {error}"), error=error)) from error
+        raise NotFetched(localized(QT_TR_NOOP("failed: {error}"), error=error)) from error

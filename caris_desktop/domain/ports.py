@@ -35,7 +35,7 @@ class ValueSink(Protocol):
     def __call__(self, value: Any) -> None: ...
 
 
-class TellProblem(Protocol):
+class ReportProblem(Protocol):
     """Reporter of a :class:`Problem` to the wizard and the record."""
 
     def __call__(

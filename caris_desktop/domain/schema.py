@@ -24,7 +24,7 @@ from typing import Any, Literal, NewType, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from caris_desktop.domain.translation import Filled
+from caris_desktop.domain.translation import LocalizedText
 from caris_desktop.domain.type_hints import union_members, without_alias
 
 T = TypeVar("T")
@@ -181,7 +181,7 @@ def _only_item(kind: Any) -> Any:
 
 def _plain(kind: type[Any], data: Any) -> Any:
     """Checked plain value: a text as a timestamp, say, would break arithmetic."""
-    if type(data) is not kind and not (kind is str and type(data) is Filled):
+    if type(data) is not kind and not (kind is str and type(data) is LocalizedText):
         raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
     if kind is int and not _LEAST_WHOLE <= data <= _LARGEST_WHOLE:
         raise ValueError(f"a whole number of {data.bit_length()} bits is too large")

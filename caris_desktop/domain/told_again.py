@@ -6,7 +6,7 @@ import json
 from functools import cache, lru_cache
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.translation import Filled, joined, refilled, speaks_english
+from caris_desktop.domain.translation import LocalizedText, joined, parse_localized, speaks_english
 
 _LONGEST = 500
 """What is longer was written by somebody, and would take its time to look through."""
@@ -14,7 +14,7 @@ _LONGEST = 500
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
 
 
-def told_again(sentence: str) -> str:
+def retranslate(sentence: str) -> str:
     """Sentence for ``tr``; unchanged in English, or if it matches no text with values."""
     return sentence if speaks_english() or not 0 < len(sentence) <= _LONGEST else _found(sentence)
 
@@ -25,10 +25,10 @@ def _found(sentence: str) -> str:
     while end >= 0:
         # Two sentences, event and advice: a text that ends in a value would match both together.
         both = _found(sentence[: end + 1]), _found(sentence[end + 2 :])
-        if all(isinstance(one, Filled) for one in both):
+        if all(isinstance(one, LocalizedText) for one in both):
             return joined(both)
         end = sentence.find(". ", end + 1)
-    return refilled(sentence, _texts())
+    return parse_localized(sentence, _texts())
 
 
 @cache

@@ -45,7 +45,7 @@ def tr(text: str, meant: str = "", number: int = -1) -> str:
     """``text`` in the wizard's language. ``meant`` distinguishes two meanings of one English text."""
     if not text:
         return ""
-    if isinstance(text, Filled):
+    if isinstance(text, LocalizedText):
         if not text.values:
             return _Used.translator(text.template, meant, number)
         number = int(text.values.get(_NUMBER, number))
@@ -55,7 +55,7 @@ def tr(text: str, meant: str = "", number: int = -1) -> str:
 
 def tr_filled(text: str) -> str:
     """``tr`` for ``Filled`` texts; other texts unchanged. For lists that mix both."""
-    return tr(text) if isinstance(text, Filled) else text
+    return tr(text) if isinstance(text, LocalizedText) else text
 
 
 def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N802 - by this name lupdate finds it
@@ -63,13 +63,13 @@ def QT_TR_NOOP(text: str, _meant: str = "", number: int = -1) -> str:  # noqa: N
 
     It remains translatable wherever it is passed, also as a value of another text.
     """
-    return Filled(text, {_NUMBER: str(number)}) if number >= 0 else Filled.marked(text)
+    return LocalizedText(text, {_NUMBER: str(number)}) if number >= 0 else LocalizedText.marked(text)
 
 
 _NOTHING: Mapping[str, str] = {}
 
 
-class Filled(str):
+class LocalizedText(str):
     """English text of the program, with or without values, which are kept separate for translation.
 
     ``template`` is the text that is looked up, ``values`` replace its ``{names}``: data, inserted as they are. A value
@@ -94,38 +94,38 @@ class Filled(str):
     def __str__(self) -> str:
         return self  # and so does the error of which this is the text
 
-    def __reduce__(self) -> tuple[type["Filled"], tuple[str, dict[str, str]]]:
-        return Filled, (self.template, dict(self.values))
+    def __reduce__(self) -> tuple[type["LocalizedText"], tuple[str, dict[str, str]]]:
+        return LocalizedText, (self.template, dict(self.values))
 
 
-def filled(text: str, /, **values: object) -> Filled:
+def localized(text: str, /, **values: object) -> LocalizedText:
     """``text``, marked by ``QT_TR_NOOP``, with its ``{names}`` filled; missing ones remain."""
-    before = text.values if isinstance(text, Filled) else {}
-    return Filled(
-        text.template if isinstance(text, Filled) else text,
+    before = text.values if isinstance(text, LocalizedText) else {}
+    return LocalizedText(
+        text.template if isinstance(text, LocalizedText) else text,
         {**before, **{name: str(value) for name, value in values.items()}},
     )
 
 
-def refilled(sentence: str, texts: tuple[str, ...]) -> str:
+def parse_localized(sentence: str, texts: tuple[str, ...]) -> str:
     """Recover text and values of a sentence stored as plain text; unchanged if it matches none of ``texts``. The
     longest match counts, and values that match are recovered too.
     """
-    if isinstance(sentence, Filled):
+    if isinstance(sentence, LocalizedText):
         return sentence
     for text, pieces in _by_length(texts):
         if all(map(sentence.__contains__, pieces)) and (found := _pattern(text).fullmatch(sentence)):
             values = found.groupdict()
             number = values.pop(_NUMBER_GROUP, None)
-            told = {name: refilled(value, texts) for name, value in values.items()}
-            return Filled(text, told if number is None else {_NUMBER: number, **told})
+            told = {name: parse_localized(value, texts) for name, value in values.items()}
+            return LocalizedText(text, told if number is None else {_NUMBER: number, **told})
     return sentence
 
 
-def joined(sentences: Iterable[str], between: str = " ") -> Filled:
+def joined(sentences: Iterable[str], between: str = " ") -> LocalizedText:
     """Several sentences joined, each with its values."""
     values = {f"part_{number}": sentence for number, sentence in enumerate(sentences)}
-    return Filled(between.join(f"{{{name}}}" for name in values), values)
+    return LocalizedText(between.join(f"{{{name}}}" for name in values), values)
 
 
 _NUMBER_GROUP = "_number"
@@ -134,7 +134,7 @@ _NUMBER_GROUP = "_number"
 @lru_cache
 def _by_length(texts: tuple[str, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Each text with its fixed pieces, the one with the most fixed text first."""
-    templates = {text.template if isinstance(text, Filled) else text for text in texts}
+    templates = {text.template if isinstance(text, LocalizedText) else text for text in texts}
     by_length = sorted(templates, key=lambda text: (-len(_PLACE.sub("", text)), text))
     return tuple((text, tuple(filter(None, _PLACE.sub("\n", text).split("\n")))) for text in by_length)
 
@@ -155,6 +155,6 @@ def _pattern(text: str) -> re.Pattern[str]:
 def _fill(template: str, values: Mapping[str, str], say: Callable[[str], str]) -> str:
     def one(place: re.Match[str]) -> str:
         value = values.get(place[1] or _NUMBER)
-        return place[0] if value is None else say(value) if isinstance(value, Filled) else value
+        return place[0] if value is None else say(value) if isinstance(value, LocalizedText) else value
 
     return _PLACE.sub(one, template)

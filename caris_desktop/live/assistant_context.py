@@ -6,7 +6,7 @@ from collections.abc import Container, Sequence
 from caris_desktop.conversation.prompts import (
     MAX_HISTORY_CHARACTERS,
     MAX_LABEL_CHARACTERS,
-    Along,
+    ContextPart,
     context_lines,
     conversation_words,
 )
@@ -15,7 +15,7 @@ from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import PartAlong
+from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistant import AssistantPeople
 
@@ -40,14 +40,14 @@ class AssistantContext:
         self._notes.clear()
         self._forgotten = frozenset(turn.utterance_id for turn in self._turns())
 
-    def along(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> Along:
+    def along(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> ContextPart:
         """Context without the parts left out. ``what``: permitted data about people; ``notes``: the notes as text."""
         if what == "history" and "history" in leave_out:
             what = "names"
         rows: Sequence[PersonRow] = self._state.persons.value
         labels = {row.person_id: who_is_here(row, "names" if what == "history" else what) for row in rows}
         noted = [f"{mark.label}: {mark.note}" if mark.label else mark.note for mark in self._notes.values()]
-        return Along(
+        return ContextPart(
             conversation=() if "conversation" in leave_out else self._turns(),
             step="" if "step" in leave_out else self._state.protocol.value.title,
             people=() if "people" in leave_out else [who_is_here(row, what) for row in rows if row.here],
@@ -57,27 +57,27 @@ class AssistantContext:
             label_of=labels.get,
         )
 
-    def parts(self, what: AssistantPeople, notes: str) -> tuple[PartAlong, ...]:
+    def parts(self, what: AssistantPeople, notes: str) -> tuple[ContextPartStatus, ...]:
         """Available parts with their size."""
         along = self.along(what, notes)
         turns, words = conversation_words(along.conversation)
         lines = context_lines(along)
-        found = [PartAlong("conversation", QT_TR_NOOP("Conversation"), turns, words)]
+        found = [ContextPartStatus("conversation", QT_TR_NOOP("Conversation"), turns, words)]
         if "step" in lines:
-            found.append(PartAlong("step", QT_TR_NOOP("Step"), 1, _words(lines["step"])))
+            found.append(ContextPartStatus("step", QT_TR_NOOP("Step"), 1, _words(lines["step"])))
         if "people" in lines:
             plain = lines["people"]
             if what == "history":
                 plain = context_lines(self.along("names", notes))["people"]
-            found.append(PartAlong("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
+            found.append(ContextPartStatus("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
             if lines["people"] != plain:
                 more = _words(lines["people"]) - _words(plain)
-                found.append(PartAlong("history", QT_TR_NOOP("What is known of them"), len(along.people), more))
+                found.append(ContextPartStatus("history", QT_TR_NOOP("What is known of them"), len(along.people), more))
         if "things" in lines:
             things = len(list(along.things))
-            found.append(PartAlong("things", QT_TR_NOOP("Things in view"), things, _words(lines["things"])))
+            found.append(ContextPartStatus("things", QT_TR_NOOP("Things in view"), things, _words(lines["things"])))
         if "notes" in lines:
-            found.append(PartAlong("notes", QT_TR_NOOP("Notes"), len(along.notes), _words(lines["notes"])))
+            found.append(ContextPartStatus("notes", QT_TR_NOOP("Notes"), len(along.notes), _words(lines["notes"])))
         return tuple(part for part in found if part.count)
 
     def _turns(self) -> Sequence[Turn]:

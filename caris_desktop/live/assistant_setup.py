@@ -14,7 +14,7 @@ def most_characters(kind: Kind) -> int:
     return PROMPT_CHARACTERS if kind == "system_prompt" else TEXT_CHARACTERS
 
 
-class Setup:
+class AssistantSetupState:
     """Choices and edits of this session; the scenario file is not changed."""
 
     def __init__(self, settings: AssistantSettings) -> None:

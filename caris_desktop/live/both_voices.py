@@ -11,7 +11,7 @@ from caris_desktop.live.speech_queue import NO_VOICE, Voice, VoiceKind
 _ENDS = ("finished", "interrupted", "failed")
 
 
-class BothVoices:
+class DualSpeechOutput:
     """Voice composed of two. It starts with the first and ends with the last.
 
     ``report`` receives the resulting events, in the reporting voice's thread.

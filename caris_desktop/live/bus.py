@@ -10,11 +10,11 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.streams import CARRIER_STREAMS, ShownAs
-from caris_desktop.live.confirmed_files import ConfirmationNeeded
+from caris_desktop.live.confirmed_files import ConfirmationNeededError
 from caris_desktop.live.mailbox import Mailbox
-from caris_desktop.live.pace import PassPace
+from caris_desktop.live.pace import UiThrottle
 from caris_desktop.live.service import Follows
 from caris_desktop.live.state import LiveState
 
@@ -39,7 +39,7 @@ class Bus(QObject):
         self._before_work: Callable[[], None] = lambda: None
         self._mailbox = Mailbox(self._woken.emit)
         self._woken.connect(self._on_woken, Qt.ConnectionType.QueuedConnection)
-        self._pace = PassPace(self)
+        self._pace = UiThrottle(self)
         self._pace.due.connect(self._on_woken)
 
     def tap(self, take: Tap, types: Iterable[type[Any]] | None = None) -> None:
@@ -89,11 +89,11 @@ class Bus(QObject):
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
-    def answer(self, failure: ToldFailure, until: ProblemEnd = "") -> None:
+    def answer(self, failure: UserFacingError, until: ProblemEnd = "") -> None:
         """Report that a command failed; with ``until`` the problem persists until then. An unconfirmed file leads to a
         question instead.
         """
-        if isinstance(failure, ConfirmationNeeded):
+        if isinstance(failure, ConfirmationNeededError):
             self._state.file_question.set_anew(failure.question)
             return
         cause = "" if until else ANSWER

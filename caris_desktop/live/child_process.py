@@ -46,7 +46,7 @@ class RingsToRead:
 
 
 @dataclass(frozen=True, slots=True)
-class ProcessBody:
+class ProcessSpec:
     """Entry point of a child: module-level function and picklable arguments."""
 
     name: str
@@ -63,7 +63,7 @@ class ChildProcess:
 
     def __init__(
         self,
-        body: ProcessBody,
+        body: ProcessSpec,
         *,
         on_message: Callable[[Any, bytes], None],
         on_exit: Callable[[int | None], None] | None = None,
@@ -202,7 +202,7 @@ def _writable(connection: Connection) -> bool:
     return any(events & select.POLLOUT for _descriptor, events in waits.poll(0))
 
 
-def _run_body(body: ProcessBody, connection: Connection) -> None:
+def _run_body(body: ProcessSpec, connection: Connection) -> None:
     """Child side. Ignores signals to the process group: the console ends its children in order."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):

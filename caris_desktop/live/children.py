@@ -11,13 +11,13 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 
 Heard = Callable[[Any], None]
 Reads = Callable[[Any, bytes], None]
 
 
-class Children(QObject):
+class ProcessManager(QObject):
     """Creates children whose messages and exits are delivered in the GUI thread, until ``close``."""
 
     _told = Signal(object, object)
@@ -34,7 +34,7 @@ class Children(QObject):
         self._closed = True
 
     def new(
-        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """Create a child without starting it.
 
@@ -53,7 +53,7 @@ class Children(QObject):
         return child
 
     def start(
-        self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """Create and start a child."""
         child = self.new(body, ended=ended, heard=heard, reads=reads)

@@ -11,8 +11,8 @@ from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
@@ -30,7 +30,7 @@ Tell = Callable[[str, str, str], None]
 """what happened, its meaning, advice"""
 
 
-class CodingDesk(QObject):
+class AnnotationSession(QObject):
     """Annotation session. ``coding``: AnnotationDocument of all coders; ``overview``: SessionOverview once computed."""
 
     _overview_made = Signal(object)
@@ -55,7 +55,7 @@ class CodingDesk(QObject):
         self.overview = LiveValue(None, self)
         self.coding = LiveValue(AnnotationDocument(), self)
         self._history = EditHistory(AnnotationDocument())
-        self._reading = SlowWork(self)
+        self._reading = BackgroundWorker(self)
         self._saving = asyncio.Lock()
         self._saved = AnnotationDocument()
         self._unsaved: Future[None] | None = None
@@ -72,7 +72,7 @@ class CodingDesk(QObject):
         self.coding.set(document)
         # In a process of its own: up to a minute of Python, which would make the replay stutter.
         self._overview_maker = ChildProcess(
-            ProcessBody("overview", run_overview, (self._session,)),
+            ProcessSpec("overview", run_overview, (self._session,)),
             on_message=lambda overview, _raw: self._overview_made.emit(overview),
             on_exit=lambda _code: self._overview_missing.emit(),
         )

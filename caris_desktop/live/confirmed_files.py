@@ -19,7 +19,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
 from caris_desktop.domain.controls import RobotControl, decided
 from caris_desktop.domain.declared import External, data_of, externals_in
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
@@ -118,7 +118,7 @@ class _Confirmed:
     named: tuple[FileReference, ...]
 
 
-class ConfirmationNeeded(ToldFailure):
+class ConfirmationNeededError(UserFacingError):
     """Raised while the references of a file are unconfirmed; nothing in the file is used."""
 
     def __init__(self, question: FileQuestion) -> None:
@@ -145,7 +145,7 @@ def question_words(question: FileQuestion) -> str:
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Raise ConfirmationNeeded if the scenario's references are unconfirmed. May read models."""
+    """Raise ConfirmationNeededError if the scenario's references are unconfirmed. May read models."""
     if scenario.path is None or _is_shipped(scenario.path):
         return
     question = FileQuestion(
@@ -156,7 +156,7 @@ def check_scenario(scenario: Scenario) -> None:
 
 
 def check_profile(profile: RobotProfile, name: str) -> None:
-    """Raise ConfirmationNeeded if the profile's references are unconfirmed.
+    """Raise ConfirmationNeededError if the profile's references are unconfirmed.
 
     ``name``: the robot as requested. An address was entered by the user, or confirmed with the scenario.
     """
@@ -192,11 +192,11 @@ def accept(question: FileQuestion) -> None:
 def carry(open_now: Scenario, saved: Scenario) -> None:
     """Transfer the confirmation of the open scenario to a version that the program wrote.
 
-    Raises ConfirmationNeeded if the file has further references, and OSError.
+    Raises ConfirmationNeededError if the file has further references, and OSError.
     """
     try:
         check_scenario(saved)
-    except ConfirmationNeeded as needed:
+    except ConfirmationNeededError as needed:
         if not set(needed.question.named) <= set(scenario_references(open_now)):
             raise
         accept(needed.question)
@@ -208,7 +208,7 @@ def accept_written_profile(profile: RobotProfile, path: Path) -> None:
     """
     try:
         check_profile(profile, str(path))
-    except ConfirmationNeeded as needed:
+    except ConfirmationNeededError as needed:
         seen = all(one.kind in ("motion", "held") or one.place == "address" for one in needed.question.named)
         if seen:
             accept(needed.question)
@@ -260,7 +260,7 @@ def _check(question: FileQuestion) -> None:
     shown = FileQuestion(
         question.title, question.path, question.sha256, question.named, frozenset(known), question.then
     )
-    raise ConfirmationNeeded(shown)
+    raise ConfirmationNeededError(shown)
 
 
 def _references(external: External, value: Any, place: str) -> Iterator[FileReference]:

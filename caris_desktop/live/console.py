@@ -11,19 +11,19 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
-from caris_desktop.live.parts import Parts
+from caris_desktop.live.parts import Adapters
 from caris_desktop.live.service import Handler, Service
 from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.services.another_robot import AnotherRobotService
@@ -32,8 +32,8 @@ from caris_desktop.live.services.cameras import CamerasService
 from caris_desktop.live.services.drive import DriveService
 from caris_desktop.live.services.face import FaceService
 from caris_desktop.live.services.forgetting import ForgettingService
-from caris_desktop.live.services.going_on import GoingOnService
-from caris_desktop.live.services.governor import GovernorService
+from caris_desktop.live.services.going_on import CrashRecoveryService
+from caris_desktop.live.services.governor import LoadSheddingService
 from caris_desktop.live.services.head import HeadService
 from caris_desktop.live.services.health import HealthService
 from caris_desktop.live.services.listening import ListeningService
@@ -49,7 +49,7 @@ from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.response_time import ResponseTimeService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioService
-from caris_desktop.live.services.session import Concerned, SessionService
+from caris_desktop.live.services.session import SessionService, SessionServices
 from caris_desktop.live.services.sound import SoundService
 from caris_desktop.live.services.speakers import SpeakersService
 from caris_desktop.live.services.speaking import SpeakingService
@@ -57,7 +57,7 @@ from caris_desktop.live.services.speech import SpeechService
 from caris_desktop.live.services.suggestions import SuggestionsService
 from caris_desktop.live.services.transcript import TranscriptService
 from caris_desktop.live.shown_frames import ShownFrames
-from caris_desktop.live.slow_work import During, SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker, During
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
@@ -69,14 +69,14 @@ T = TypeVar("T")
 class Console(QObject):
     """Implements WizardConsole. ``start()`` after the window is shown, ``shutdown()`` before the program ends."""
 
-    def __init__(self, parts: Parts, scenario: Scenario, parent: QObject | None = None) -> None:
+    def __init__(self, parts: Adapters, scenario: Scenario, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._parts = parts
         self._shut_down = False
         state = self._state = LiveState(self)
         bus = self._bus = Bus(state, self)
-        slow_work = self._slow_work = SlowWork(self)
-        children = self._children = Children(bus, self)
+        slow_work = self._slow_work = BackgroundWorker(self)
+        children = self._children = ProcessManager(bus, self)
         self._asyncio = AsyncioThread()
         self._media_ring = FrameRing.create()
         self._frames = FrameRings([self._media_ring])
@@ -134,7 +134,7 @@ class Console(QObject):
             state, bus, slow_work, recording, assistant,
             frames=self._shown_frames, study=parts.session.study, parent=self,
         )  # fmt: skip
-        going_on = self._going_on = GoingOnService(
+        going_on = self._going_on = CrashRecoveryService(
             state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self
         )
         preflight = PreflightService(
@@ -143,7 +143,7 @@ class Console(QObject):
         )  # fmt: skip
         self._session = SessionService(
             state, parts.session, slow_work,
-            Concerned(
+            SessionServices(
                 recording, self._microphone, marks, protocol, assistant, suggestions, self._robot, self._scenario,
                 going_on, preflight,
             ),
@@ -151,7 +151,7 @@ class Console(QObject):
         )  # fmt: skip
         practice = PracticeService(state, bus, parts.practice, do=self.do, parent=self)
         face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
-        governor = GovernorService(state, bus, self._people, assistant.client, parent=self)
+        governor = LoadSheddingService(state, bus, self._people, assistant.client, parent=self)
         self._another_robot = AnotherRobotService(
             bus, slow_work, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
             robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
@@ -203,7 +203,7 @@ class Console(QObject):
         self._session.look_before(told)
 
     def read_aside(
-        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         self._slow_work.do(read, done, self._bus.answer if failed is None else failed)
 
@@ -229,7 +229,7 @@ class Console(QObject):
         if refusal is None:
             try:
                 self._handlers[type(intent)](intent)
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 what, meaning, advice = map(tr, (failure.what, failure.meaning, failure.advice))
                 refusal = Refusal(what, meaning, advice, severity=failure.severity)
             else:
@@ -325,7 +325,7 @@ class Console(QObject):
         for service in self._services:
             service.use_scenario(scenario)
 
-    def _new_link(self, body: ProcessBody) -> ChildProcess:
+    def _new_link(self, body: ProcessSpec) -> ChildProcess:
         return self._children.start(
             body, ended=self._robot.on_child_ended, heard=self._speech.on_heard, reads=self._speech.read
         )

@@ -28,7 +28,7 @@ def ear_of(scenario: Scenario, robot: RobotProfile | None) -> str:
     return scenario.sound.ear_with(robot_hears=hears)
 
 
-class DistantEar(QObject):
+class RemoteMicrophone(QObject):
     """Requests audio, maintains ``status``, and reports missing audio."""
 
     def __init__(self, status: LiveValue, bus: Bus, *, settled: Callable[[], None], parent: QObject) -> None:

@@ -11,7 +11,7 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.live.model_client import ModelClient
@@ -56,9 +56,9 @@ class Exchanges(QObject):
     # Questions
 
     def check_room(self) -> None:
-        """Raise ToldFailure if no question can be asked now."""
+        """Raise UserFacingError if no question can be asked now."""
         if not self._client.ready:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The assistant cannot answer now."),
                 tr("Your question is kept in the field."),
                 tr("Its model is still starting: ask again in a moment.")
@@ -67,7 +67,7 @@ class Exchanges(QObject):
                 severity="warning",
             )
         if sum(row.under_way for row in self._rows.values()) >= MOST_UNDER_WAY:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("%n questions are under way already.", "", MOST_UNDER_WAY),
                 tr("Your question is kept in the field."),
                 tr("Wait for an answer, or cancel one of them."),
@@ -75,7 +75,7 @@ class Exchanges(QObject):
             )
 
     def prepare(self, question: str) -> str:
-        """Add a question whose pictures are being read; returns its id. Raises ToldFailure."""
+        """Add a question whose pictures are being read; returns its id. Raises UserFacingError."""
         self.check_room()
         exchange_id = f"x-{secrets.token_hex(4)}"
         self._rows[exchange_id] = ExchangeStatus(exchange_id, question, "preparing", self._client.model)
@@ -102,7 +102,7 @@ class Exchanges(QObject):
                 actor=actor,
                 **how,
             )
-        except ToldFailure as failure:
+        except UserFacingError as failure:
             self.fail(exchange_id, joined((failure.what, failure.advice)))
 
     def fail(self, exchange_id: str, detail: str) -> None:

@@ -10,8 +10,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class ForgettingEnded:
 
 
 def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
-    """Person to erase, decisions on texts, and whether the database knows them. Raises ToldFailure."""
+    """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
     from caris_desktop.people.forgetting import PersonToForget, look_up
     from caris_desktop.recording.forgetting.review import read_review
     from caris_desktop.recording.forgetting.study import under_way
@@ -81,8 +81,8 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
         return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
     if asked.also_called or asked.unknown:
         return PersonToForget((asked.who,), (), ()), None, False
-    raise ToldFailure(
-        filled(QT_TR_NOOP("Nobody in {study} has the name or id {who}."), study=asked.study, who=asked.who),
+    raise UserFacingError(
+        localized(QT_TR_NOOP("Nobody in {study} has the name or id {who}."), study=asked.study, who=asked.who),
         QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
         QT_TR_NOOP(
             "Look the name up in the People panel. For somebody whom the study's database does not know, give the id "
@@ -93,7 +93,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
 
 def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
     """Erase a person, or resume an interrupted run. Takes as long as re-encoding the study's videos. Raises
-    ToldFailure.
+    UserFacingError.
     """
     from caris_desktop.people.forgetting import erase, rewrite_texts
     from caris_desktop.recording.forgetting.own_files import OwnFiles
@@ -137,7 +137,7 @@ def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
     try:
         try:
             ended = ForgettingEnded(forget(asked, tell))
-        except ToldFailure as failure:
+        except UserFacingError as failure:
             ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
         connection.send(ended)
     except (BrokenPipeError, EOFError):

@@ -13,7 +13,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.gamepad_mapping import (
     GamepadMapping,
@@ -25,7 +25,7 @@ from caris_desktop.live.gamepad_mapping import (
     pressed_actions,
     stick_wish,
 )
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 
@@ -88,7 +88,7 @@ class Gamepads(QObject):
     ``state.gamepad`` is maintained; ``publish`` receives GamepadChanged for record and panels.
     """
 
-    moved = Signal(object)  # MotionWish, on each change
+    moved = Signal(object)  # TeleopCommand, on each change
     lost = Signal(str)  # reason why input was released
     pressed = Signal(str)  # button action
     released = Signal(str)  # button action
@@ -145,7 +145,7 @@ class Gamepads(QObject):
         return self._newest
 
     @property
-    def wish(self) -> MotionWish:
+    def wish(self) -> TeleopCommand:
         """Command of the sticks."""
         return self._wish
 
@@ -343,7 +343,7 @@ class _Reader:
             self._controller.init()
         except Exception as error:  # the console works without gamepads, whatever fails in SDL
             _log.exception("gamepads cannot be used")
-            self._inbox.put(_Failed(filled(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error)))
+            self._inbox.put(_Failed(localized(QT_TR_NOOP("Gamepads cannot be used: {error}"), error=error)))
             return
         try:
             self._listen()

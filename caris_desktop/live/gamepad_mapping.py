@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, get_args
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.motion_wish import MotionWish
+from caris_desktop.live.motion_wish import TeleopCommand
 
 MAPPINGS_VERSION: Final = 1
 
@@ -132,7 +132,7 @@ def default_mapping(
     )
 
 
-def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> MotionWish:
+def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> TeleopCommand:
     """Command from ``raw`` after dead zone, response curve and triggers."""
     actions: tuple[AxisAction, ...] = ("forward", "left", "turn", "pan", "tilt")
     values = {action: axis_value(mapping.bound(action), raw) for action in actions}
@@ -140,7 +140,7 @@ def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> MotionWish:
         values[first], values[second] = shaped(values[first], values[second], mapping.dead_zone, mapping.curve)
     values["left"], _ = shaped(values["left"], 0.0, mapping.dead_zone, mapping.curve)
     speed = speed_share(mapping, raw)
-    return MotionWish(
+    return TeleopCommand(
         forward=_rounded(values["forward"] * speed),
         left=_rounded(values["left"] * speed),
         turn=_rounded(values["turn"] * speed),

@@ -22,7 +22,7 @@ from PySide6.QtNetwork import QLocalServer, QLocalSocket
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -97,7 +97,7 @@ def show_window(folder: Path, pid: int) -> bool:
         return False
 
 
-class LiveRobotHost(QObject):
+class RobotConnections(QObject):
     """Server side: lets replays stop this console's robot, and sends them its state."""
 
     window_asked = Signal()  # by a second start of the console
@@ -187,7 +187,7 @@ class LiveRobots(QObject):
         self._consoles: dict[str, _Lines] = {}
         self._present: dict[str, dict[str, Any]] = {}
         self._unconfirmed: dict[str, list[str]] = {}
-        self._slow_work = SlowWork(self)
+        self._slow_work = BackgroundWorker(self)
         self._looking = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
         self._look.timeout.connect(self._on_look)

@@ -19,8 +19,8 @@ from caris_desktop.domain.sound import WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children, told_here
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager, told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -35,7 +35,7 @@ _WELL_AFTER_MS = 60_000
 class MicrophoneChoice:
     """``chosen`` returns the saved selection (None: no microphone, empty: the system's), ``keep`` saves it."""
 
-    body: ProcessBody
+    body: ProcessSpec
     chosen: Callable[[], str | None]
     keep: Callable[[str | None], None]
 
@@ -48,7 +48,7 @@ class LocalMicrophone(QObject):
         status: LiveValue,
         source: str,
         bus: Bus,
-        children: Children,
+        children: ProcessManager,
         choice: MicrophoneChoice,
         *,
         settled: Callable[[], None],

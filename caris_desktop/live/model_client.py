@@ -23,9 +23,9 @@ from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.ports import ValueSink
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.service import PANELS_FIRST_MS
@@ -252,7 +252,7 @@ class ModelClient(QObject):
         actor: Actor = CONSOLE,
         exchange_id: str = "",
     ) -> Asking:
-        """Start an exchange. Raises ToldFailure without a model.
+        """Start an exchange. Raises UserFacingError without a model.
 
         ``on_text`` receives the answer so far, repeatedly; ``on_wait`` the reason of a retry with a busy server;
         ``on_end`` the published exchange, once, whether answered, cancelled or failed. All are called in the GUI
@@ -261,7 +261,7 @@ class ModelClient(QObject):
         ``exchange_id`` is generated unless given.
         """
         if self._endpoint is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 QT_TR_NOOP("The assistant cannot answer now."),
                 QT_TR_NOOP("Nothing was asked."),
                 self._why_none,
@@ -374,7 +374,7 @@ class ModelClient(QObject):
             _log.exception("the language model exchange failed")
             outcome, detail = (
                 "failed",
-                filled(QT_TR_NOOP("The answer could not be read ({error}). Ask again."), error=type(error).__name__),
+                localized(QT_TR_NOOP("The answer could not be read ({error}). Ask again."), error=type(error).__name__),
             )
         if outcome == "answered":
             detail = _CUT_WORDS[heard.notes.cut]

@@ -7,7 +7,7 @@ from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class MotionWish:
+class TeleopCommand:
     """Components of -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the
     head.
     """
@@ -32,19 +32,19 @@ class MotionWish:
         """(pan, tilt)."""
         return self.pan, self.tilt
 
-    def limited_to(self, *, sideways: bool, head: bool) -> "MotionWish":
+    def limited_to(self, *, sideways: bool, head: bool) -> "TeleopCommand":
         """Without motions that the robot lacks."""
         wish = self if sideways else replace(self, left=0.0)
         return wish if head else replace(wish, pan=0.0, tilt=0.0)
 
 
-AT_REST = MotionWish()
+AT_REST = TeleopCommand()
 
 
-def merged(wishes: Iterable[MotionWish]) -> MotionWish:
+def merged(wishes: Iterable[TeleopCommand]) -> TeleopCommand:
     """Sum of commands, clamped to full speed; opposite ones cancel."""
     forward = left = turn = pan = tilt = 0.0
     for wish in wishes:
         forward, left, turn = forward + wish.forward, left + wish.left, turn + wish.turn
         pan, tilt = pan + wish.pan, tilt + wish.tilt
-    return MotionWish(*(max(-1.0, min(1.0, total)) for total in (forward, left, turn, pan, tilt)))
+    return TeleopCommand(*(max(-1.0, min(1.0, total)) for total in (forward, left, turn, pan, tilt)))

@@ -19,8 +19,8 @@ from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.playback import Playback
 from caris_desktop.live.state import LiveState
 
@@ -37,15 +37,15 @@ _ROBOT_DELAY_NS = 150_000_000
 _MOST_LATE_S = 1.5
 
 
-class OwnVoice(QObject):
+class PushToTalkVoice(QObject):
     """One utterance at a time. ``over(detail)`` is called at its end; ``detail`` describes a failure."""
 
     def __init__(
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
-        body: ProcessBody,
+        children: ProcessManager,
+        body: ProcessSpec,
         *,
         to_robot: Callable[[PlayOnRobot], bool],
         over: Callable[[str], None],

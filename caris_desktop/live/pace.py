@@ -23,7 +23,7 @@ def rest_after(took_s: float) -> float:
     return 0.0 if took_s <= UNHURRIED_S else min(2.0 * took_s, MOST_REST_S)
 
 
-class PassPace(QObject):
+class UiThrottle(QObject):
     """Emits ``due`` when waiting values may be passed on."""
 
     due = Signal()

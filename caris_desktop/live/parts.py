@@ -5,10 +5,10 @@ from pathlib import Path
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant import AssistantParts
 from caris_desktop.live.services.cameras import WantedCameras
-from caris_desktop.live.services.going_on import GoingOnParts
+from caris_desktop.live.services.going_on import CrashRecoveryAdapters
 from caris_desktop.live.services.microphone import MicrophoneParts
 from caris_desktop.live.services.people import PeopleParts
 from caris_desktop.live.services.practice import PracticeParts
@@ -22,7 +22,7 @@ from caris_desktop.scenario.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class RobotParts:
-    """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises ToldFailure.
+    """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises UserFacingError.
     ``simulated`` as in AnotherRobotService.
     """
 
@@ -32,11 +32,11 @@ class RobotParts:
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class Adapters:
     """Adapters of a run, chosen in ``app``, per service."""
 
-    recorder: ProcessBody
-    speech: ProcessBody
+    recorder: ProcessSpec
+    speech: ProcessSpec
     said_before: Path
     people: PeopleParts
     cameras: Callable[[Scenario], WantedCameras]
@@ -44,9 +44,9 @@ class Parts:
     scenario: ScenarioParts
     robots: RobotParts
     session: SessionParts
-    going_on: GoingOnParts
+    going_on: CrashRecoveryAdapters
     practice: PracticeParts
     microphone: MicrophoneParts
     sound: SoundParts
-    listening: Callable[[Scenario], ProcessBody]
-    forgetting: Callable[[str], ProcessBody]
+    listening: Callable[[Scenario], ProcessSpec]
+    forgetting: Callable[[str], ProcessSpec]

@@ -28,23 +28,23 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.children import told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.presence import HistoryEvent, PersonRow, Presence, RecognitionSettings
+from caris_desktop.people.presence import HistoryEvent, PersonRow, PresenceTracker, RecognitionSettings
 from caris_desktop.perception.inference_messages import (
+    DetectionRequest,
     DetectorAway,
     FrameSkipped,
     InferenceFailed,
     InferenceReady,
-    Look,
 )
 from caris_desktop.perception.turning import CameraTurning
-from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
+from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraRotation, DetectionRate
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -63,8 +63,8 @@ class PerceptionWorker(QObject):
 
     def __init__(
         self,
-        body: ProcessBody,
-        open_presence: Callable[[], tuple[Presence, list[Event]]],
+        body: ProcessSpec,
+        open_presence: Callable[[], tuple[PresenceTracker, list[Event]]],
         publish: ValueSink,
         portraits: Portraits | None = None,
     ) -> None:
@@ -75,8 +75,8 @@ class PerceptionWorker(QObject):
         self._portraits = Portraits() if portraits is None else portraits
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._turns_lock = threading.Lock()
-        self._turns = CameraTurns()
-        self._look_rates = LookRates()
+        self._turns = CameraRotation()
+        self._look_rates = DetectionRate()
         self._child: ChildProcess | None = None
         self.restarts = Restarts()
         self._status = PerceptionStatus()
@@ -100,7 +100,7 @@ class PerceptionWorker(QObject):
         """Inference process, None if not running."""
         return self._child
 
-    def use_body(self, body: ProcessBody) -> None:
+    def use_body(self, body: ProcessSpec) -> None:
         """Restart inference with another detector or on another machine."""
         self._inputs.put(_UseBody(body))
 
@@ -234,7 +234,7 @@ class PerceptionWorker(QObject):
                 practising = item.on
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
                 presence.close()
-                presence, problems = (Presence(), []) if practising else self._open_presence()
+                presence, problems = (PresenceTracker(), []) if practising else self._open_presence()
                 presence.portraits = self._portraits
                 presence.use_settings(recognition.settings, may_decide=recognition.may_decide)
                 presence.ask_consents_again(consents_again)
@@ -295,13 +295,13 @@ class PerceptionWorker(QObject):
             child.stop(grace_s=2.0)
         presence.close()
 
-    def _look(self, frame: FrameRef) -> Look:
+    def _look(self, frame: FrameRef) -> DetectionRequest:
         """Detection request; a camera that the robot does not carry does not rotate with it."""
         camera = self._cameras.get(frame.camera)
         if camera is None:
-            return Look(frame, faces=self._faces, to_cover=self._to_cover)
+            return DetectionRequest(frame, faces=self._faces, to_cover=self._to_cover)
         looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
-        return Look(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
+        return DetectionRequest(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
     def _tell_ended(self, advice: str) -> None:
         self._publish(
@@ -325,7 +325,7 @@ class PerceptionWorker(QObject):
         child.start()
         self._child = child
 
-    def _locate(self, people: People, presence: Presence) -> None:
+    def _locate(self, people: People, presence: PresenceTracker) -> None:
         camera = self._cameras.get(people.camera)
         places = self._locator.locate(people, camera) if camera is not None else None
         if places is None:
@@ -352,7 +352,7 @@ class PerceptionWorker(QObject):
             looks_per_s = self._look_rates.per_second(now_ns=now_ns)
             self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
 
-    def _show_persons(self, presence: Presence) -> None:
+    def _show_persons(self, presence: PresenceTracker) -> None:
         rows = presence.persons()
         # For people present, the time of the last detection would change with every frame.
         shown = tuple(replace(row, last_seen_ns=0) if row.here else row for row in rows)
@@ -399,7 +399,7 @@ class _ChildEnded:
 
 
 class _UseBody:
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
 
 

@@ -17,8 +17,8 @@ from caris_desktop.conversation.sound.playback_messages import (
 )
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.service import Restarts
 
 _STUCK_AFTER_MS = 5000
@@ -29,8 +29,8 @@ class Playback(QObject):
 
     def __init__(
         self,
-        body: ProcessBody,
-        children: Children,
+        body: ProcessSpec,
+        children: ProcessManager,
         *,
         played: Callable[[Played], None] = lambda _played: None,
         ended: Callable[[str, int | None, str], None],

@@ -11,7 +11,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.distant_ear import ear_of
 from caris_desktop.live.status import (
@@ -83,7 +83,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class ChecklistItem:
     """Completion of a manual check."""
 
     at_ns: int
@@ -96,7 +96,7 @@ def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
 
 
 def ticked_checks(
-    scenario: Scenario, ticks: Mapping[str, Tick], why_open: str = "", taken_back: Collection[str] = ()
+    scenario: Scenario, ticks: Mapping[str, ChecklistItem], why_open: str = "", taken_back: Collection[str] = ()
 ) -> tuple[PreflightCheck, ...]:
     """The scenario's manual checks. ``why_open``: reason why those in ``taken_back`` are open again."""
     return tuple(
@@ -110,7 +110,7 @@ def manual_id(manual: ManualCheck) -> str:
     return f"by hand: {manual.check}"
 
 
-def _ticked(manual: ManualCheck, tick: Tick | None, why_open: str) -> PreflightCheck:
+def _ticked(manual: ManualCheck, tick: ChecklistItem | None, why_open: str) -> PreflightCheck:
     check = PreflightCheck(
         manual_id(manual),
         manual.check,
@@ -148,35 +148,35 @@ def _robot(facts: Facts) -> PreflightCheck:
     way = no_answer_advice(facts.robot)
     match link.state:
         case "connecting" if facts.link_for_s < _CONNECTS_WITHIN_S:
-            return check("pending", filled(QT_TR_NOOP("Connecting to {robot}."), robot=name))
+            return check("pending", localized(QT_TR_NOOP("Connecting to {robot}."), robot=name))
         case "connecting":
             if link.address:
                 address = without_credentials(link.address)
-                silent = filled(QT_TR_NOOP("{robot} does not answer at {address}."), robot=name, address=address)
+                silent = localized(QT_TR_NOOP("{robot} does not answer at {address}."), robot=name, address=address)
             else:
-                silent = filled(QT_TR_NOOP("{robot} does not answer yet."), robot=name)
+                silent = localized(QT_TR_NOOP("{robot} does not answer yet."), robot=name)
             return check("major", silent, way)
         case "lost" | "closed":
-            return check("major", filled(QT_TR_NOOP("{robot} is not connected."), robot=name), way)
+            return check("major", localized(QT_TR_NOOP("{robot} is not connected."), robot=name), way)
         case "trouble":
             return check(
                 "minor",
-                filled(QT_TR_NOOP("The connection to {robot} is unsteady."), robot=name),
+                localized(QT_TR_NOOP("The connection to {robot} is unsteady."), robot=name),
                 QT_TR_NOOP("Move closer to the router."),
             )
     if facts.robot_heard in ("stale", "lost"):
         return check(
             "minor" if facts.robot_heard == "stale" else "major",
-            filled(QT_TR_NOOP("{robot} was last heard %n s ago.", "", round(facts.robot_silent_s)), robot=name),
+            localized(QT_TR_NOOP("{robot} was last heard %n s ago.", "", round(facts.robot_silent_s)), robot=name),
             QT_TR_NOOP("Check the robot’s computer and the network."),
         )
     tells = facts.robot is None or facts.robot.odometry is not None or facts.robot.scan is not None
     if facts.robot_heard == "none" and tells:
-        silent = filled(QT_TR_NOOP("{robot} is connected and has said nothing yet."), robot=name)
+        silent = localized(QT_TR_NOOP("{robot} is connected and has said nothing yet."), robot=name)
         if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", silent)
         return check("minor", silent, QT_TR_NOOP("Start its sensors, and check the topic names of its profile."))
-    return check("passed", filled(QT_TR_NOOP("{robot} is connected."), robot=name))
+    return check("passed", localized(QT_TR_NOOP("{robot} is connected."), robot=name))
 
 
 def _practice(facts: Facts) -> PreflightCheck | None:
@@ -228,16 +228,16 @@ def _video(facts: Facts) -> PreflightCheck | None:
     if missing:
         return check(
             "major",
-            filled(QT_TR_NOOP("No picture comes from {cameras}."), cameras=", ".join(missing)),
+            localized(QT_TR_NOOP("No picture comes from {cameras}."), cameras=", ".join(missing)),
             QT_TR_NOOP("Check the camera and its cable."),
         )
     if late:
         return check(
             "minor",
-            filled(QT_TR_NOOP("Pictures come late from {cameras}."), cameras=", ".join(late)),
+            localized(QT_TR_NOOP("Pictures come late from {cameras}."), cameras=", ".join(late)),
             QT_TR_NOOP("Check the network; other programs may use it up."),
         )
-    return check("passed", filled(QT_TR_NOOP("Pictures come from {cameras}."), cameras=", ".join(facts.cameras)))
+    return check("passed", localized(QT_TR_NOOP("Pictures come from {cameras}."), cameras=", ".join(facts.cameras)))
 
 
 def _guard(facts: Facts) -> PreflightCheck | None:
@@ -287,7 +287,7 @@ def _battery(facts: Facts) -> PreflightCheck | None:
         return check("pending", QT_TR_NOOP("The robot has not told its charge yet."))
     state: PreflightState = "major" if charge < _BATTERY_EMPTY else "minor" if charge < _BATTERY_LOW else "passed"
     advice = "" if state == "passed" else QT_TR_NOOP("Charge the robot first.")
-    return check(state, filled(QT_TR_NOOP("{charge} % left."), charge=round(charge * 100)), advice)
+    return check(state, localized(QT_TR_NOOP("{charge} % left."), charge=round(charge * 100)), advice)
 
 
 def _position(facts: Facts) -> PreflightCheck | None:
@@ -482,7 +482,7 @@ def _consent(facts: Facts) -> PreflightCheck | None:
     if without:
         return check(
             "minor",
-            filled(QT_TR_NOOP("Pixelated, as no consent is noted: {count} of those here."), count=without),
+            localized(QT_TR_NOOP("Pixelated, as no consent is noted: {count} of those here."), count=without),
             QT_TR_NOOP("Note it in the People panel, if they agreed."),
         )
     return check("passed", QT_TR_NOOP("Everybody here has agreed."))
@@ -495,7 +495,7 @@ def _model(facts: Facts) -> PreflightCheck | None:
     assistant = facts.assistant
     match assistant.state:
         case "ready" | "answering":
-            return check("passed", filled(QT_TR_NOOP("{model} is ready."), model=assistant.model or "–"))
+            return check("passed", localized(QT_TR_NOOP("{model} is ready."), model=assistant.model or "–"))
         case "failed":
             return check(
                 "minor",

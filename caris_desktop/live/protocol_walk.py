@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import PlannedStep, ProtocolEnded, ProtocolOpened, StepEntered, StepHow, StepTicked
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.scenario.protocol import ProtocolStep, step_after, step_named
 
 
-class ProtocolWalk:
-    """Protocol run. Moves raise ToldFailure if impossible."""
+class ProtocolRun:
+    """Protocol run. Moves raise UserFacingError if impossible."""
 
     def __init__(self, steps: Sequence[ProtocolStep] = ()) -> None:
         self.steps = tuple(steps)
@@ -82,7 +82,7 @@ class ProtocolWalk:
         elif self._at and self._ids.index(self._at):
             before = self._ids[self._ids.index(self._at) - 1]
         else:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This is the first step."), tr("There is none before it."),
                 tr("Choose any other step in the list of steps."), severity="info",
             )  # fmt: skip
@@ -98,7 +98,7 @@ class ProtocolWalk:
         taken = next((one for one in self._present().branches if one.title == title), None)
         target = None if taken is None else step_named(self.steps, taken.to)
         if target is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The present step has no branch “{title}”.").format(title=title), tr("The step stays."),
                 tr("Choose the step in the list of steps."), severity="info",
             )  # fmt: skip
@@ -107,7 +107,7 @@ class ProtocolWalk:
 
     def choose(self, step_id: str, now_ns: int, actor: Actor) -> StepEntered:
         if step_id not in self._ids:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The protocol has no step “{step}”.").format(step=step_id), tr("The step stays."),
                 tr("Choose one in the list of steps."), severity="info",
             )  # fmt: skip
@@ -119,7 +119,7 @@ class ProtocolWalk:
         """Set a checklist item; None if unchanged."""
         step, ticked = self._present(), self._ticked.get(self._at, ())
         if item not in step.tick:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The present step has no “{item}” to tick off.").format(item=item), tr("Nothing was ticked off."),
                 tr("Go to the step that it belongs to."), severity="info",
             )  # fmt: skip
@@ -213,21 +213,21 @@ class ProtocolWalk:
         return StepEntered(now_ns, step_id, step.title, self._ids.index(step_id) + 1, how, left, branch, actor)
 
 
-def _no_protocol() -> ToldFailure:
-    return ToldFailure(
+def _no_protocol() -> UserFacingError:
+    return UserFacingError(
         tr("This scenario has no protocol."), tr("There are no steps to go through."),
         tr("Add steps to the scenario, or open one that has them."), severity="info",
     )  # fmt: skip
 
 
-def _not_begun() -> ToldFailure:
-    return ToldFailure(
+def _not_begun() -> UserFacingError:
+    return UserFacingError(
         tr("No step is under way."), tr("Nothing was changed."), tr("Begin with the next step."), severity="info"
     )
 
 
-def _ended() -> ToldFailure:
-    return ToldFailure(
+def _ended() -> UserFacingError:
+    return UserFacingError(
         tr("The protocol has ended."), tr("All its steps are behind."),
         tr("Go back to the last step, or choose one in the list of steps."), severity="info",
     )  # fmt: skip

@@ -18,12 +18,12 @@ from PySide6.QtCore import QObject, Signal
 from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened, Severity
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.coding_desk import CodingDesk
+from caris_desktop.live.coding_desk import AnnotationSession
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
@@ -31,7 +31,7 @@ from caris_desktop.live.replay_photos import ReplayPhotos
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_transcript import ReplayTranscript
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
@@ -93,7 +93,7 @@ class ReplayConsole(QObject):
         anchor: ClockAnchor = session.clock.anchor
         self._state = LiveState(self, present=PresentClock(self._clock.position_ns, anchor, live=False))
         self._frames = ReplayFrames()
-        self._slow_work = SlowWork(self)
+        self._slow_work = BackgroundWorker(self)
         self._asyncio = AsyncioThread()
         self._player = ReplayPlayer(
             session,
@@ -106,7 +106,7 @@ class ReplayConsole(QObject):
         )
         self._player.standing_changed.connect(self._on_standing_changed)
         self._player.standing_jumped.connect(self._on_standing_jumped)
-        self._coding = CodingDesk(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
+        self._coding = AnnotationSession(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._photos = ReplayPhotos(session, self._state, self)
         self._transcript = ReplayTranscript(session, self._state, self)
@@ -343,9 +343,9 @@ class ReplayConsole(QObject):
         told(BeforeRecording())
 
     def read_aside(
-        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
-        def tell(failure: ToldFailure) -> None:
+        def tell(failure: UserFacingError) -> None:
             self._told(failure.what, failure.meaning, failure.advice)
 
         self._slow_work.do(read, done, tell if failed is None else failed)

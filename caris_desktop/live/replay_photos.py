@@ -8,8 +8,8 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
@@ -29,7 +29,7 @@ class ReplayPhotos(QObject):
         self._state = state
         self._events: list[Any] = []
         self._pictures: dict[str, tuple[bytes, bytes]] = {}
-        self._slow_work = SlowWork(self)
+        self._slow_work = BackgroundWorker(self)
         state.event_happened.connect(self._on_event)
         state.time_jumped.connect(self._show)
 
@@ -58,7 +58,7 @@ class ReplayPhotos(QObject):
 
         self._slow_work.do(lambda: _pictures(self._session.folder, file_names[0]), done, self._on_failed)
 
-    def _on_failed(self, failure: ToldFailure) -> None:
+    def _on_failed(self, failure: UserFacingError) -> None:
         _log.warning("%s %s", failure.what, failure.meaning)
 
     def _on_event(self, event: object) -> None:

@@ -5,8 +5,8 @@ import logging
 from PySide6.QtCore import QObject
 
 from caris_desktop.conversation.transcript import Turn, turns_of
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.session.marks import FinalMark, final_marks, notes_among
 from caris_desktop.recording.session.session_reader import Session
@@ -25,7 +25,7 @@ class ReplayTranscript(QObject):
         super().__init__(parent)
         self._session = session
         self._state = state
-        self._slow_work = SlowWork(self)
+        self._slow_work = BackgroundWorker(self)
 
     def start(self) -> None:
         self._slow_work.do(self._read_turns, self._state.transcript.set_anew, self._on_failed)
@@ -42,5 +42,5 @@ class ReplayTranscript(QObject):
     def _read_notes(self) -> tuple[FinalMark, ...]:
         return notes_among(final_marks(self._session))
 
-    def _on_failed(self, failure: ToldFailure) -> None:
+    def _on_failed(self, failure: UserFacingError) -> None:
         _log.warning("%s %s", failure.what, failure.meaning)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
@@ -62,7 +62,7 @@ class LiveRobotExplorer(QObject):
         *,
         security: SecuritySettings,
         progress: Callable[[str], None],
-        done: "Callable[[Exploration | ToldFailure], None]",
+        done: "Callable[[Exploration | UserFacingError], None]",
     ) -> None:
         number = self._begin()
 
@@ -80,7 +80,7 @@ class LiveRobotExplorer(QObject):
         profile: RobotProfile,
         *,
         progress: "Callable[[StreamCheck], None]",
-        done: "Callable[[tuple[StreamCheck, ...] | ToldFailure], None]",
+        done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
     ) -> None:
         number = self._begin()
 
@@ -91,10 +91,10 @@ class LiveRobotExplorer(QObject):
 
         self._run(number, listen(), done)
 
-    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
+    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
         self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
 
-    def read(self, name: str, *, done: Callable[[RobotProfile | ToldFailure], None]) -> None:
+    def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
         self._run(self._begin(), asyncio.to_thread(_read, name), done)
 
     def cancel(self) -> None:
@@ -111,11 +111,11 @@ class LiveRobotExplorer(QObject):
         async def answer() -> None:
             try:
                 result: object = await work
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 result = failure
             except Exception as error:
                 logger.exception("Looking at a robot failed")
-                result = ToldFailure(
+                result = UserFacingError(
                     tr("Looking at the robot failed ({error}).").format(error=f"{type(error).__name__}: {error}"),
                     tr("What it offers is not known; nothing was changed."),
                     tr("See that rosbridge runs on it, and look again; the log has the details."),
@@ -133,7 +133,7 @@ def _read(name: str) -> RobotProfile:
     try:
         return load_profile(name)
     except ProfileError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The profile cannot be used."), f"{error}", tr("Choose another, or what was found here.")
         ) from error
 
@@ -142,7 +142,7 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
     path = user_robots_dir() / profile_file_name(title)
     taken = {known.name for known in list_profiles()}
     if path.exists() or path.stem in taken:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("There is a robot named {robot} already.").format(robot=path.stem),
             tr("It was not overwritten."),
             tr("Choose another name."),
@@ -152,7 +152,7 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
         save_profile(replace(profile, name=path.stem, title=title), path)
         accept_written_profile(profile, path)
     except (OSError, ProfileError) as error:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The robot was not saved."), f"{error}", tr("Choose another name, or free space on the disk.")
         ) from error
     return RobotChoice(path.stem, title, without_credentials(profile.address))

@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 
 _log = logging.getLogger(__name__)
@@ -24,7 +24,9 @@ class SaidBefore:
     erased.
     """
 
-    def __init__(self, state: LiveState, path: Path, slow_work: SlowWork, names: Callable[[], Iterable[str]]) -> None:
+    def __init__(
+        self, state: LiveState, path: Path, slow_work: BackgroundWorker, names: Callable[[], Iterable[str]]
+    ) -> None:
         self._state = state
         self._path = path
         self._slow_work = slow_work
@@ -88,7 +90,7 @@ def _read(path: Path) -> tuple[str, ...]:  # background thread
     except FileNotFoundError:
         return ()
     except (OSError, ValueError) as error:
-        raise ToldFailure(tr("What was said before could not be read."), str(error), "") from error
+        raise UserFacingError(tr("What was said before could not be read."), str(error), "") from error
     return tuple(sentence for sentence in sentences if isinstance(sentence, str))
 
 
@@ -97,9 +99,9 @@ def _write(path: Path, text: str) -> None:  # background thread
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=False)
     except OSError as error:
-        raise ToldFailure(tr("What was said could not be kept."), str(error), "") from error
+        raise UserFacingError(tr("What was said could not be kept."), str(error), "") from error
 
 
-def _tell(failure: ToldFailure) -> None:
+def _tell(failure: UserFacingError) -> None:
     # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.live.slow_work import BackgroundWorker
 
 LOOK_EVERY_MS = 1000
 AT_REST_MS = 250
@@ -25,7 +25,9 @@ class ScenarioWatch(QObject):
     order of background work.
     """
 
-    def __init__(self, slow_work: SlowWork, changed: Callable[[Path], None], parent: QObject | None = None) -> None:
+    def __init__(
+        self, slow_work: BackgroundWorker, changed: Callable[[Path], None], parent: QObject | None = None
+    ) -> None:
         super().__init__(parent)
         self._slow_work = slow_work
         self._changed = changed
@@ -76,7 +78,7 @@ class ScenarioWatch(QObject):
                 self._touched = touched
                 self._rest.start()
 
-        def failed(_failure: ToldFailure) -> None:
+        def failed(_failure: UserFacingError) -> None:
             self._asking = False
 
         self._slow_work.do(lambda: _touched(path), told, failed)

@@ -27,7 +27,7 @@ class Service(QObject):
     """
 
     def handlers(self) -> Handlers:
-        """Handlers by intent type. A handler raises ToldFailure if it fails."""
+        """Handlers by intent type. A handler raises UserFacingError if it fails."""
         return {}
 
     def follows(self) -> Follows:

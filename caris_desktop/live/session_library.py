@@ -22,11 +22,11 @@ from typing import IO, TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.events import Severity
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
@@ -91,7 +91,7 @@ class LiveSessionLibrary(QObject):
         self._exporter: ChildProcess | None = None
         self._out = Path()
         self._tidying: list[threading.Thread] = []
-        self._slow_work = SlowWork(self)
+        self._slow_work = BackgroundWorker(self)
         self._replays: list[_Replay] = []
         self._replay_watch = QTimer(self)
         self._replay_watch.setInterval(_LOOK_AFTER_REPLAYS_MS)
@@ -173,7 +173,7 @@ class LiveSessionLibrary(QObject):
 
         self._slow_work.do(lambda: _begun_replay(folder, command), begun, self._tell)
 
-    def _tell(self, failure: ToldFailure) -> None:
+    def _tell(self, failure: UserFacingError) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
     def _look_after_replays(self) -> None:
@@ -235,7 +235,7 @@ class LiveSessionLibrary(QObject):
             csv=csv,
         )
         exporter = ChildProcess(
-            ProcessBody("export", run_exports, (request,)),
+            ProcessSpec("export", run_exports, (request,)),
             on_message=lambda message, _raw: self._exporter_spoke.emit(exporter, message),
             on_exit=lambda _code: self._exporter_ended.emit(exporter),
         )
@@ -295,7 +295,7 @@ def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
 
 
 def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
-    """Start a replay. Raises ToldFailure."""
+    """Start a replay. Raises UserFacingError."""
     try:
         words = tempfile.TemporaryFile()  # noqa: SIM115 - open for as long as the replay
         try:
@@ -305,7 +305,7 @@ def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
             raise
     except OSError as error:
         _log.exception("the replay of %s", folder)
-        raise ToldFailure(
+        raise UserFacingError(
             tr("The replay did not open ({why}).").format(why=error.strerror),
             tr("The session itself is unharmed, and the one that runs here is not touched by it."),
             tr("Try again; the log has the details."),

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 
 _log = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ def do_beside(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
         raise failures[0]
 
 
-class SlowWork(QObject):
+class BackgroundWorker(QObject):
     """Runs jobs in the order of requests, and delivers results in that order. Call from the GUI thread; jobs run in a
     thread started on demand, and must not use Qt.
 
@@ -63,7 +63,7 @@ class SlowWork(QObject):
         self._thread: threading.Thread | None = None
         self._done.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
-    def do(self, work: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None]) -> None:
+    def do(self, work: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None]) -> None:
         """Run ``work``, then call ``done`` with its result or ``failed`` with its exception. Returns at once."""
         if self._closed:
             _log.info("%r is not done: the program ends", work)
@@ -119,16 +119,16 @@ class SlowWork(QObject):
                 self._done.emit()
 
 
-def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None]) -> Outcome:
+def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None]) -> Outcome:
     try:
         return partial(done, work())
-    except ToldFailure as failure:
+    except UserFacingError as failure:
         return partial(failed, failure)
     except Exception as error:
         _log.exception("%r failed", work)
         return partial(
             failed,
-            ToldFailure(
+            UserFacingError(
                 tr("Something that was asked for could not be done."),
                 f"{type(error).__name__}: {error}.",
                 tr("Try it again; the log has the details."),

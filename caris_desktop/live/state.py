@@ -33,10 +33,10 @@ from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
     AssistantSetup,
     AssistantStatus,
+    CrashRecoveryStatus,
     DriveStatus,
     FaceStatus,
     GamepadStatus,
-    GoingOnStatus,
     HeadStatus,
     LevelsStatus,
     LinkStatus,
@@ -196,7 +196,7 @@ class LiveState(QObject):
     is the suggestion that keys answer, an AskedAbout or None, and ``person_history`` the last lookup, a PersonHistory
     or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
     rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
-    an AssistantSetup, ``going_on`` a GoingOnStatus, ``practice`` a PracticeStatus, ``health`` the Health of each child
+    an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each child
     process by name.
 
     ``said_before`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
@@ -280,7 +280,7 @@ class LiveState(QObject):
         self.listening = LiveValue(ListeningStatus(), self)
         self.photos = LiveValue((), self)
         self.transcript = LiveValue((), self)
-        self.going_on = LiveValue(GoingOnStatus(), self)
+        self.going_on = LiveValue(CrashRecoveryStatus(), self)
         self.practice = LiveValue(PracticeStatus(), self)
         self._camera_by_hand = False
         self._camera_preferred = ""

@@ -174,7 +174,7 @@ IN_SESSION = ("starting", "recording", "paused", "stopping")
 
 
 @dataclass(frozen=True, slots=True)
-class GoingOnStatus:
+class CrashRecoveryStatus:
     """Crash recovery of a trial in the session ``folder``: offered, then resumed.
 
     ``unconfirmed``: conditions not confirmed yet; ``people``: ids of those present before, and ``unconfirmed_people``
@@ -436,7 +436,7 @@ class ModelChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class PartAlong:
+class ContextPartStatus:
     """Prompt context part: ``count`` items with ``words`` words. ``kind``: its name in ``Ask.leave_out``; ``title`` is
     translated for display.
     """
@@ -466,7 +466,7 @@ class AssistantSetup:
     notes: str = ""
     edited: bool = False
     pictures: bool = False
-    parts: tuple[PartAlong, ...] = ()
+    parts: tuple[ContextPartStatus, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

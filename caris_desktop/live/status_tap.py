@@ -13,7 +13,7 @@ from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
 from caris_desktop.domain.schema import from_jsonable, require_recordable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
-from caris_desktop.domain.told_again import told_again
+from caris_desktop.domain.told_again import retranslate
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -130,7 +130,7 @@ def _told_again(content: Any) -> Any:
     if not isinstance(content, dict):
         return content
     return {
-        key: told_again(value) if key in _REASONS and isinstance(value, str) else _told_again(value)
+        key: retranslate(value) if key in _REASONS and isinstance(value, str) else _told_again(value)
         for key, value in content.items()
     }
 

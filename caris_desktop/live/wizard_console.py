@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 from PySide6.QtCore import SignalInstance
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial import TrialDetails
@@ -69,7 +69,7 @@ class WizardConsole(Protocol):
         """Run an intent; returns the reason if refused, else empty. The wizard is notified automatically."""
 
     def read_aside(
-        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[ToldFailure], None] | None = None
+        self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         """Read files in a background thread: ``done`` receives the result of ``read``, ``failed`` its exception, which
         is otherwise reported. In the order of calls.

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.people.sealing import About, about_bytes, new_key, seal
 
 _log = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ class PeopleDatabase:
             busy = self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
         if busy:
             raise PeopleStoreError(
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "Another program is using {path}, so its log still holds what was deleted. "
                         "Close that program and ask again."
@@ -155,11 +155,11 @@ class PeopleDatabase:
         tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         if tables and application_id != _APPLICATION_ID:
             raise PeopleStoreError(
-                filled(QT_TR_NOOP("{path} is a database of another program and was left untouched."), path=self.path)
+                localized(QT_TR_NOOP("{path} is a database of another program and was left untouched."), path=self.path)
             )
         if version > len(STEPS):
             raise PeopleStoreError(
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "{path} was written by a newer version of this program and was left untouched. "
                         "Update the program."
@@ -222,8 +222,8 @@ class PeopleDatabase:
             raise PeopleStoreError(_for_this_reason(self.path, verb, error.strerror or error)) from error
 
 
-def _damaged(path: Path) -> Filled:
-    return filled(
+def _damaged(path: Path) -> LocalizedText:
+    return localized(
         QT_TR_NOOP(
             "{path} is not a people database or is damaged; it was left untouched. "
             "Move it away to start an empty one, or put a backup in its place."
@@ -232,7 +232,7 @@ def _damaged(path: Path) -> Filled:
     )
 
 
-def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> Filled:
+def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> LocalizedText:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return _damaged(path)
@@ -245,9 +245,9 @@ def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> Filled
     return _for_this_reason(path, verb, error)
 
 
-def _cannot(path: Path, verb: Verb) -> Filled:
-    return filled(_CANNOT[verb], path=path)
+def _cannot(path: Path, verb: Verb) -> LocalizedText:
+    return localized(_CANNOT[verb], path=path)
 
 
-def _for_this_reason(path: Path, verb: Verb, why: object) -> Filled:
-    return joined((_cannot(path, verb), filled(QT_TR_NOOP("The system says: {why}."), why=why)))
+def _for_this_reason(path: Path, verb: Verb, why: object) -> LocalizedText:
+    return joined((_cannot(path, verb), localized(QT_TR_NOOP("The system says: {why}."), why=why)))

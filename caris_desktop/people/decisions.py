@@ -32,7 +32,7 @@ from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
 from caris_desktop.people.portraits import Portraits
 from caris_desktop.people.sealing import About
-from caris_desktop.people.visits import Visit, Visits
+from caris_desktop.people.visits import Visit, VisitLog
 
 MAX_NAME_LENGTH = 80
 MAX_NOTE_LENGTH = 4000
@@ -68,7 +68,7 @@ class _Done:
 class Decisions:
     """For one thread."""
 
-    def __init__(self, known: KnownPeople, visits: Visits, portraits: Portraits) -> None:
+    def __init__(self, known: KnownPeople, visits: VisitLog, portraits: Portraits) -> None:
         self._known = known
         self._visits = visits
         self._portraits = portraits

@@ -7,8 +7,8 @@ from dataclasses import field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.store import PeopleStore, StoredPerson
@@ -31,7 +31,7 @@ def look_up(database: Path, who: str) -> PersonToForget | None:
 
     Raises
     ------
-    ToldFailure
+    UserFacingError
         If several have this name, or the database cannot be read.
     """
     if not database.exists():
@@ -46,11 +46,11 @@ def look_up(database: Path, who: str) -> PersonToForget | None:
             names = dict.fromkeys(person.name for person in people if person is not None and person.name)
             return PersonToForget(traces.person_ids, tuple(names), traces.blobs)
     except PeopleStoreError as error:
-        raise ToldFailure(str(error), _NOTHING_CHANGED, _advice(database)) from error
+        raise UserFacingError(str(error), _NOTHING_CHANGED, _advice(database)) from error
 
 
 def erase(database: Path, person_ids: tuple[str, ...]) -> None:
-    """Delete keys and rows of these ids. Idempotent. Raises ToldFailure."""
+    """Delete keys and rows of these ids. Idempotent. Raises UserFacingError."""
     if not database.exists():
         return
     try:
@@ -61,7 +61,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
                 if number == 0 or store.get(person_id) is not None:
                     store.forget(person_id)
     except PeopleStoreError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             str(error),
             QT_TR_NOOP("They are not yet erased from the study's database."),
             _advice(database),
@@ -71,7 +71,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
 def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
     """Apply ``rewrite`` to all notes and history texts, given the owner's id and the text.
 
-    Raises ToldFailure.
+    Raises UserFacingError.
     """
     if not database.exists():
         return
@@ -79,7 +79,7 @@ def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
         with closing(PeopleStore(database)) as store:
             store.rewrite_texts(rewrite)
     except PeopleStoreError as error:
-        raise ToldFailure(
+        raise UserFacingError(
             str(error), QT_TR_NOOP("What is kept of others may still name the person."), _advice(database)
         ) from error
 
@@ -99,10 +99,10 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
     ]
     roots = {store.ids_of(person.person_id)[0]: person for person in called}
     if len(roots) > 1:
-        raise ToldFailure(
-            filled(QT_TR_NOOP("{count} people of this study are called {who}."), count=len(roots), who=who),
+        raise UserFacingError(
+            localized(QT_TR_NOOP("{count} people of this study are called {who}."), count=len(roots), who=who),
             _NOTHING_CHANGED,
-            filled(
+            localized(
                 QT_TR_NOOP("Say which one by id: {ids}."),
                 ids=joined((_told(root, person) for root, person in roots.items()), "; "),
             ),
@@ -112,4 +112,4 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
 
 def _told(person_id: str, person: StoredPerson) -> str:
     seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
-    return filled(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")
+    return localized(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")

@@ -11,7 +11,7 @@ _MOST_NS = 6_000_000_000
 _LOOKS, _LOOKS_MISSED = 5, 2.5
 
 
-class Patience:
+class PresenceTimeout:
     """Timeout per camera, from its recent detection runs."""
 
     def __init__(self, least_ns: int) -> None:

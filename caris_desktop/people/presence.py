@@ -27,12 +27,12 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.heard import HeardHistory
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.patience import Patience
+from caris_desktop.people.patience import PresenceTimeout
 from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.several_cameras import SeveralCameras
+from caris_desktop.people.several_cameras import MultiCameraTracks
 from caris_desktop.people.store import HistoryEntry
 from caris_desktop.people.track_joining import SHORT_GAP_NS, Candidate, is_lost, same_visit
-from caris_desktop.people.visits import Track, Visit, Visits
+from caris_desktop.people.visits import Track, Visit, VisitLog
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
@@ -139,7 +139,7 @@ class RecognitionSettings:
     ask_at: float = 0.7
 
 
-class Presence:
+class PresenceTracker:
     """People in front of the cameras. For one thread.
 
     A track becomes a person after ``confirm_frames`` frames, and leaves ``leave_after_s`` after the last detection, or
@@ -163,11 +163,11 @@ class Presence:
         self._confirm_frames = confirm_frames
         self._settings = settings
         self._candidates: dict[Track, Candidate] = {}
-        self._visits = Visits()
+        self._visits = VisitLog()
         self._decisions = Decisions(self._known, self._visits, self.portraits)
-        self._cameras = SeveralCameras(self._visits, self._decisions, self._known)
+        self._cameras = MultiCameraTracks(self._visits, self._decisions, self._known)
         self._in_frame: dict[str, frozenset[Track]] = {}
-        self._patience = Patience(round(leave_after_s * 1e9))
+        self._patience = PresenceTimeout(round(leave_after_s * 1e9))
         self._speaking = ""
         self._heard = HeardHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}

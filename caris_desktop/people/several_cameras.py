@@ -5,21 +5,21 @@ from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import PeopleInMap
 from caris_desktop.people.decisions import Decisions
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.together import Spot, Together
-from caris_desktop.people.visits import Track, Visit, Visits
+from caris_desktop.people.together import CrossCameraMatcher, Spot
+from caris_desktop.people.visits import Track, Visit, VisitLog
 
 _IN_VIEW_NS = 1_500_000_000
 """Whom a camera saw so lately it still sees, as that track and no other."""
 
 
-class SeveralCameras:
+class MultiCameraTracks:
     """Feeds :class:`Together` with all cameras' detections, and applies its results."""
 
-    def __init__(self, visits: Visits, decisions: Decisions, known: KnownPeople) -> None:
+    def __init__(self, visits: VisitLog, decisions: Decisions, known: KnownPeople) -> None:
         self._visits = visits
         self._decisions = decisions
         self._known = known
-        self._together = Together()
+        self._together = CrossCameraMatcher()
 
     def see(self, track: Track, now_ns: int) -> None:
         """Note that the track is in its camera's image now."""

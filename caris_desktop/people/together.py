@@ -105,7 +105,7 @@ def same_person(likeness: Likeness) -> Verdict:
     return "unknown" if likeness.alike is not None and likeness.alike < _UNALIKE else "same"
 
 
-class Together:
+class CrossCameraMatcher:
     """Recent detections of all cameras, and which tracks are one person. Time is injected."""
 
     def __init__(self) -> None:

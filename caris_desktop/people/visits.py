@@ -55,7 +55,7 @@ class Visit:
         return self.person_id != self.visit_id
 
 
-class Visits:
+class VisitLog:
     """Visit log, bounded to the newest :data:`MOST_LEFT` ended visits."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.model_files import WrongChecksum, read_checked
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 log = logging.getLogger(__name__)
 
@@ -53,14 +53,14 @@ class AppearanceModel:
         except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
             raise AppearanceError(
-                filled(QT_TR_NOOP("The re-identification model {name} could not be loaded."), name=path.name)
+                localized(QT_TR_NOOP("The re-identification model {name} could not be loaded."), name=path.name)
             ) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:
             raise AppearanceError(
-                filled(
+                localized(
                     QT_TR_NOOP("{name} is no re-identification model: its input is not 3 x 256 x 128."), name=path.name
                 )
             )

@@ -52,7 +52,7 @@ class DeepSort:
         shift_px: tuple[float, float] = (0.0, 0.0),
         appearance_of: AppearanceOf | None = None,
     ) -> list[Followed]:
-        """Add the next frame; as :meth:`caris_desktop.perception.following.Follower.follow`."""
+        """Add the next frame; as :meth:`caris_desktop.perception.following.CameraTracker.follow`."""
         for track in self._tracks:
             track.advance(stamp_s, shift_px)
         boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.weights import Weights, WeightsError
 
@@ -59,7 +59,7 @@ def person_classes(detector: Detector, weights: Weights) -> tuple[int, ...]:
     if unnamed and len(names) >= _COCO_CLASS_COUNT:
         return (0,)
     raise WeightsError(
-        filled(QT_TR_NOOP("The detector {name} does not detect people"), name=weights.path.name),
+        localized(QT_TR_NOOP("The detector {name} does not detect people"), name=weights.path.name),
         searched=(str(weights.path),),
         advice=QT_TR_NOOP("Choose a detector with a class named person"),
     )

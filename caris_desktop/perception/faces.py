@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
 
 log = logging.getLogger(__name__)
@@ -54,7 +54,7 @@ class FaceModel:
             content, digest = read_checked(path)
         except OSError as error:
             raise FaceModelError(
-                filled(QT_TR_NOOP("The network for faces, {name}, cannot be read."), name=path.name)
+                localized(QT_TR_NOOP("The network for faces, {name}, cannot be read."), name=path.name)
             ) from error
         except WrongChecksum as error:
             raise FaceModelError(str(error)) from error
@@ -68,14 +68,14 @@ class FaceModel:
         except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
             raise FaceModelError(
-                filled(QT_TR_NOOP("The network for faces, {name}, could not be loaded."), name=path.name)
+                localized(QT_TR_NOOP("The network for faces, {name}, could not be loaded."), name=path.name)
             ) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
             raise FaceModelError(
-                filled(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
+                localized(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
             )
         self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 
@@ -101,7 +101,7 @@ class StudyFaces:
     def taken(
         self,
         image_bgr: NDArray[np.uint8],
-        look: Look,
+        look: DetectionRequest,
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:

@@ -81,7 +81,7 @@ class _Track(Motion):
         return self.number > 0
 
 
-class Follower:
+class CameraTracker:
     """Tracks the people of one camera. ``new_number`` returns the number of a new track."""
 
     def __init__(self, new_number: Callable[[], int] | None = None) -> None:

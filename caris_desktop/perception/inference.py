@@ -15,15 +15,15 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.inference_messages import (
+    DetectionRequest,
     DetectorAway,
     FrameSkipped,
     InferenceFailed,
     InferenceReady,
-    Look,
 )
 from caris_desktop.perception.inference_settings import (
     InferenceSettings,
@@ -190,9 +190,9 @@ def _fail(connection: Connection, problem: Problem) -> NoReturn:
         newest(connection)
 
 
-def newest(connection: Connection) -> Look:
+def newest(connection: Connection) -> DetectionRequest:
     """Wait for a frame; drop all waiting ones but the last. Raises EOFError when the connection closes."""
-    look: Look = connection.recv()
+    look: DetectionRequest = connection.recv()
     while connection.poll():
         look = connection.recv()
     return look
@@ -212,14 +212,14 @@ def _weights_problem(error: WeightsError) -> Problem:
     return Problem(
         clock.now_ns(),
         "error",
-        filled(QT_TR_NOOP("{error}."), error=error),
-        filled(
+        localized(QT_TR_NOOP("{error}."), error=error),
+        localized(
             QT_TR_NOOP("People are not recognised; everything else works. Searched: {places}."),
             places=joined(error.searched, "; "),
         )
         if error.searched
         else QT_TR_NOOP("People are not recognised; everything else works."),
-        filled(QT_TR_NOOP("{advice}."), advice=error.advice),
+        localized(QT_TR_NOOP("{advice}."), advice=error.advice),
         until="people",
     )
 
@@ -239,7 +239,7 @@ def _away_problem(why: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        filled(QT_TR_NOOP("{why}."), why=why),
+        localized(QT_TR_NOOP("{why}."), why=why),
         QT_TR_NOOP(
             "It looks for people in this computer's place: there are no boxes until it answers; everything else works."
         ),
@@ -255,12 +255,12 @@ def _things_problem(perceiver: Perceiver) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        filled(
+        localized(
             QT_TR_NOOP("The detector does not know: {unknown_things}."),
             unknown_things=", ".join(perceiver.unknown_things),
         ),
         QT_TR_NOOP("These things get no boxes and are not recorded; people do."),
-        filled(QT_TR_NOOP("Correct perception.classes in the scenario. The detector knows: {known}."), known=known),
+        localized(QT_TR_NOOP("Correct perception.classes in the scenario. The detector knows: {known}."), known=known),
     )
 
 

@@ -17,7 +17,7 @@ from caris_desktop.perception.appearance import AppearanceError, AppearanceModel
 from caris_desktop.perception.backends.chosen import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, TrackerName
 from caris_desktop.perception.portraits import PortraitTaker
 from caris_desktop.perception.pose import Pose, Poses
@@ -76,7 +76,7 @@ class Perceiver:
         self._tracker = tracker
         self._portraits = PortraitTaker()
 
-    def perceive(self, image_bgr: NDArray[np.uint8], look: Look) -> Perceived:
+    def perceive(self, image_bgr: NDArray[np.uint8], look: DetectionRequest) -> Perceived:
         """Process the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         began_s = time.perf_counter()
         detections = self._detector.detect(image_bgr)

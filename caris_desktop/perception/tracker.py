@@ -12,8 +12,8 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.deep_sort import DeepSort
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.following import AppearanceOf, Followed, Follower, view_qualities
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.following import AppearanceOf, CameraTracker, Followed, view_qualities
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import TrackerName
 from caris_desktop.perception.library_trackers import LibraryName, LibraryTracker
 from caris_desktop.perception.motion import overlaps
@@ -60,14 +60,14 @@ class PersonTracker:
         if tracker == "bytetrack" or tracker == "botsort":  # noqa: PLR1714 - mypy narrows only so
             LibraryTracker(tracker)  # load the library before the first frame, since it takes seconds
 
-    def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: Look) -> list[TrackedBox]:
+    def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: DetectionRequest) -> list[TrackedBox]:
         """Tracked people among the detections in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         rows = _people(detections, self._person_classes)
         corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
         if self._tracker == "own" or self._tracker == "deepsort":  # noqa: PLR1714 - mypy narrows only so
             camera = look.frame.camera
             if camera not in self._ours:
-                kind = Follower if self._tracker == "own" else DeepSort
+                kind = CameraTracker if self._tracker == "own" else DeepSort
                 self._ours[camera] = _Followed(kind(self._new_number))
             appearance_of = self._looks_in(image_bgr, corners_px)
             found = self._ours[camera].follow(corners_px, confidences, look, appearance_of)
@@ -121,14 +121,14 @@ class PersonTracker:
 class _Followed:
     """Our tracker for one camera, and the camera's last direction."""
 
-    follower: Follower | DeepSort
+    follower: CameraTracker | DeepSort
     looked: tuple[float, float] | None = None
 
     def follow(
         self,
         corners_px: NDArray[np.float64],
         confidences: NDArray[np.float64],
-        look: Look,
+        look: DetectionRequest,
         appearance_of: AppearanceOf | None,
     ) -> list[Followed]:
         stamp_s, shift_px = look.frame.shown_ns / 1e9, self._shift_px(look)
@@ -145,7 +145,7 @@ class _Followed:
             appearance_of=appearance_of,
         )
 
-    def _shift_px(self, look: Look) -> tuple[float, float]:
+    def _shift_px(self, look: DetectionRequest) -> tuple[float, float]:
         """Image shift by the camera's rotation since the last frame; for small angles, in pixels."""
         before, self.looked = self.looked, look.looked
         if before is None or look.looked is None:

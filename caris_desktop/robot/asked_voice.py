@@ -30,7 +30,7 @@ class NotSaidError(Exception):
     """The robot refuses or fails to speak; the reason is for the wizard."""
 
 
-class Speaker(Protocol):
+class SpeechBackend(Protocol):
     """Speech backend of the robot."""
 
     can_stop: bool
@@ -46,7 +46,7 @@ class Speaker(Protocol):
         """Close the backend."""
 
 
-class AskedVoice:
+class RequestSpeech:
     """Speaks one utterance at a time: repeated requests might be spoken twice at once. ``emit`` as of other voices.
 
     The end is known from the robot's ``speaking`` topic if there is one, else from its answer, else estimated.
@@ -57,7 +57,7 @@ class AskedVoice:
         ros: SafeRos,
         dialect: Dialect,
         speech: SpeechInterface,
-        speaker: Speaker,
+        speaker: SpeechBackend,
         *,
         answers_at_end: bool,
         emit: Callable[[UtteranceChanged], None],

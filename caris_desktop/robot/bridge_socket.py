@@ -12,7 +12,7 @@ import roslibpy
 from roslibpy.comm import RosBridgeProtocol
 from roslibpy.core import GoalStatus
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.real_time import LARGE_BYTES, go_back
@@ -88,7 +88,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         if len(payload) > factory.sizes.message_bytes:
             if not self._take_large_answer(payload):
                 factory.refuse(
-                    filled(
+                    localized(
                         QT_TR_NOOP("a message of {payload} MB, larger than is accepted"),
                         payload=f"{len(payload) / 2**20:.0f}",
                     )
@@ -125,7 +125,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         handler = self._message_handlers.get(operation["op"])
         if handler is None:
             self.factory.refuse(
-                filled(QT_TR_NOOP("an unknown operation {operation}"), operation=f"{operation['op']!r}")
+                localized(QT_TR_NOOP("an unknown operation {operation}"), operation=f"{operation['op']!r}")
             )
             return
         try:
@@ -133,7 +133,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         except Exception as error:
             # Callbacks are guarded one by one: an error here means a malformed operation.
             self.factory.refuse(
-                filled(
+                localized(
                     QT_TR_NOOP("a malformed {operation}: {name}: {error}"),
                     operation=operation["op"],
                     name=type(error).__name__,
@@ -195,7 +195,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
             return
         self.factory.not_answered(self)
         self.factory.run_safely(
-            errback, NoAnswer(filled(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
+            errback, NoAnswer(localized(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
         )
 
     def _handle_publish(self, message: Operation) -> None:
@@ -393,7 +393,7 @@ def _refusal(security: SecuritySettings) -> SecurityError:
         )
     return SecurityError(
         QT_TR_NOOP("The robot's rosbridge refused this console: the secret was not accepted."),
-        filled(
+        localized(
             QT_TR_NOOP(
                 "Check that the environment variable {name} holds the robot's rosauth secret, that the "
                 "clocks of this computer and the robot differ by less than 5 s, and that rosauth runs on "

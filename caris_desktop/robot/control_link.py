@@ -22,10 +22,10 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.controls import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
-from caris_desktop.robot.guard import GuardLimit, GuardNews, ObstacleGuard
+from caris_desktop.robot.guard import GuardChangeDetector, GuardLimit, ObstacleGuard
 from caris_desktop.robot.handled import HANDLED_TOPIC, HandledOperations
 from caris_desktop.robot.head import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
@@ -35,7 +35,7 @@ from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
-from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.outbox import ConsoleSender
 from caris_desktop.robot.preflight import missing_from, nothing_is_missing, problem_of_missing, take_inventory
 from caris_desktop.robot.profile import RobotProfile, interface_names
 from caris_desktop.robot.sensors import Sensors
@@ -43,7 +43,7 @@ from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
 from caris_desktop.robot.voices import RobotSpeech
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.messages import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
@@ -70,7 +70,9 @@ INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
 class ControlLink:
     """Everything that must not wait for images. Lives on one asyncio loop; a ``link_process.Link``."""
 
-    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, *, follows_crash: bool = False) -> None:
+    def __init__(
+        self, profile: RobotProfile, address: str, outbox: ConsoleSender, *, follows_crash: bool = False
+    ) -> None:
         self._profile = profile
         # Goals of the previous process, of navigation and of controls.
         self._goals_left = self._control_goals_left = follows_crash
@@ -88,7 +90,7 @@ class ControlLink:
             simulation_time=profile.simulation_time,
         )  # fmt: skip
         self._guard = ObstacleGuard(profile)
-        self._guard_news = GuardNews()
+        self._guard_news = GuardChangeDetector()
         self._movement = MovementCheck(profile)
         self._movement_told = MovementChanged(0, "unknown")
         # From Stop until the robot stands still, or is driven from here again.
@@ -137,7 +139,7 @@ class ControlLink:
             self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
         )
         self._voice = RobotSpeech(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._watched = WatchedTopics(self._ros, self._dialect, tell=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, self._dialect, tell=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(
             self._ros,
@@ -243,7 +245,7 @@ class ControlLink:
                 self._stopping = True
                 self._stop_ns = now_ns()
                 self._movement.stopped()
-                reason = filled(QT_TR_NOOP("stopped by {who}"), who=filled(in_words(command.actor)))
+                reason = localized(QT_TR_NOOP("stopped by {who}"), who=localized(in_words(command.actor)))
                 self._navigator.cancel_all(reason, command.actor)
                 self._controls.cancel_goals(reason)
             case commands.SetEmergencyStop():
@@ -292,7 +294,7 @@ class ControlLink:
         if refusal:
             self._report.problems.count(
                 what, severity="warning", cause=ANSWER,
-                what=filled("{what}: {refusal}.", what=filled(what), refusal=filled(refusal)),
+                what=localized("{what}: {refusal}.", what=localized(what), refusal=localized(refusal)),
                 meaning=QT_TR_NOOP("Nothing was sent to the robot."),
                 advice=QT_TR_NOOP("Try again when that has changed.")
                 if self._connected
@@ -312,8 +314,8 @@ class ControlLink:
         self._stopping = False
         if command.target.moving:
             # Manual driving cancels navigation.
-            who = filled(in_words(command.actor))
-            self._navigator.cancel(filled(QT_TR_NOOP("{who} drives"), who=who), command.actor)
+            who = localized(in_words(command.actor))
+            self._navigator.cancel(localized(QT_TR_NOOP("{who} drives"), who=who), command.actor)
         self._lease.drive(command.target, command.source, given_s)
 
     def _motion_refusal(self) -> str:
@@ -483,7 +485,7 @@ class ControlLink:
                         "warning",
                         QT_TR_NOOP("The robot's rosbridge does not show whether it carries out what is sent."),
                         QT_TR_NOOP("If commands wait at the robot, this console notices it late or not at all."),
-                        filled(
+                        localized(
                             QT_TR_NOOP("If rosbridge restricts topics (topics_glob), allow {topic} as well."),
                             topic=HANDLED_TOPIC,
                         ),
@@ -653,7 +655,7 @@ class ControlLink:
         self._measurement.link_lost()
         if not self._closing:
             lost = QT_TR_NOOP("The link to the robot was lost: {reason}")
-            self._report.changed("lost", filled(lost, reason=reason))
+            self._report.changed("lost", localized(lost, reason=reason))
 
     def link_unreachable(self, what: str, advice: str) -> None:
         self._report.unreachable(what, advice)
@@ -717,7 +719,7 @@ class ControlLink:
         self._report.problems.count(
             f"reading {title}",
             severity="warning",
-            what=filled(
+            what=localized(
                 QT_TR_NOOP("{count} message(s) of the robot cannot be shown as {title}: {reason}."),
                 title=title,
                 reason=reason,

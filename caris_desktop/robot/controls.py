@@ -32,7 +32,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.actions import Ending
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.fields import Message, MessageError, message_of
@@ -154,7 +154,7 @@ class RobotControls:
         ros: SafeRos,
         dialect: Dialect,
         own: tuple[RobotControl, ...],
-        watched: WatchedTopics,
+        watched: SubscriptionWatchdog,
         *,
         robot: RobotInterfaceNames,
         velocity_topic: str,
@@ -331,7 +331,7 @@ class RobotControls:
             message = fitted(content, definition, rounds=control.kind == "slider")
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
-            why = translation.filled(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
+            why = translation.localized(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
             self._tell(command, "failed", why)
             return
         match effect:
@@ -380,7 +380,9 @@ class RobotControls:
         if goal is not None and not goal.heard and wire_id not in server.lost:
             del server.goals[wire_id]
             server.cancel(wire_id)
-            late = translation.filled(QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}")
+            late = translation.localized(
+                QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}"
+            )
             self._tell(goal.command, "failed", late)
 
     def _give_up_lost(self, server: _Server, wire_id: str) -> None:

@@ -9,11 +9,11 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.preflight import RobotInventory, absolute_name
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.messages import decode_bool, encode_bool
 
@@ -51,7 +51,7 @@ class EmergencyStop:
         dialect: Dialect,
         interface: EmergencyStopInterface | None,
         stopped: StoppedByIt,
-        watched: WatchedTopics,
+        watched: SubscriptionWatchdog,
         *,
         emit: Callable[[Any], None],
         in_background: Callable[[Coroutine[Any, Any, None]], None],
@@ -226,7 +226,9 @@ class EmergencyStop:
             Problem(
                 now_ns(),
                 "error",
-                filled(QT_TR_NOOP("Nothing on the robot takes the emergency stop ({name} is not there)."), name=name),
+                localized(
+                    QT_TR_NOOP("Nothing on the robot takes the emergency stop ({name} is not there)."), name=name
+                ),
                 QT_TR_NOOP(
                     "It is set in this console, which sends no motion; the robot itself is not stopped. It is sent as"
                     " soon as the robot offers it."
@@ -335,7 +337,7 @@ class EmergencyStop:
                 Problem(
                     now_ns(),
                     "error",
-                    filled(refused, reason=reason),
+                    localized(refused, reason=reason),
                     meaning,
                     QT_TR_NOOP("Use the robot's own emergency stop.")
                     if latched

@@ -16,11 +16,11 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.pictures import picture_size
 from caris_desktop.domain.sensing import lidar_mounting
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.localization import TransformTree
 from caris_desktop.robot.preflight import (
@@ -73,7 +73,7 @@ _OF_INTEREST = (
 StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
 
 
-class ExploreError(ToldFailure):
+class ExploreError(UserFacingError):
     """The robot cannot be queried."""
 
 
@@ -235,20 +235,20 @@ async def check_streams(
                 inventory = await take_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
-            why = filled(
+            why = localized(
                 QT_TR_NOOP("{why} The streams of the profile are listened to; what else the robot has is not known."),
                 why=what_rosapi_said(error),
             )
             say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, why))
         if inventory is not None and inventory.dialect not in (None, Dialect(profile.ros)):
             raise ExploreError(
-                filled(
+                localized(
                     QT_TR_NOOP("The robot runs ROS {found}, but the profile says ROS {said}."),
                     found=3 - profile.ros,
                     said=profile.ros,
                 ),
                 QT_TR_NOOP("Nothing of it can be listened to."),
-                filled(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
+                localized(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
             )
         offset_ns = await _clock_offset_ns(ros)
         ears: list[_Ear] = []
@@ -269,7 +269,7 @@ async def check_streams(
                 say(_absent(named))
             elif kind and not any(same_type(kind, wanted) for wanted in named.types):
                 carries = QT_TR_NOOP("It carries {kind}; {expected} was expected.")
-                say(_unfit(named, filled(carries, kind=kind, expected=" / ".join(named.types))))
+                say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
                 ears.append(_Ear(ros, profile, named, kind, tree))
@@ -300,7 +300,7 @@ async def _connected(address: str, security: SecuritySettings | None, timeout_s:
                 what, advice = await probe.outcome
         except TimeoutError:
             nothing = QT_TR_NOOP("Nothing answers at {address} within {seconds} s.")
-            what, advice = filled(nothing, address=without_credentials(address), seconds=f"{timeout_s:g}"), ""
+            what, advice = localized(nothing, address=without_credentials(address), seconds=f"{timeout_s:g}"), ""
         if what:
             advice = advice or QT_TR_NOOP("Check the address, and that rosbridge runs on the robot.")
             raise ExploreError(what, QT_TR_NOOP("The robot was not asked anything."), advice)
@@ -332,7 +332,7 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
 
 def _no_rosapi(error: Exception) -> ExploreError:
     return ExploreError(
-        filled(QT_TR_NOOP("The robot does not tell what it has: {why}"), why=what_rosapi_said(error)),
+        localized(QT_TR_NOOP("The robot does not tell what it has: {why}"), why=what_rosapi_said(error)),
         QT_TR_NOOP("No mapping can be proposed."),
         QT_TR_NOOP(
             "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile "
@@ -510,7 +510,7 @@ class _Ear:
         try:
             detail = self._describe(self._message)
         except (MessageError, ValueError) as error:
-            wrong = filled(QT_TR_NOOP("What comes cannot be used: {error}."), error=error)
+            wrong = localized(QT_TR_NOOP("What comes cannot be used: {error}."), error=error)
             return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
         state = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
@@ -518,7 +518,7 @@ class _Ear:
         late_s = self._late_s(offset_ns)
         if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
             state = "slow"
-            late = filled(QT_TR_NOOP("It is {late} s old when it arrives."), late=f"{late_s:.1f}")
+            late = localized(QT_TR_NOOP("It is {late} s old when it arrives."), late=f"{late_s:.1f}")
             detail = joined((detail, late))
         return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
 
@@ -597,7 +597,9 @@ async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_tol
     listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
     speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
     if speakers and not listeners:
-        return verdict("nothing", filled(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers)))
+        return verdict(
+            "nothing", localized(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers))
+        )
     if not listeners:
         # A topic with neither has nodes unknown to rosapi.
         return verdict("good", QT_TR_NOOP("The robot has this topic."))
@@ -605,8 +607,8 @@ async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_tol
         refused = QT_TR_NOOP(
             "{who} listens to it, but rosbridge does not publish it: its topics_glob does not let this topic through."
         )
-        return verdict("wrong", filled(refused, who=_short(listeners)))
-    return verdict("good", filled(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
+        return verdict("wrong", localized(refused, who=_short(listeners)))
+    return verdict("good", localized(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
 
 
 async def _lets_through(ros: SafeRos, topic: str, kind: str, before: set[str]) -> bool:
@@ -640,7 +642,7 @@ def _short(names: Iterable[str]) -> str:
     few = ", ".join(listed[:2])
     if len(listed) <= 2:
         return few
-    return filled(QT_TR_NOOP("{names} and {number} more"), names=few, number=len(listed) - 2)
+    return localized(QT_TR_NOOP("{names} and {number} more"), names=few, number=len(listed) - 2)
 
 
 def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTree) -> Callable[[Any], str]:
@@ -651,12 +653,12 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
     if named.field == "scan":
         return lambda message: joined((_scan(message), _mounting(message, profile, tree)))
     if named.types == ("sensor_msgs/Image",):
-        advice = filled(QT_TR_NOOP("Not compressed: {advice}."), advice=republish_advice(named.topic))
+        advice = localized(QT_TR_NOOP("Not compressed: {advice}."), advice=republish_advice(named.topic))
         return lambda message: joined((_raw_picture(message), advice))
     for control in profile.controls:
         if control.reading is not None and named.field == f"controls.{control.id}.shows":
             path = control.reading.field
-            return lambda message: filled(QT_TR_NOOP("Now {value}."), value=value_at(message, path))
+            return lambda message: localized(QT_TR_NOOP("Now {value}."), value=value_at(message, path))
     return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("It comes."))
 
 
@@ -666,13 +668,13 @@ def _joints(message: Any, wanted: tuple[str, str]) -> str:
     # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
         return QT_TR_NOOP("Both joints of the head are told.")
-    return filled(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
+    return localized(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
 
 
 def _scan(message: Any) -> str:
     scan = messages.decode_laser_scan(message, stamp_ns=0)
     span_deg = abs(math.degrees(scan.angle_increment_rad * (len(scan.ranges_m) - 1)))
-    return filled(
+    return localized(
         QT_TR_NOOP("{beams} beams over {angle} degrees, up to {range} m."),
         beams=len(scan.ranges_m), angle=f"{span_deg:.0f}", range=f"{scan.range_max_m:g}",
     )  # fmt: skip
@@ -690,7 +692,7 @@ def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
             else QT_TR_NOOP("Mounted upright, as the profile says.")
         )
     if pose is None:
-        return filled(
+        return localized(
             QT_TR_NOOP("No transform leads from {base} to {frame}: it is taken to be upright where the profile says."),
             base=profile.frames.base,
             frame=repr(frame),
@@ -702,7 +704,7 @@ def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
             return QT_TR_NOOP("Mounted upside down: its beams are reversed.")
         case "tilted":
             tilted = QT_TR_NOOP("the LIDAR is tilted by {degrees} degrees, so that it measures floor and ceiling")
-            raise MessageError(filled(tilted, degrees=f"{math.degrees(pose.tilt_rad):.0f}"))
+            raise MessageError(localized(tilted, degrees=f"{math.degrees(pose.tilt_rad):.0f}"))
 
 
 def _picture(message: Any) -> str:
@@ -710,7 +712,7 @@ def _picture(message: Any) -> str:
     size = picture_size(image.content)
     kilobytes = f"{len(image.content) / 1000:.0f}"
     if not size:
-        return filled(QT_TR_NOOP("{encoding}, {size} kB."), encoding=image.encoding, size=kilobytes)
+        return localized(QT_TR_NOOP("{encoding}, {size} kB."), encoding=image.encoding, size=kilobytes)
     return _pixels(image.encoding, size[0], size[1], kilobytes)
 
 
@@ -721,7 +723,7 @@ def _raw_picture(message: Any) -> str:
 
 
 def _pixels(encoding: str, width_px: int, height_px: int, kilobytes: str) -> str:
-    return filled(
+    return localized(
         QT_TR_NOOP("{encoding} of {width}x{height} pixels, {size} kB."),
         encoding=encoding, width=width_px, height=height_px, size=kilobytes,
     )  # fmt: skip
@@ -731,7 +733,7 @@ def _grid(message: Any) -> str:
     grid = messages.decode_occupancy_grid(message, stamp_ns=0)
     height, width = grid.cells.shape
     cell_m = grid.resolution_m
-    return filled(
+    return localized(
         QT_TR_NOOP("{width} x {height} m in cells of {cell} m."),
         width=f"{width * cell_m:.0f}", height=f"{height * cell_m:.0f}", cell=f"{cell_m:g}",
     )  # fmt: skip
@@ -755,7 +757,7 @@ def _odometry(message: Any) -> str:
 
 def _pose(message: Any) -> str:
     pose = messages.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map
-    return filled(
+    return localized(
         QT_TR_NOOP("At {x}, {y} m, heading {heading} degrees."),
         x=f"{pose.x_m:.1f}", y=f"{pose.y_m:.1f}", heading=f"{math.degrees(pose.heading_rad):.0f}",
     )  # fmt: skip
@@ -765,11 +767,11 @@ def _transforms(message: Any) -> str:
     frames = sorted({each.child_frame for each in messages.decode_tf_message(message)})
     if not frames:
         return QT_TR_NOOP("It holds no frames.")
-    return filled(QT_TR_NOOP("Frames {frames}."), frames=_short(frames))
+    return localized(QT_TR_NOOP("Frames {frames}."), frames=_short(frames))
 
 
 def _path(message: Any) -> str:
-    return filled(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
+    return localized(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
 
 
 _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
@@ -781,7 +783,7 @@ _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
     "geometry_msgs/PoseWithCovarianceStamped": _pose,
     "tf2_msgs/TFMessage": _transforms,
     "nav_msgs/Path": _path,
-    "std_msgs/Bool": lambda message: filled(
+    "std_msgs/Bool": lambda message: localized(
         QT_TR_NOOP("Now {value}."), value=str(messages.decode_bool(message)).lower()
     ),
 }
@@ -794,7 +796,7 @@ def value_at(message: Any, path: str) -> bool | float | str:
         try:
             found = found[int(step[1:-1])] if step.startswith("[") else found[step]
         except (LookupError, TypeError) as error:
-            raise ValueError(filled(QT_TR_NOOP("the message has no {path}"), path=path)) from error
+            raise ValueError(localized(QT_TR_NOOP("the message has no {path}"), path=path)) from error
     if not isinstance(found, (bool, int, float, str)):
-        raise ValueError(filled(QT_TR_NOOP("{path} is not one value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
+        raise ValueError(localized(QT_TR_NOOP("{path} is not one value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
     return found

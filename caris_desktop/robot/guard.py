@@ -462,7 +462,7 @@ class ObstacleGuard:
         return own
 
 
-class GuardNews:
+class GuardChangeDetector:
     """Decides which limits are worth an event: each deterioration at once, others at intervals."""
 
     EVERY_S = 0.2

@@ -13,7 +13,7 @@ from caris_desktop.domain.sensing import HeadState
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import HeadInterface
 from caris_desktop.robot.transport import SafeRos, SafeTopic
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.joint_messages import (
     decode_joint_state,
@@ -41,7 +41,7 @@ class RobotHead:
         ros: SafeRos,
         dialect: Dialect,
         head: HeadInterface | None,
-        watched: WatchedTopics,
+        watched: SubscriptionWatchdog,
         *,
         emit: Callable[[Any], None],
     ) -> None:

@@ -17,8 +17,8 @@ from caris_desktop.domain import commands
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
-from caris_desktop.robot.outbox import Outbox, ProblemReporter
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.robot.outbox import ConsoleSender, ProblemReporter
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class Link(Protocol):
         """Leave the robot safe, then disconnect."""
 
 
-def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:
+def run_link(connection: Connection, make: Callable[[ConsoleSender], Link]) -> None:
     """Run a link until CloseLink, the end of ``connection`` or SIGTERM."""
     # Ctrl-C in a terminal reaches the whole process group; the console decides when to exit.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -53,9 +53,9 @@ def run_link(connection: Connection, make: Callable[[Outbox], Link]) -> None:
     asyncio.run(_serve(connection, make))
 
 
-async def _serve(connection: Connection, make: Callable[[Outbox], Link]) -> None:
+async def _serve(connection: Connection, make: Callable[[ConsoleSender], Link]) -> None:
     loop = asyncio.get_running_loop()
-    outbox = Outbox(connection)
+    outbox = ConsoleSender(connection)
     link = make(outbox)
     ended = asyncio.Event()
     reader = CommandReader(connection)
@@ -127,7 +127,7 @@ class CommandReader:
 class LinkReporter:
     """Reports a link to the console: LinkChanged for each change, one Problem per outage."""
 
-    def __init__(self, link: Literal["control", "media"], address: str, outbox: Outbox) -> None:
+    def __init__(self, link: Literal["control", "media"], address: str, outbox: ConsoleSender) -> None:
         self._link = link
         self._address = without_credentials(address)
         self._put = outbox.put
@@ -156,7 +156,7 @@ class LinkReporter:
         self.problems.count(
             "refused",
             severity="warning",
-            what=filled(
+            what=localized(
                 QT_TR_NOOP("The robot sent {count} message(s) that cannot be used: {detail}."), detail=detail[:200]
             ),
             meaning=QT_TR_NOOP("They were ignored; everything else goes on."),

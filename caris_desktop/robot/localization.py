@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import TransformFrames
 from caris_desktop.ros.messages import Transform
 
@@ -289,8 +289,8 @@ class PoseTracker:
         alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
         values = {"base": self._frames.base, "frame": repr(name)}
         if not alike or name in alike:
-            return filled(QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}"), **values)
-        return filled(
+            return localized(QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}"), **values)
+        return localized(
             QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}; the robot has {alike}"),
             **values,
             alike=", ".join(sorted(alike)[:3]),

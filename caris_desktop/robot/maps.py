@@ -11,7 +11,7 @@ from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
@@ -47,7 +47,7 @@ def map_name_refusal(name: str) -> str:
     if not name.strip():
         return QT_TR_NOOP("a map needs a name")
     if len(name) > LONGEST_NAME:
-        return filled(QT_TR_NOOP("the name is longer than {most} characters"), most=LONGEST_NAME)
+        return localized(QT_TR_NOOP("the name is longer than {most} characters"), most=LONGEST_NAME)
     if not _NAME.fullmatch(name) or ".." in name or name != name.strip():
         return QT_TR_NOOP("a map's name is made of letters, digits, spaces, '-', '_' and single dots")
     return ""

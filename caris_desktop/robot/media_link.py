@@ -15,17 +15,17 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.pictures import PictureError, fitted, unfolded
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
-from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.outbox import ConsoleSender
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.sound import RobotSound
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.fields import MessageError
@@ -44,7 +44,7 @@ logger = logging.getLogger(__name__)
 class MediaLink:
     """Bulk data on a separate socket and process, where decoding delays nothing else."""
 
-    def __init__(self, profile: RobotProfile, address: str, outbox: Outbox, frames: FrameWriter) -> None:
+    def __init__(self, profile: RobotProfile, address: str, outbox: ConsoleSender, frames: FrameWriter) -> None:
         dialect = Dialect(profile.ros)
         self._put = outbox.put
         self._frames = frames
@@ -63,7 +63,7 @@ class MediaLink:
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
-        self._watched = WatchedTopics(self._ros, dialect, tell=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, dialect, tell=self._put)
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
         for camera in profile.cameras:
@@ -147,7 +147,7 @@ class MediaLink:
         if self._sound is not None:
             self._sound.link_lost()
         if not self._closing:
-            lost = filled(QT_TR_NOOP("The link for video and map was lost: {reason}"), reason=reason)
+            lost = localized(QT_TR_NOOP("The link for video and map was lost: {reason}"), reason=reason)
             self._report.changed("lost", lost)
 
     def link_unreachable(self, what: str, advice: str) -> None:
@@ -166,9 +166,9 @@ class MediaLink:
                 image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
             )
         except MessageError as error:
-            problem = filled(QT_TR_NOOP("the data cannot be read as a picture: {why}"), why=error)
+            problem = localized(QT_TR_NOOP("the data cannot be read as a picture: {why}"), why=error)
         except PictureError as error:
-            problem = filled(QT_TR_NOOP("the last one {why}"), why=error)
+            problem = localized(QT_TR_NOOP("the last one {why}"), why=error)
         else:
             self._put(self._with_its_moment(ref))
             if camera.type == "Image":
@@ -177,13 +177,13 @@ class MediaLink:
         self._report.problems.count(
             f"image {camera.name}",
             severity="warning",
-            what=filled(
+            what=localized(
                 QT_TR_NOOP("{count} picture(s) of the camera {name} were dropped: {problem}."),
                 name=camera.name,
                 problem=problem,
             ),
             meaning=QT_TR_NOOP("The video stands still or stutters."),
-            advice=filled(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
+            advice=localized(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
         )
 
     def _with_its_moment(self, ref: FrameRef) -> FrameRef:
@@ -213,13 +213,13 @@ class MediaLink:
             Problem(
                 clock.now_ns(),
                 "info",
-                filled(
+                localized(
                     QT_TR_NOOP("The camera {name} sends its pictures uncompressed, about {mb_per_s} MB a second."),
                     name=camera.name,
                     mb_per_s=f"{mb_per_s:.0f}",
                 ),
                 QT_TR_NOOP("Over a wireless link the picture may stutter, and everything else be late with it."),
-                filled(
+                localized(
                     QT_TR_NOOP("Compress them on the robot: {republish_advice}."),
                     republish_advice=republish_advice(camera.topic),
                 ),
@@ -261,7 +261,7 @@ class MediaLink:
             self._report.problems.count(
                 "map update",
                 severity="warning",
-                what=filled(QT_TR_NOOP("{count} update(s) of the robot's map were refused: {error}."), error=error),
+                what=localized(QT_TR_NOOP("{count} update(s) of the robot's map were refused: {error}."), error=error),
                 meaning=QT_TR_NOOP("The map may be older than the robot's own in some part."),
                 advice=QT_TR_NOOP(
                     "It is right again with the next whole map. Check that both topics are of the same map."

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
 from caris_desktop.ros.actions import action_package_and_name
 from caris_desktop.ros.definitions import (
@@ -103,7 +103,7 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
         names, types, lengths = (typedef.get(key) for key in ("fieldnames", "fieldtypes", "fieldarraylen"))
         lists = [names, types, lengths]
         if not all(isinstance(items, list) and len(items) <= _MOST_FIELDS for items in lists):
-            raise ValueError(filled(QT_TR_NOOP("rosapi does not tell the fields of {type}"), type=typedef["type"]))
+            raise ValueError(localized(QT_TR_NOOP("rosapi does not tell the fields of {type}"), type=typedef["type"]))
         fields = tuple(
             FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
             for name, kind, length in zip(*lists, strict=True)
@@ -134,14 +134,14 @@ def _message(
 ) -> dict[str, Any]:
     if not isinstance(value, Mapping):
         raise MessageMismatchError(
-            filled(
+            localized(
                 QT_TR_NOOP("{where} must be a group of fields, but it is {value}"),
                 where=_named(where),
                 value=_told(value),
             )
         )
     if where.count(".") > _DEEPEST:
-        raise MessageMismatchError(filled(QT_TR_NOOP("{where} lies too deep"), where=_named(where)))
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} lies too deep"), where=_named(where)))
     by_name = {field.name: field for field in fields}
     sent = {}
     for name, item in value.items():
@@ -150,7 +150,7 @@ def _message(
         if field is None:
             allowed = ", ".join(sorted(by_name)[:12]) or QT_TR_NOOP("none at all")
             raise MessageMismatchError(
-                filled(
+                localized(
                     QT_TR_NOOP("there is no field {field}; the robot knows {known}"), field=repr(inside), known=allowed
                 )
             )
@@ -165,11 +165,11 @@ def _field(value: Any, field: FieldType, definition: Definition, where: str, rou
         return value
     if not isinstance(value, (list, tuple)):
         raise MessageMismatchError(
-            filled(QT_TR_NOOP("{where} must be a list, but it is {value}"), where=_named(where), value=_told(value))
+            localized(QT_TR_NOOP("{where} must be a list, but it is {value}"), where=_named(where), value=_told(value))
         )
     if field.length and len(value) != field.length:
         raise MessageMismatchError(
-            filled(
+            localized(
                 QT_TR_NOOP("{where} must have {length} entries, but it has {number}"),
                 where=_named(where),
                 length=field.length,
@@ -178,7 +178,7 @@ def _field(value: Any, field: FieldType, definition: Definition, where: str, rou
         )
     if len(value) > LONGEST_LIST:
         raise MessageMismatchError(
-            filled(
+            localized(
                 QT_TR_NOOP("{where} has {number} entries, which is too many"), where=_named(where), number=len(value)
             )
         )
@@ -195,7 +195,7 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
     if base in TRUTHS:
         if not isinstance(value, bool):
             raise MessageMismatchError(
-                filled(
+                localized(
                     QT_TR_NOOP("{where} must be true or false, but it is {value}"),
                     where=_named(where),
                     value=_told(value),
@@ -205,11 +205,15 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
     if base in TEXTS:
         if not isinstance(value, str):
             raise MessageMismatchError(
-                filled(QT_TR_NOOP("{where} must be a text, but it is {value}"), where=_named(where), value=_told(value))
+                localized(
+                    QT_TR_NOOP("{where} must be a text, but it is {value}"), where=_named(where), value=_told(value)
+                )
             )
         if len(value) > LONGEST_TEXT:
             raise MessageMismatchError(
-                filled(QT_TR_NOOP("{where} is longer than {most} characters"), where=_named(where), most=LONGEST_TEXT)
+                localized(
+                    QT_TR_NOOP("{where} is longer than {most} characters"), where=_named(where), most=LONGEST_TEXT
+                )
             )
         return value
     if plain in TIMES:
@@ -228,7 +232,7 @@ def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool)
         value = round(value)
     if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
         raise MessageMismatchError(
-            filled(
+            localized(
                 QT_TR_NOOP("{where} must be a whole number from {lowest} to {highest}, but it is {value}"),
                 where=_named(where),
                 lowest=lowest,
@@ -242,15 +246,17 @@ def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool)
 def _number(value: Any, type_: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise MessageMismatchError(
-            filled(QT_TR_NOOP("{where} must be a number, but it is {value}"), where=_named(where), value=_told(value))
+            localized(
+                QT_TR_NOOP("{where} must be a number, but it is {value}"), where=_named(where), value=_told(value)
+            )
         )
     try:
         number = float(value)
     except OverflowError as error:
-        raise MessageMismatchError(filled(QT_TR_NOOP("{where} is too large"), where=_named(where))) from error
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} is too large"), where=_named(where))) from error
     if not math.isfinite(number) or (type_ in ("float32", "float") and abs(number) > LARGEST_FLOAT32):
         raise MessageMismatchError(
-            filled(
+            localized(
                 QT_TR_NOOP("{where} must be a finite number, but it is {value}"),
                 where=_named(where),
                 value=_told(value),
@@ -266,7 +272,7 @@ def _time(value: Any, where: str) -> Any:
     # ROS 1's rosbridge replaces this word by the robot's time.
     if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
         raise MessageMismatchError(
-            filled(QT_TR_NOOP("{where} must be a time of whole seconds and nanoseconds"), where=_named(where))
+            localized(QT_TR_NOOP("{where} must be a time of whole seconds and nanoseconds"), where=_named(where))
         )
     return value
 
@@ -274,14 +280,14 @@ def _time(value: Any, where: str) -> Any:
 def _check_plain(value: Any, where: str, depth: int) -> None:
     """Check that the value can be encoded as JSON."""
     if depth > _DEEPEST:
-        raise MessageMismatchError(filled(QT_TR_NOOP("{where} lies too deep"), where=where))
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} lies too deep"), where=where))
     if isinstance(value, Mapping):
         for item in value.values():
             _check_plain(item, where, depth + 1)
     elif isinstance(value, (list, tuple)):
         if len(value) > LONGEST_LIST:
             raise MessageMismatchError(
-                filled(
+                localized(
                     QT_TR_NOOP("{where} has a list of {number} entries, which is too many"),
                     where=where,
                     number=len(value),
@@ -290,10 +296,10 @@ def _check_plain(value: Any, where: str, depth: int) -> None:
         for item in value:
             _check_plain(item, where, depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise MessageMismatchError(filled(QT_TR_NOOP("{where} has a number that is not finite"), where=where))
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} has a number that is not finite"), where=where))
     elif value is not None and not isinstance(value, (bool, int, float, str)):
         raise MessageMismatchError(
-            filled(QT_TR_NOOP("{where} has a value that cannot be sent: {value}"), where=where, value=_told(value))
+            localized(QT_TR_NOOP("{where} has a value that cannot be sent: {value}"), where=where, value=_told(value))
         )
 
 
@@ -303,7 +309,7 @@ def _package_and_name(type_: str) -> tuple[str, str]:
 
 
 def _named(where: str) -> str:
-    return filled(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else QT_TR_NOOP("the message")
+    return localized(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else QT_TR_NOOP("the message")
 
 
 def _told(value: Any) -> str:
@@ -312,7 +318,7 @@ def _told(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return filled(QT_TR_NOOP("the text {said}"), said=repr(value[:40]))
+        return localized(QT_TR_NOOP("the text {said}"), said=repr(value[:40]))
     if isinstance(value, (int, float)):
         return str(value)[:40]
     a_list = isinstance(value, (list, tuple))

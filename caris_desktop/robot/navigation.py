@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import GoTo
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
@@ -255,7 +255,7 @@ class Navigator:
             return
         self._server.give_up(self._goal.wire_id)
         late = QT_TR_NOOP("the robot's navigation did not answer within {seconds} s")
-        self._end("failed", filled(late, seconds=f"{NO_ANSWER_S:g}"))
+        self._end("failed", localized(late, seconds=f"{NO_ANSWER_S:g}"))
 
     def _await_fate(self) -> None:
         if self._fate is not None:
@@ -275,7 +275,7 @@ class Navigator:
         self._server.give_up(self._goal.wire_id)
         self._server.cancel_all()
         unconfirmed = QT_TR_NOOP("{why}; the robot did not confirm it")
-        self._end("cancelled", filled(unconfirmed, why=filled(self._goal.cancelling)))
+        self._end("cancelled", localized(unconfirmed, why=localized(self._goal.cancelling)))
         self._unconfirmed()
 
     def _cancel_again(self, epoch: int) -> None:

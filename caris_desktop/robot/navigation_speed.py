@@ -10,7 +10,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.commands import LimitGoals
 from caris_desktop.domain.events import NavigationSpeedChanged, Problem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
@@ -107,11 +107,11 @@ class NavigationSpeed:
         kind = service_type_name(self._dialect, package, "Subscribers")
         try:
             listeners = (await self._ros.ask("/rosapi/subscribers", kind, {"topic": topic})).get("subscribers")
-            nobody = filled(QT_TR_NOOP("nothing listens to {topic}"), topic=topic)
+            nobody = localized(QT_TR_NOOP("nothing listens to {topic}"), topic=topic)
             reason = "" if isinstance(listeners, list) and listeners else nobody
         except ServiceCallError as error:
             unknown = QT_TR_NOOP("it is not known whether anything listens to {topic}: {why}")
-            reason = filled(unknown, topic=topic, why=error)
+            reason = localized(unknown, topic=topic, why=error)
         self._settle(limit_mps, reason, asked=asked)
 
     async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, asked: int) -> None:
@@ -121,7 +121,7 @@ class NavigationSpeed:
             self._settle(limit_mps, str(error), asked=asked)
             return
         fastest = max(now.values(), default=math.inf)
-        refused = filled(QT_TR_NOOP("{node} did not take {names}"), node=node, names=", ".join(self._parameters))
+        refused = localized(QT_TR_NOOP("{node} did not take {names}"), node=node, names=", ".join(self._parameters))
         reason = "" if fastest <= limit_mps + _SAME_MPS else refused
         self._settle(limit_mps, reason, asked=asked)
 
@@ -143,12 +143,12 @@ class NavigationSpeed:
             Problem(
                 now_ns(),
                 "warning",
-                filled(
+                localized(
                     QT_TR_NOOP("The robot's navigation could not be told how fast to drive: {reason}."), reason=reason
                 ),
                 QT_TR_NOOP("To places and points on the map it drives as fast as it is set up to, whatever Drive says.")
                 if own is None
-                else filled(
+                else localized(
                     QT_TR_NOOP(
                         "To places and points on the map it drives at up to {speed} m/s, as its profile says, whatever"
                         " Drive says."

@@ -13,7 +13,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Gap, Problem, Severity
 from caris_desktop.domain.sensing import AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, Delivery
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 logger = logging.getLogger(__name__)
 
@@ -25,7 +25,7 @@ MOST_VALUES_PER_STREAM = 8
 MOST_SOUNDS = 200
 
 
-class Outbox:
+class ConsoleSender:
     """Accepts domain values on the loop and writes them to the console from its own thread.
 
     A suspended console fills the pipe and blocks its writer. That is this thread, so that the loop with the motion
@@ -121,4 +121,4 @@ class ProblemReporter:
             return
         self._last_ns[key] = now
         number = self._count.pop(key)
-        self._put(Problem(now, severity, filled(what, count=number), meaning, advice, "quiet", cause or key))
+        self._put(Problem(now, severity, localized(what, count=number), meaning, advice, "quiet", cause or key))

@@ -19,7 +19,7 @@ _ASKED_AT_MOST = 100
 _PART_AT_LEAST = 8
 
 
-class OwnSpeech:
+class UnpromptedSpeech:
     """Reports the robot's own sentences; requested ones are reported by its speech backend.
 
     The robot does not report their end, so both times are estimated.

@@ -10,7 +10,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.controls import CallService, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
@@ -101,7 +101,7 @@ def what_rosapi_said(error: Exception) -> str:
     if not said:
         return QT_TR_NOOP("rosapi does not answer.")
     words = said if len(said) <= _SAID_AT_MOST else f"{said[:_SAID_AT_MOST]}…"
-    return filled(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
+    return localized(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 
 
 async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
@@ -120,7 +120,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     if inventory.dialect not in (None, dialect):
         ros = 3 - profile.ros
         sentences.append(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "The robot runs ROS {ros}, but the profile says ROS {said}. Choose a profile with 'ros: {ros}', or"
                     " add ?ros={ros} to the address."
@@ -137,13 +137,13 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         if field.startswith("controls."):
             useless[control_titles[field.removesuffix(".shows")]] = None
         else:
-            sentences.append(filled("{label}: {sentence}", label=filled(label), sentence=sentence))
+            sentences.append(localized("{label}: {sentence}", label=localized(label), sentence=sentence))
 
     for named in named_in(profile):
         kind = inventory.topics.get(absolute_name(named.topic))
         otherwise = picture_advice(named, inventory)
         if otherwise:
-            sentences.append(filled("{label}: {sentence}", label=filled(named.label), sentence=otherwise))
+            sentences.append(localized("{label}: {sentence}", label=localized(named.label), sentence=otherwise))
             continue
         wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
@@ -153,19 +153,19 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
                     if named.published
                     else QT_TR_NOOP("nothing on the robot listens to {topic}.")
                 )
-                lacks(named.field, named.label, filled(words, topic=named.topic))
+                lacks(named.field, named.label, localized(words, topic=named.topic))
         elif kind and not any(same_type(kind, one) for one in named.types):
             carries = QT_TR_NOOP("{topic} carries {kind}, but {wanted} was expected.")
-            lacks(named.field, named.label, filled(carries, topic=named.topic, kind=kind, wanted=wanted))
+            lacks(named.field, named.label, localized(carries, topic=named.topic, kind=kind, wanted=wanted))
     for field, label, action in actions_of(profile):
         if inventory.has_action(action) is False:
-            lacks(field, label, filled(QT_TR_NOOP("the robot has no action {action}."), action=action))
+            lacks(field, label, localized(QT_TR_NOOP("the robot has no action {action}."), action=action))
     for field, label, service in services_of(profile):
         if not inventory.has_service(service):
-            lacks(field, label, filled(QT_TR_NOOP("the robot has no service {service}."), service=service))
+            lacks(field, label, localized(QT_TR_NOOP("the robot has no service {service}."), service=service))
     if useless:
         sentences.append(
-            filled(
+            localized(
                 QT_TR_NOOP("Without effect in the Robot panel, because the robot lacks what they use: {useless}."),
                 useless=", ".join(useless),
             )
@@ -173,7 +173,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     nodes = map_services_of(profile)
     # Which one runs depends on mapping or localization.
     if nodes and not any(inventory.has_service(service) for service in nodes):
-        sentences.append(filled(QT_TR_NOOP("Maps: the robot has none of {nodes}."), nodes=", ".join(nodes)))
+        sentences.append(localized(QT_TR_NOOP("Maps: the robot has none of {nodes}."), nodes=", ".join(nodes)))
     return sentences
 
 
@@ -182,7 +182,7 @@ def problem_of_missing(missing: Sequence[str]) -> Problem:
     return Problem(
         now_ns(),
         "warning",
-        filled(QT_TR_NOOP("The robot lacks something that its profile names: {missing}"), missing=joined(missing)),
+        localized(QT_TR_NOOP("The robot lacks something that its profile names: {missing}"), missing=joined(missing)),
         QT_TR_NOOP("What is missing stays empty or does nothing."),
         QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
         cause="robot_lacks",
@@ -203,12 +203,12 @@ def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
     kind = inventory.topics.get(named.topic)
     if named.types == ("sensor_msgs/Image",):
         compressed = same_type(kind or "", "sensor_msgs/CompressedImage")
-        told = filled(QT_TR_NOOP("{topic} is compressed: leave out 'type: Image'."), topic=named.topic)
+        told = localized(QT_TR_NOOP("{topic} is compressed: leave out 'type: Image'."), topic=named.topic)
         return told if compressed else ""
     raw = named.topic if kind is not None else named.topic.removesuffix("/compressed")
     if not same_type(inventory.topics.get(raw, ""), "sensor_msgs/Image"):
         return ""
-    return filled(
+    return localized(
         QT_TR_NOOP("{topic} is there uncompressed only. Write 'type: Image' for it; better, {advice}."),
         topic=raw,
         advice=republish_advice(raw),
@@ -245,12 +245,12 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
             kinds = (kind, "tf/tfMessage") if key == "tf" else (kind,)
             yield NamedTopic(key, label, source.topic, kinds, expected_hz=expected_hz, needed=needed)
     for index, camera in enumerate(profile.cameras):
-        label = filled(QT_TR_NOOP("Camera {name}"), name=camera.name)
+        label = localized(QT_TR_NOOP("Camera {name}"), name=camera.name)
         yield NamedTopic(
             f"cameras.{index}", label, camera.topic, (f"sensor_msgs/{camera.type}",), expected_hz=_LEAST_PICTURES_HZ
         )
         if camera.info is not None:
-            lens = filled(QT_TR_NOOP("Camera {name}: lens"), name=camera.name)
+            lens = localized(QT_TR_NOOP("Camera {name}: lens"), name=camera.name)
             yield NamedTopic(f"cameras.{index}.info", lens, camera.info, ("sensor_msgs/CameraInfo",), needed=False)
     if profile.initial_pose is not None:
         kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
@@ -342,7 +342,7 @@ def actions_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
 
 
 def _label_of(control: RobotControl) -> str:
-    return filled(QT_TR_NOOP("Control {title}"), title=control.title)
+    return localized(QT_TR_NOOP("Control {title}"), title=control.title)
 
 
 def in_dialect(dialect: Dialect, kind: str) -> str:
@@ -440,7 +440,9 @@ async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
             async with asyncio.timeout(_LISTENED_S):
                 await all_heard.wait()
     nothing = QT_TR_NOOP("{label}: nothing comes on {topic}.")
-    return [filled(nothing, label=filled(named.label), topic=named.topic) for named in wanted if named.topic in silent]
+    return [
+        localized(nothing, label=localized(named.label), topic=named.topic) for named in wanted if named.topic in silent
+    ]
 
 
 async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) -> str:
@@ -471,4 +473,4 @@ async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) ->
         "Its rosbridge handles what one connection sends one after another: {parameters} false. This console uses"
         " further connections for goals and calls; other programs that drive the robot need true."
     )
-    return filled(advice, parameters=", ".join(off)) if off else ""
+    return localized(advice, parameters=", ".join(off)) if off else ""

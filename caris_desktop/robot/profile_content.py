@@ -9,7 +9,7 @@ from typing import Any
 
 from caris_desktop.domain.control_effects import moves_or_releases
 from caris_desktop.domain.controls import ROS_NAME, VALUE, control_problems, mentions_value
-from caris_desktop.domain.declared import Form, data_of, replaced, value_from
+from caris_desktop.domain.declared import ValueForm, data_of, replaced, value_from
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
 from caris_desktop.domain.translation import tr
@@ -94,7 +94,7 @@ def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[
     namespace = data.get("namespace", "").strip("/")
     prefix = f"/{namespace}/" if namespace else "/"
 
-    def absolute(form: Form, value: Any, path: KeyPath) -> Any:
+    def absolute(form: ValueForm, value: Any, path: KeyPath) -> Any:
         if form.rule.noun != ROS_NAME:
             return value
         name = value if value.startswith("/") else prefix + value

@@ -23,7 +23,7 @@ from caris_desktop.domain.controls import (
     RosType,
     SendActionGoal,
 )
-from caris_desktop.domain.declared import NotInFile, Rule, WrittenAs
+from caris_desktop.domain.declared import Excluded, FieldSpec, StoredAs
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
@@ -43,11 +43,15 @@ MOST_CAMERAS = 4
 
 _Throttle = Annotated[
     int,
-    Rule("At most one message in this time; 0: as often as it comes.", unit="milliseconds", at_least=0, at_most=10_000),
+    FieldSpec(
+        "At most one message in this time; 0: as often as it comes.", unit="milliseconds", at_least=0, at_most=10_000
+    ),
 ]
-_Frame = Annotated[str, WrittenAs(str, lambda frame: frame.lstrip("/"), str), Rule(shortest=1, longest=200, quiet=True)]
-_Joint = Annotated[str, Rule(shortest=1, longest=100)]
-_Sign = Annotated[Literal[1, -1], Rule()]
+_Frame = Annotated[
+    str, StoredAs(str, lambda frame: frame.lstrip("/"), str), FieldSpec(shortest=1, longest=200, quiet=True)
+]
+_Joint = Annotated[str, FieldSpec(shortest=1, longest=100)]
+_Sign = Annotated[Literal[1, -1], FieldSpec()]
 
 
 class ProfileError(ValueError):
@@ -58,9 +62,9 @@ class ProfileError(ValueError):
 class TopicSource:
     """A topic to listen to."""
 
-    topic: Annotated[RosName, Rule("Its name.")]
-    throttle_ms: Annotated[_Throttle, Rule(quiet=True)] = 0
-    latched: Annotated[bool, Rule(
+    topic: Annotated[RosName, FieldSpec("Its name.")]
+    throttle_ms: Annotated[_Throttle, FieldSpec(quiet=True)] = 0
+    latched: Annotated[bool, FieldSpec(
         "Its last message is kept for who comes later: latched in ROS 1, transient local in ROS 2.", quiet=True,
     )] = False  # fmt: skip
 
@@ -69,7 +73,7 @@ class TopicSource:
 class _LatchedKeys(TopicSource):
     """A topic whose last message is kept, unless the file says otherwise."""
 
-    latched: Annotated[bool, Rule("As for other topics, but `true` where it is not given.", quiet=True)] = True
+    latched: Annotated[bool, FieldSpec("As for other topics, but `true` where it is not given.", quiet=True)] = True
 
     @classmethod
     def of(cls, source: TopicSource) -> "_LatchedKeys":
@@ -80,11 +84,11 @@ class _LatchedKeys(TopicSource):
 
 
 _EXAMPLE = "{topic: /scan, throttle_ms: 50}."
-_Source = Annotated[TopicSource | None, Rule(noun="topic", allowed=_EXAMPLE)]
+_Source = Annotated[TopicSource | None, FieldSpec(noun="topic", allowed=_EXAMPLE)]
 _LatchedSource = Annotated[
     TopicSource | None,
-    WrittenAs(_LatchedKeys, _LatchedKeys.source, _LatchedKeys.of),
-    Rule(noun="latched topic", allowed=_EXAMPLE),
+    StoredAs(_LatchedKeys, _LatchedKeys.source, _LatchedKeys.of),
+    FieldSpec(noun="latched topic", allowed=_EXAMPLE),
 ]
 
 
@@ -93,17 +97,19 @@ class VelocityTopic:
     """Where velocity commands go."""
 
     topic: Annotated[
-        RosName, Rule("The base's own topic, or the wizard's input of a velocity multiplexer.", wanted=True)
+        RosName, FieldSpec("The base's own topic, or the wizard's input of a velocity multiplexer.", wanted=True)
     ] = "/cmd_vel"
     type: Annotated[
-        VelocityType, Rule("The type in geometry_msgs; newer ROS 2 bases want TwistStamped.", quiet=True)
+        VelocityType, FieldSpec("The type in geometry_msgs; newer ROS 2 bases want TwistStamped.", quiet=True)
     ] = "Twist"
-    frame_id: Annotated[str, Rule("The frame in the header of a TwistStamped.", longest=200, quiet=True)] = "base_link"
-    timeout_s: Annotated[float | None, Rule(
+    frame_id: Annotated[str, FieldSpec("The frame in the header of a TwistStamped.", longest=200, quiet=True)] = (
+        "base_link"
+    )
+    timeout_s: Annotated[float | None, FieldSpec(
         "After how long without a command the base stops by itself; without it, or above 1 s, driving is half as fast.",
         unit="seconds", more_than=0, at_most=60,
     )] = None  # fmt: skip
-    timeout_source: Annotated[str, Rule(
+    timeout_source: Annotated[str, FieldSpec(
         "Where that is documented: a page, a file of the driver, or a test of your own.", shortest=1, longest=300,
         quiet=True, beside=("timeout_s",), needed=("timeout_s",),
         needs="It says where that is documented.",
@@ -114,30 +120,30 @@ class VelocityTopic:
 class TransformFrames:
     """The frames of the robot's transform tree (tf)."""
 
-    map: Annotated[_Frame, Rule("The frame of the map.")] = "map"
-    odom: Annotated[_Frame, Rule("The frame of the odometry.")] = "odom"
-    base: Annotated[_Frame, Rule("The robot's own frame; many robots have base_footprint.")] = "base_link"
+    map: Annotated[_Frame, FieldSpec("The frame of the map.")] = "map"
+    odom: Annotated[_Frame, FieldSpec("The frame of the odometry.")] = "odom"
+    base: Annotated[_Frame, FieldSpec("The robot's own frame; many robots have base_footprint.")] = "base_link"
 
 
 @dataclass(frozen=True, slots=True)
 class CameraTopic:
     """One camera."""
 
-    name: Annotated[str, Rule(
+    name: Annotated[str, FieldSpec(
         "How it is called in the window and in the recording.", longest=40, pattern="^[A-Za-z0-9_-]+$",
         allowed="letters, digits, - and _.",
     )]  # fmt: skip
-    topic: Annotated[RosName, Rule("Where its pictures are.")]
-    throttle_ms: Annotated[_Throttle, Rule("At most one picture in this time: 33 gives up to 30 a second.")] = 60
-    model: Annotated[CameraModel | None, WrittenAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), Rule(
+    topic: Annotated[RosName, FieldSpec("Where its pictures are.")]
+    throttle_ms: Annotated[_Throttle, FieldSpec("At most one picture in this time: 33 gives up to 30 a second.")] = 60
+    model: Annotated[CameraModel | None, StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
         "Where it is and what it sees; with it a click in the video finds its place on the floor.",
         some_of=("horizontal_fov_deg", "fx_px"), needs="a camera's model has either horizontal_fov_deg or fx_px.",
         order=3,
     )] = None  # fmt: skip
-    info: Annotated[RosName | None, Rule(
+    info: Annotated[RosName | None, FieldSpec(
         "A topic of sensor_msgs/CameraInfo, whose focal lengths replace those of `model`.", order=2,
     )] = None  # fmt: skip
-    type: Annotated[PictureType, Rule(
+    type: Annotated[PictureType, FieldSpec(
         "What the topic carries, of sensor_msgs; `Image` is not compressed and too much for a wireless link.",
         quiet=True, order=1,
     )] = "CompressedImage"  # fmt: skip
@@ -148,14 +154,14 @@ class SpeedLimitInterface:
     """How the navigation is told its top speed."""
 
     topic: Annotated[
-        RosName | None, Rule("In ROS 2: nav2_msgs/SpeedLimit, which Nav2's controller server listens to.")
+        RosName | None, FieldSpec("In ROS 2: nav2_msgs/SpeedLimit, which Nav2's controller server listens to.")
     ] = None
-    reconfigure: Annotated[RosName | None, Rule(
+    reconfigure: Annotated[RosName | None, FieldSpec(
         "In ROS 1: the node of the local planner whose dynamic_reconfigure sets the speed; needs `max_mps`.",
         instead_of=("topic",),
     )] = None  # fmt: skip
     parameters: Annotated[
-        tuple[Annotated[str, Rule(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...], Rule(
+        tuple[Annotated[str, FieldSpec(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...], FieldSpec(
             "The parameters of that node, in m/s; they are set back to `max_mps` when the console leaves.", shortest=1,
             longest=8, quiet=True, beside=("reconfigure",),
     )] = ("max_vel_x", "max_vel_trans")  # fmt: skip
@@ -165,13 +171,13 @@ class SpeedLimitInterface:
 class NavigationServer:
     """What takes navigation goals."""
 
-    kind: Annotated[NavigationKind, Rule("`move_base` in ROS 1 (actionlib), `navigate_to_pose` in ROS 2 (Nav2).")]
-    name: Annotated[RosName, Rule("The name of the action.")]
-    max_mps: Annotated[float | None, Rule(
+    kind: Annotated[NavigationKind, FieldSpec("`move_base` in ROS 1 (actionlib), `navigate_to_pose` in ROS 2 (Nav2).")]
+    name: Annotated[RosName, FieldSpec("The name of the action.")]
+    max_mps: Annotated[float | None, FieldSpec(
         "How fast the robot's navigation is set up to drive; it is never told more.", unit="metres a second",
         more_than=0, at_most=5,
     )] = None  # fmt: skip
-    speed_limit: Annotated[SpeedLimitInterface | None, Rule(
+    speed_limit: Annotated[SpeedLimitInterface | None, FieldSpec(
         "How it is told to drive no faster than Drive does.", some_of=("topic", "reconfigure"),
         needs="a speed limit needs a topic (ROS 2) or reconfigure (ROS 1).",
     )] = None  # fmt: skip
@@ -181,16 +187,16 @@ class NavigationServer:
 class SpeechAction:
     """A speech action (actionlib in ROS 1); its result is the end of the sentence."""
 
-    name: Annotated[RosName, Rule("The name of the action.")]
-    type: Annotated[RosType, Rule("Its type.")]
-    goal: Annotated[Mapping[str, Any], Rule("The goal; `$value` stands for the text.")]
+    name: Annotated[RosName, FieldSpec("The name of the action.")]
+    type: Annotated[RosType, FieldSpec("Its type.")]
+    goal: Annotated[Mapping[str, Any], FieldSpec("The goal; `$value` stands for the text.")]
 
 
-_AnswersAtEnd = Annotated[bool, Rule(
+_AnswersAtEnd = Annotated[bool, FieldSpec(
     "`true` where it answers when it has said it; `false` where it answers at once, so that the console estimates how "
     "long a sentence takes.", quiet=True,
 )]  # fmt: skip
-_WebAddress = Annotated[str, Rule(
+_WebAddress = Annotated[str, FieldSpec(
     longest=500, external="address", pattern="^https?://[^/@ ]+(/[^ ]*)?$",
     allowed="http://HOST:PORT/PATH, without a password.",
 )]  # fmt: skip
@@ -200,41 +206,41 @@ _WebAddress = Annotated[str, Rule(
 class SpeechService:
     """A service that speaks."""
 
-    name: Annotated[RosName, Rule("The name of the service.")]
-    type: Annotated[RosType, Rule("Its type.")]
-    request: Annotated[Mapping[str, Any], Rule("The request; `$value` stands for the text.")]
+    name: Annotated[RosName, FieldSpec("The name of the service.")]
+    type: Annotated[RosType, FieldSpec("Its type.")]
+    request: Annotated[Mapping[str, Any], FieldSpec("The request; `$value` stands for the text.")]
     answers_at_end: _AnswersAtEnd = False
-    stop: Annotated[RosName | None, Rule("A service of std_srvs/Trigger: be quiet.")] = None
+    stop: Annotated[RosName | None, FieldSpec("A service of std_srvs/Trigger: be quiet.")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SpeechWeb:
     """A web interface (HTTP) of the robot that speaks; asked by POST, or by GET where there is no body."""
 
-    url: Annotated[_WebAddress, Rule("Its address; `$value` in it stands for the text.")]
-    body: Annotated[Mapping[str, Any] | None, Rule("The JSON to send; `$value` stands for the text.")] = None
+    url: Annotated[_WebAddress, FieldSpec("Its address; `$value` in it stands for the text.")]
+    body: Annotated[Mapping[str, Any] | None, FieldSpec("The JSON to send; `$value` stands for the text.")] = None
     answers_at_end: _AnswersAtEnd = False
-    stop: Annotated[_WebAddress | None, Rule("The address that makes it be quiet, by POST.")] = None
+    stop: Annotated[_WebAddress | None, FieldSpec("The address that makes it be quiet, by POST.")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SpeechInterface:
     """The robot's own voice: a topic, an action, a service or a web interface."""
 
-    topic: Annotated[RosName | None, Rule("std_msgs/String: what to say.")] = None
-    speaking: Annotated[RosName | None, Rule(
+    topic: Annotated[RosName | None, FieldSpec("std_msgs/String: what to say.")] = None
+    speaking: Annotated[RosName | None, FieldSpec(
         "std_msgs/Bool: true while it speaks; without it the console estimates when a sentence begins and ends, where "
         "nothing else tells. An action tells.",
     )] = None  # fmt: skip
-    stop: Annotated[RosName | None, Rule("std_msgs/Empty: be quiet.", beside=("topic",))] = None
+    stop: Annotated[RosName | None, FieldSpec("std_msgs/Empty: be quiet.", beside=("topic",))] = None
     action: Annotated[
-        SpeechAction | None, Rule("An action that speaks; its result is the end.", instead_of=("topic",))
+        SpeechAction | None, FieldSpec("An action that speaks; its result is the end.", instead_of=("topic",))
     ] = None
-    service: Annotated[SpeechService | None, Rule("A service that speaks.", instead_of=("topic", "action"))] = None
+    service: Annotated[SpeechService | None, FieldSpec("A service that speaks.", instead_of=("topic", "action"))] = None
     web: Annotated[
-        SpeechWeb | None, Rule("A web interface (HTTP) that speaks.", instead_of=("topic", "action", "service"))
+        SpeechWeb | None, FieldSpec("A web interface (HTTP) that speaks.", instead_of=("topic", "action", "service"))
     ] = None
-    says: Annotated[RosName | None, Rule(
+    says: Annotated[RosName | None, FieldSpec(
         "std_msgs/String: what it says, told by the robot. What nobody asked it to say is recorded as the robot's own.",
     )] = None  # fmt: skip
 
@@ -243,25 +249,25 @@ class SpeechInterface:
 class AudioInterface:
     """The robot's microphone, and a loudspeaker that plays sound as it comes (audio_common_msgs)."""
 
-    topic: Annotated[RosName | None, Rule("What its microphone hears.")] = None
-    type: Annotated[Literal["AudioData", "AudioDataStamped"], Rule(
+    topic: Annotated[RosName | None, FieldSpec("What its microphone hears.")] = None
+    type: Annotated[Literal["AudioData", "AudioDataStamped"], FieldSpec(
         "The type of that topic, in audio_common_msgs.", quiet=True, beside=("topic",),
     )] = "AudioData"  # fmt: skip
-    format: Annotated[Coding, Rule(
+    format: Annotated[Coding, FieldSpec(
         "`wave` is plain samples (S16LE), without a head.", quiet=True, beside=("topic",),
     )] = "wave"  # fmt: skip
-    rate_hz: Annotated[int, Rule(
+    rate_hz: Annotated[int, FieldSpec(
         "Samples a second; of `mp3` the stream tells it.", unit="hertz", at_least=LEAST_RATE_HZ, at_most=MOST_RATE_HZ,
     )] = 16_000  # fmt: skip
-    channels: Annotated[int, Rule(
+    channels: Annotated[int, FieldSpec(
         "Of the microphone; of `mp3` the stream tells it.", at_least=1, at_most=MOST_CHANNELS, quiet=True,
         beside=("topic",),
     )] = 1  # fmt: skip
-    info: Annotated[RosName | None, Rule(
+    info: Annotated[RosName | None, FieldSpec(
         "A topic of audio_common_msgs/AudioInfo, which replaces format, rate and channels.", quiet=True,
         beside=("topic",),
     )] = None  # fmt: skip
-    speaker: Annotated[RosName | None, Rule(
+    speaker: Annotated[RosName | None, FieldSpec(
         "audio_common_msgs/AudioData to publish: plain samples of one channel at `rate_hz`, played as they come. "
         "With it the wizard's own voice comes out of the robot.",
     )] = None  # fmt: skip
@@ -271,36 +277,38 @@ class AudioInterface:
 class EmergencyStopInterface:
     """The robot's own emergency stop: what tells its state, and how it is set."""
 
-    topic: Annotated[RosName | None, Rule("std_msgs/Bool: true while the robot is stopped.")] = None
+    topic: Annotated[RosName | None, FieldSpec("std_msgs/Bool: true while the robot is stopped.")] = None
     inverted: Annotated[
-        bool, Rule("`true` where that topic says false while it is stopped.", quiet=True, beside=("topic",))
+        bool, FieldSpec("`true` where that topic says false while it is stopped.", quiet=True, beside=("topic",))
     ] = False
     service: Annotated[
-        RosName | None, Rule("std_srvs/SetBool, or another service with one bool: true stops, false releases.")
+        RosName | None, FieldSpec("std_srvs/SetBool, or another service with one bool: true stops, false releases.")
     ] = None
-    service_field: Annotated[str, Rule(
+    service_field: Annotated[str, FieldSpec(
         "The name of that bool.", longest=100, pattern="^[a-z][a-z0-9_]*$", allowed="lower-case letters, digits and _.",
         quiet=True, beside=("service",),
     )] = "data"  # fmt: skip
-    service_stop_value: Annotated[bool, Rule(
+    service_stop_value: Annotated[bool, FieldSpec(
         "`false` where true releases the robot, as for a service that switches the motors.", quiet=True,
         beside=("service",),
     )] = True  # fmt: skip
-    set_service: Annotated[RosName | None, Rule("Of two services, the one that stops.", instead_of=("service",))] = None
-    clear_service: Annotated[RosName | None, Rule(
+    set_service: Annotated[
+        RosName | None, FieldSpec("Of two services, the one that stops.", instead_of=("service",))
+    ] = None
+    clear_service: Annotated[RosName | None, FieldSpec(
         "The one that releases.", beside=("set_service",), needed=("set_service",),
         needs="Without it the robot is never released.",
     )] = None  # fmt: skip
     service_type: Annotated[
         StopServiceType,
-        WrittenAs(
+        StoredAs(
             Literal["std_srvs/Trigger", "std_srvs/Empty", "std_srvs/srv/Trigger", "std_srvs/srv/Empty"],
             lambda name: name.replace("/srv/", "/"),
             str,
         ),
-        Rule("The type of these two.", quiet=True, beside=("set_service",)),
+        FieldSpec("The type of these two.", quiet=True, beside=("set_service",)),
     ] = "std_srvs/Trigger"
-    command_topic: Annotated[RosName | None, Rule(
+    command_topic: Annotated[RosName | None, FieldSpec(
         "std_msgs/Bool to publish: true stops, false releases.", instead_of=("service", "set_service"),
     )] = None  # fmt: skip
 
@@ -314,66 +322,71 @@ class EmergencyStopInterface:
 class HeadInterface:
     """A head that pans (left positive) and tilts (down positive)."""
 
-    kind: Annotated[Literal["joint_trajectory", "joint_angles"], Rule(
+    kind: Annotated[Literal["joint_trajectory", "joint_angles"], FieldSpec(
         "trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed.",
     )]  # fmt: skip
-    topic: Annotated[RosName, Rule("Where it is commanded.")]
-    pan_joint: Annotated[_Joint, Rule("The joint that turns to the left and right.")]
-    tilt_joint: Annotated[_Joint, Rule("The joint that looks down and up.")]
-    joint_states: Annotated[RosName, Rule("sensor_msgs/JointState: how it is turned.")] = "/joint_states"
-    pan_range_rad: Annotated[tuple[Radians, Radians], Rule("Lowest and highest pan, left positive.")] = (-1.2, 1.2)
-    tilt_range_rad: Annotated[tuple[Radians, Radians], Rule("Lowest and highest tilt, down positive.")] = (-0.5, 0.7)
-    speed_radps: Annotated[float, Rule("How fast it turns.", unit="radians a second", at_least=0.05, at_most=10)] = 0.8
-    pan_sign: Annotated[_Sign, Rule("-1 where the joint turns right for a positive angle.")] = 1
-    tilt_sign: Annotated[_Sign, Rule("-1 where the joint looks up for a positive angle.")] = 1
+    topic: Annotated[RosName, FieldSpec("Where it is commanded.")]
+    pan_joint: Annotated[_Joint, FieldSpec("The joint that turns to the left and right.")]
+    tilt_joint: Annotated[_Joint, FieldSpec("The joint that looks down and up.")]
+    joint_states: Annotated[RosName, FieldSpec("sensor_msgs/JointState: how it is turned.")] = "/joint_states"
+    pan_range_rad: Annotated[tuple[Radians, Radians], FieldSpec("Lowest and highest pan, left positive.")] = (-1.2, 1.2)
+    tilt_range_rad: Annotated[tuple[Radians, Radians], FieldSpec("Lowest and highest tilt, down positive.")] = (
+        -0.5,
+        0.7,
+    )
+    speed_radps: Annotated[
+        float, FieldSpec("How fast it turns.", unit="radians a second", at_least=0.05, at_most=10)
+    ] = 0.8
+    pan_sign: Annotated[_Sign, FieldSpec("-1 where the joint turns right for a positive angle.")] = 1
+    tilt_sign: Annotated[_Sign, FieldSpec("-1 where the joint looks up for a positive angle.")] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class MapServices:
     """What saves and loads maps and switches between mapping and localization."""
 
-    slam_toolbox: Annotated[RosName | None, Rule("The node of slam_toolbox, usually `/slam_toolbox`.")] = None
+    slam_toolbox: Annotated[RosName | None, FieldSpec("The node of slam_toolbox, usually `/slam_toolbox`.")] = None
     map_server: Annotated[
-        RosName | None, Rule("The node of Nav2's map server (nav2_msgs/LoadMap, ROS 2), usually `/map_server`.")
+        RosName | None, FieldSpec("The node of Nav2's map server (nav2_msgs/LoadMap, ROS 2), usually `/map_server`.")
     ] = None
     map_saver: Annotated[
-        RosName | None, Rule("The node of Nav2's map saver (nav2_msgs/SaveMap, ROS 2), usually `/map_saver`.")
+        RosName | None, FieldSpec("The node of Nav2's map saver (nav2_msgs/SaveMap, ROS 2), usually `/map_saver`.")
     ] = None
-    folder: Annotated[str, Rule(
+    folder: Annotated[str, FieldSpec(
         "Where maps are kept on the robot.", longest=300, pattern="^(?!.*(^|/)\\.\\.(/|$))[^\\x00-\\x1f]*$",
         allowed="a folder without .. in it.", quiet=True,
     )] = ""  # fmt: skip
 
 
-_Speed = Annotated[float, Rule(unit="metres a second")]
-_Turn = Annotated[float, Rule(unit="radians a second", more_than=0)]
-_Acceleration = Annotated[float, Rule(unit="m/s²", more_than=0)]
-_TurnAcceleration = Annotated[float, Rule(unit="rad/s²", more_than=0)]
+_Speed = Annotated[float, FieldSpec(unit="metres a second")]
+_Turn = Annotated[float, FieldSpec(unit="radians a second", more_than=0)]
+_Acceleration = Annotated[float, FieldSpec(unit="m/s²", more_than=0)]
+_TurnAcceleration = Annotated[float, FieldSpec(unit="rad/s²", more_than=0)]
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
     """How fast and how suddenly the base may move."""
 
-    forward_mps: Annotated[_Speed, Rule("Forwards.", more_than=0)] = 0.5
-    backward_mps: Annotated[_Speed, Rule("Backwards.", at_least=0)] = 0.3
-    left_mps: Annotated[_Speed, Rule("Sideways; 0: the base cannot.", at_least=0)] = 0.0
-    turn_radps: Annotated[_Turn, Rule("Turning.")] = 1.0
-    acceleration_mps2: Annotated[_Acceleration, Rule("Getting faster.")] = 1.0
-    deceleration_mps2: Annotated[_Acceleration, Rule("Getting slower.")] = 2.0
-    turn_acceleration_radps2: Annotated[_TurnAcceleration, Rule("Turning faster.")] = 3.0
-    turn_deceleration_radps2: Annotated[_TurnAcceleration, Rule("Turning slower.")] = 6.0
+    forward_mps: Annotated[_Speed, FieldSpec("Forwards.", more_than=0)] = 0.5
+    backward_mps: Annotated[_Speed, FieldSpec("Backwards.", at_least=0)] = 0.3
+    left_mps: Annotated[_Speed, FieldSpec("Sideways; 0: the base cannot.", at_least=0)] = 0.0
+    turn_radps: Annotated[_Turn, FieldSpec("Turning.")] = 1.0
+    acceleration_mps2: Annotated[_Acceleration, FieldSpec("Getting faster.")] = 1.0
+    deceleration_mps2: Annotated[_Acceleration, FieldSpec("Getting slower.")] = 2.0
+    turn_acceleration_radps2: Annotated[_TurnAcceleration, FieldSpec("Turning faster.")] = 3.0
+    turn_deceleration_radps2: Annotated[_TurnAcceleration, FieldSpec("Turning slower.")] = 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class GuardSettings:
     """How the obstacle guard keeps the footprint from touching what the LIDAR sees."""
 
-    on: Annotated[bool, Rule("`false` only where the robot has a guard of its own.", quiet=True)] = True
+    on: Annotated[bool, FieldSpec("`false` only where the robot has a guard of its own.", quiet=True)] = True
     stop_distance_m: Annotated[
-        float, Rule("What is left when it has stopped.", unit="metres", at_least=0, at_most=1, quiet=True)
+        float, FieldSpec("What is left when it has stopped.", unit="metres", at_least=0, at_most=1, quiet=True)
     ] = 0.12
-    reaction_s: Annotated[float, Rule(
+    reaction_s: Annotated[float, FieldSpec(
         "Sensor period, network and base together; a robot that brakes late needs more.", unit="seconds", at_least=0.05,
         at_most=2, quiet=True,
     )] = 0.35  # fmt: skip
@@ -383,17 +396,17 @@ class GuardSettings:
 class SecuritySettings:
     """How the link is secured; the secrets themselves are never in a file."""
 
-    ca_file: Annotated[str | None, Rule(
+    ca_file: Annotated[str | None, FieldSpec(
         "Certificates (PEM) to trust besides the system's, for `wss://`, in the folder of the profile.", shortest=1,
         longest=300, external="path",
     )] = None  # fmt: skip
-    certificate_sha256: Annotated[str | None, Rule(
+    certificate_sha256: Annotated[str | None, FieldSpec(
         "The fingerprint (SHA-256) of the robot's certificate, read on the robot itself: that certificate alone is"
         " accepted for `wss://`, whatever its name, dates and signer.",
         pattern="^([0-9A-Fa-f]{2}:?){31}[0-9A-Fa-f]{2}$",
         allowed="64 hexadecimal digits, with or without colons.", quiet=True,
     )] = None  # fmt: skip
-    rosauth_secret_env: Annotated[str | None, Rule(
+    rosauth_secret_env: Annotated[str | None, FieldSpec(
         "The environment variable that holds the secret of rosauth; the secret itself is never in a file.", longest=100,
         external="variable",
         pattern="^[A-Za-z_][A-Za-z0-9_]*$", allowed="the name of an environment variable.",
@@ -410,7 +423,7 @@ def area_m2(corners: tuple[tuple[float, float], ...]) -> float:
     return sum(ax * by - ay * bx for (ax, ay), (bx, by) in zip(corners, following, strict=True)) / 2.0
 
 
-_Radius = Annotated[float, Rule(unit="metres", at_least=0.02, at_most=5)]
+_Radius = Annotated[float, FieldSpec(unit="metres", at_least=0.02, at_most=5)]
 _Corner = tuple[Offset, Offset]
 
 
@@ -418,9 +431,9 @@ _Corner = tuple[Offset, Offset]
 class FloorOutline:
     """The robot's outline on the floor: a circle, or corners around its centre, counter-clockwise."""
 
-    radius_m: Annotated[_Radius | None, Rule("Of a round robot.")] = None
+    radius_m: Annotated[_Radius | None, FieldSpec("Of a round robot.")] = None
     polygon_m: Annotated[
-        tuple[_Corner, ...], WrittenAs(tuple[_Corner, ...], _counter_clockwise, lambda corners: corners), Rule(
+        tuple[_Corner, ...], StoredAs(tuple[_Corner, ...], _counter_clockwise, lambda corners: corners), FieldSpec(
             "At least three corners `[x, y]` around the point around which it turns, x forward, y left.",
             allowed="three corners or more.", shortest=3, longest=40, quiet=True, instead_of=("radius_m",),
     )] = ()  # fmt: skip
@@ -433,10 +446,10 @@ _AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 class LaserMount:
     """Where the LIDAR is, and which way up."""
 
-    robot_from_laser: Annotated[Pose2D, WrittenAs(PoseKeys, PoseKeys.pose, PoseKeys.of), Rule(
+    robot_from_laser: Annotated[Pose2D, StoredAs(PoseKeys, PoseKeys.pose, PoseKeys.of), FieldSpec(
         "Its place in the robot frame, where tf does not tell it.",
     )] = _AT_ORIGIN  # fmt: skip
-    mounting: Annotated[Literal["upright", "upside_down"] | None, Rule(
+    mounting: Annotated[Literal["upright", "upside_down"] | None, FieldSpec(
         "Which way up it is mounted, where tf does not tell it or is wrong. An `upside_down` LIDAR counts its angles "
         "clockwise as seen from above.",
     )] = None  # fmt: skip
@@ -449,77 +462,78 @@ class RobotProfile:
     All names are absolute: a ``namespace`` of the file has been put before its relative names already.
     """
 
-    name: Annotated[str, NotInFile()] = ""
+    name: Annotated[str, Excluded()] = ""
     title: Annotated[
-        str, Rule("How the robot is called in the window; the file's name if not given.", shortest=1, longest=80)
+        str, FieldSpec("How the robot is called in the window; the file's name if not given.", shortest=1, longest=80)
     ] = ""
-    ros: Annotated[RosVersion, Rule("The ROS version that it runs.", wanted=True)] = 1
-    address: Annotated[str, Rule(
+    ros: Annotated[RosVersion, FieldSpec("The ROS version that it runs.", wanted=True)] = 1
+    address: Annotated[str, FieldSpec(
         "Its rosbridge. `--robot` with an address replaces it.", longest=500, external="address",
         pattern=r"^wss?://[^/?#@\s]+(/[^?#\s]*)?$", allowed="ws://HOST:PORT or wss://HOST:PORT, without a password.",
     )] = DEFAULT_ADDRESS  # fmt: skip
-    security: Annotated[SecuritySettings, Rule(quiet=True)] = field(default_factory=SecuritySettings)
+    security: Annotated[SecuritySettings, FieldSpec(quiet=True)] = field(default_factory=SecuritySettings)
     simulation_time: Annotated[
-        bool, Rule("`true` where its clock is that of a simulator (`/clock`, `use_sim_time`).", quiet=True)
+        bool, FieldSpec("`true` where its clock is that of a simulator (`/clock`, `use_sim_time`).", quiet=True)
     ] = False
-    velocity: Annotated[VelocityTopic, Rule(wanted=True)] = field(default_factory=VelocityTopic)
+    velocity: Annotated[VelocityTopic, FieldSpec(wanted=True)] = field(default_factory=VelocityTopic)
     command_rate_hz: Annotated[
-        float, Rule("How often a velocity is sent while a key is held.", unit="hertz", at_least=5, at_most=100)
+        float, FieldSpec("How often a velocity is sent while a key is held.", unit="hertz", at_least=5, at_most=100)
     ] = 20.0
     limits: MotionLimits = field(default_factory=MotionLimits)
-    guard: Annotated[GuardSettings, Rule(quiet=True)] = field(default_factory=GuardSettings)
-    footprint: Annotated[FloorOutline, Rule(
+    guard: Annotated[GuardSettings, FieldSpec(quiet=True)] = field(default_factory=GuardSettings)
+    footprint: Annotated[FloorOutline, FieldSpec(
         "The robot's outline on the floor.", some_of=("radius_m", "polygon_m"),
         needs="a footprint has either radius_m or polygon_m.",
     )] = field(default_factory=lambda: FloorOutline(0.25))  # fmt: skip
     scan: Annotated[
-        _Source, Rule("sensor_msgs/LaserScan: the LIDAR, for map view and obstacle guard. 50 ms is enough.")
+        _Source, FieldSpec("sensor_msgs/LaserScan: the LIDAR, for map view and obstacle guard. 50 ms is enough.")
     ] = None
-    odometry: Annotated[_Source, Rule("nav_msgs/Odometry: speed and way by the wheels.")] = None
+    odometry: Annotated[_Source, FieldSpec("nav_msgs/Odometry: speed and way by the wheels.")] = None
     pose: Annotated[
-        _Source, Rule("geometry_msgs/PoseWithCovarianceStamped: the pose in the map, used where `tf` does not tell it.")
+        _Source,
+        FieldSpec("geometry_msgs/PoseWithCovarianceStamped: the pose in the map, used where `tf` does not tell it."),
     ] = None
-    tf: Annotated[_Source, Rule("tf2_msgs/TFMessage: transforms between the frames, usually `/tf`.")] = None
-    tf_static: Annotated[_LatchedSource, Rule("tf2_msgs/TFMessage: those that never change, usually `/tf_static`.")] = (
-        None
-    )
-    map: Annotated[_LatchedSource, Rule("nav_msgs/OccupancyGrid: the map.")] = None
-    map_updates: Annotated[_Source, Rule("map_msgs/OccupancyGridUpdate: changed parts of the map.")] = None
-    path: Annotated[_Source, Rule("nav_msgs/Path: the way that the navigation has planned.")] = None
-    battery: Annotated[_Source, Rule("sensor_msgs/BatteryState: the charge.")] = None
-    frames: Annotated[TransformFrames, Rule(quiet=True)] = field(default_factory=TransformFrames)
+    tf: Annotated[_Source, FieldSpec("tf2_msgs/TFMessage: transforms between the frames, usually `/tf`.")] = None
+    tf_static: Annotated[
+        _LatchedSource, FieldSpec("tf2_msgs/TFMessage: those that never change, usually `/tf_static`.")
+    ] = None
+    map: Annotated[_LatchedSource, FieldSpec("nav_msgs/OccupancyGrid: the map.")] = None
+    map_updates: Annotated[_Source, FieldSpec("map_msgs/OccupancyGridUpdate: changed parts of the map.")] = None
+    path: Annotated[_Source, FieldSpec("nav_msgs/Path: the way that the navigation has planned.")] = None
+    battery: Annotated[_Source, FieldSpec("sensor_msgs/BatteryState: the charge.")] = None
+    frames: Annotated[TransformFrames, FieldSpec(quiet=True)] = field(default_factory=TransformFrames)
     cameras: Annotated[
-        tuple[CameraTopic, ...], Rule("The first one is shown first.", longest=MOST_CAMERAS, quiet=True)
+        tuple[CameraTopic, ...], FieldSpec("The first one is shown first.", longest=MOST_CAMERAS, quiet=True)
     ] = ()
     navigation: NavigationServer | None = None
-    initial_pose: Annotated[RosName | None, Rule(
+    initial_pose: Annotated[RosName | None, FieldSpec(
         "geometry_msgs/PoseWithCovarianceStamped: where the localization is told where the robot is, usually "
         "`/initialpose`.",
     )] = None  # fmt: skip
-    maps: Annotated[MapServices | None, Rule(
+    maps: Annotated[MapServices | None, FieldSpec(
         some_of=("slam_toolbox", "map_server", "map_saver", "folder"),
         needs="maps has slam_toolbox, map_server or map_saver; one of these nodes is enough.",
     )] = None  # fmt: skip
     speech: Annotated[
         SpeechInterface | None,
-        Rule(
+        FieldSpec(
             some_of=("topic", "action", "service", "web", "says"),
             needs="speech is a topic, an action, a service or a web interface.",
         ),
     ] = None
     audio: Annotated[
-        AudioInterface | None, Rule(some_of=("topic", "speaker"), needs="audio has a topic, a speaker, or both.")
+        AudioInterface | None, FieldSpec(some_of=("topic", "speaker"), needs="audio has a topic, a speaker, or both.")
     ] = None
-    emergency_stop: Annotated[EmergencyStopInterface | None, Rule(
+    emergency_stop: Annotated[EmergencyStopInterface | None, FieldSpec(
         some_of=("topic", "service", "set_service", "command_topic"),
         needs="an emergency stop has a topic, a service, set_service with clear_service, or a command_topic.",
     )] = None  # fmt: skip
     head: HeadInterface | None = None
-    controls: Annotated[tuple[CONTROL, ...], Rule(
+    controls: Annotated[tuple[CONTROL, ...], FieldSpec(
         "Buttons, toggles, sliders, choices, text fields and readouts of the Robot panel.", longest=100, quiet=True,
     )] = ()  # fmt: skip
     laser: Annotated[
-        LaserMount, Rule("How the LIDAR is mounted, for robots whose tf does not tell it.", quiet=True)
+        LaserMount, FieldSpec("How the LIDAR is mounted, for robots whose tf does not tell it.", quiet=True)
     ] = field(default_factory=LaserMount)
 
     @property
@@ -571,13 +585,13 @@ class ProfileFile(RobotProfile):
     """Which robot it is, how its topics are called, how fast it may go. The guide of robot profiles explains it."""
 
     # Only in the file: a loaded profile has absolute names and one footprint.
-    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = PROFILE_VERSION
-    namespace: Annotated[str, Rule(
+    version: Annotated[Literal[1], FieldSpec("Version of this file format.", wanted=True, order=-1)] = PROFILE_VERSION
+    namespace: Annotated[str, FieldSpec(
         "Put before every name that does not begin with a slash.", longest=200,
         pattern="^/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*$", allowed="a name such as robot1.",
     )] = ""  # fmt: skip
     footprint_radius_m: Annotated[
-        _Radius, Rule("The same as `footprint: {radius_m: ...}`.", instead_of=("footprint",))
+        _Radius, FieldSpec("The same as `footprint: {radius_m: ...}`.", instead_of=("footprint",))
     ] = 0.25
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import field, replace
 from typing import Any
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import (
     AudioInterface,
@@ -123,7 +123,7 @@ def propose(offer: RobotOffer, *, namespace: str | None = None) -> Proposal:
     fields.append(_proposal("head", QT_TR_NOOP("Head"), ranked.heads()))
     for node, service in (("slam_toolbox", "serialize_map"), ("map_server", "load_map"), ("map_saver", "save_map")):
         fields.append(
-            _proposal(f"maps.{node}", filled(QT_TR_NOOP("Maps: {node}"), node=node), ranked.map_nodes(service))
+            _proposal(f"maps.{node}", localized(QT_TR_NOOP("Maps: {node}"), node=node), ranked.map_nodes(service))
         )
     return Proposal(chosen_namespace, namespaces, tuple(fields), tuple(_notes(offer, fields)))
 
@@ -368,7 +368,7 @@ class _Ranking:
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
-                certainty, why = 0.95, filled(QT_TR_NOOP("It is an action server of {type}."), type=found_type)
+                certainty, why = 0.95, localized(QT_TR_NOOP("It is an action server of {type}."), type=found_type)
             elif not found_type and last in ("move_base", "navigate_to_pose"):
                 certainty, why = 0.75, QT_TR_NOOP("It is an action server of the usual name.")
             else:
@@ -387,7 +387,7 @@ class _Ranking:
             if spoken and not _HEARING_WORDS.search(topic):
                 last = topic.rsplit("/", 1)[-1]
                 certainty = 0.8 if last in ("tts", "speech", "say") else 0.55
-                why = filled(QT_TR_NOOP("It takes text, and is named “{name}”."), name=last)
+                why = localized(QT_TR_NOOP("It takes text, and is named “{name}”."), name=last)
                 found.append(Candidate(topic, found_type, certainty, why))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
@@ -403,12 +403,12 @@ class _Ranking:
                 why = QT_TR_NOOP("It is a service of {type} with a name of its kind.")
                 if switch:
                     why = QT_TR_NOOP("It is a service of {type} that switches the motors: false stops.")
-                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, filled(why, type=found_type)))
+                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, localized(why, type=found_type)))
             elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
                 release = _release_of(service, services)
                 if release is not None:
                     why = QT_TR_NOOP("They are two services of {type}: one stops, the other releases.")
-                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, filled(why, type=found_type)))
+                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, localized(why, type=found_type)))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def heads(self) -> list[Candidate]:
@@ -423,7 +423,7 @@ class _Ranking:
                 found.append(Candidate(topic, found_type, 0.3, why))
             else:
                 why = QT_TR_NOOP("It moves joints, and {pan} and {tilt} exist.")
-                found.append(Candidate(topic, found_type, 0.85, filled(why, pan=joints[0], tilt=joints[1])))
+                found.append(Candidate(topic, found_type, 0.85, localized(why, pan=joints[0], tilt=joints[1])))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def map_nodes(self, service: str) -> list[Candidate]:
@@ -431,27 +431,27 @@ class _Ranking:
         for name, found_type in self._offer.services.items():
             node, _, last = name.rpartition("/")
             if last == service and node:
-                why = filled(QT_TR_NOOP("It has the service {name}."), name=name)
+                why = localized(QT_TR_NOOP("It has the service {name}."), name=name)
                 found.append(Candidate(node, found_type, 0.9, why))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
         words = [word for word in topic.lower().split("/") if word]
         last = words[-1] if words else ""
-        reasons: list[str] = [filled(QT_TR_NOOP("It carries {type}."), type=found_type)]
+        reasons: list[str] = [localized(QT_TR_NOOP("It carries {type}."), type=found_type)]
         if last in kind.names:
             certainty = 0.95 - 0.03 * kind.names.index(last)
-            reasons.append(filled(QT_TR_NOOP("It is named “{name}”."), name=last))
+            reasons.append(localized(QT_TR_NOOP("It is named “{name}”."), name=last))
         elif any(name in last for name in kind.names):
             certainty = 0.65
             held = next(name for name in kind.names if name in last)
-            reasons.append(filled(QT_TR_NOOP("Its name holds “{word}”."), word=held))
+            reasons.append(localized(QT_TR_NOOP("Its name holds “{word}”."), word=held))
         else:
             certainty = 0.45
         doubts = [word for word in kind.against if _has_word(words, word)]
         if doubts:
             certainty -= 0.4
-            reasons.append(filled(QT_TR_NOOP("But “{word}” speaks against it."), word=doubts[0]))
+            reasons.append(localized(QT_TR_NOOP("But “{word}” speaks against it."), word=doubts[0]))
         # A short name is the robot's own; long ones belong to components.
         certainty -= 0.02 * max(0, len(words) - 1)
         count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
@@ -473,7 +473,7 @@ class _Ranking:
         return replace(
             candidate,
             confidence=_clipped(candidate.confidence - 0.5),
-            why=joined((candidate.why, filled(elsewhere, namespace=self._namespace))),
+            why=joined((candidate.why, localized(elsewhere, namespace=self._namespace))),
         )
 
 
@@ -482,7 +482,7 @@ def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float
     if best is not None:
         why = best.why
     elif candidates:
-        why = filled(QT_TR_NOOP("{count} of this type, none with a name that fits."), count=len(candidates))
+        why = localized(QT_TR_NOOP("{count} of this type, none with a name that fits."), count=len(candidates))
     else:
         why = QT_TR_NOOP("The robot offers nothing of this kind.")
     return FieldProposal(key, label, best.value if best else "", tuple(candidates), why)
@@ -492,7 +492,7 @@ def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
     best = _distinct_cameras(candidates)[index]
     # Only the first is proposed with low confidence: each further camera costs bandwidth.
     value = best.value if index == 0 or best.confidence >= 0.7 else ""
-    label = filled(QT_TR_NOOP("Camera {number}"), number=index + 1)
+    label = localized(QT_TR_NOOP("Camera {number}"), number=index + 1)
     return FieldProposal(f"cameras.{index}", label, value, tuple(candidates), best.why)
 
 
@@ -525,7 +525,7 @@ def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
     slow = QT_TR_NOOP(
         "Speeds begin slow, at {speed} m/s. Set “limits” and “footprint” in the file to those of the robot."
     )
-    yield filled(slow, speed=CAUTIOUS.forward_mps)
+    yield localized(slow, speed=CAUTIOUS.forward_mps)
     if not values.get("velocity"):
         yield QT_TR_NOOP("Nothing was found to drive with; choose the topic by hand if the robot listens to one.")
     if _runs_on_simulation_time(offer):
@@ -538,7 +538,7 @@ def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
         topic = values.get(f"cameras.{index}", "")
         if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
             heavy = QT_TR_NOOP("{topic} is not compressed, too much for a wireless link. Better, {advice}.")
-            yield filled(heavy, topic=topic, advice=republish_advice(topic))
+            yield localized(heavy, topic=topic, advice=republish_advice(topic))
     if values.get("velocity") and _has_multiplexer(offer):
         yield QT_TR_NOOP(
             "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."

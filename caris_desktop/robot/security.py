@@ -19,7 +19,7 @@ from caris_desktop.domain.certificates import (
     fingerprint_of,
     why_refused,
 )
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.robot.profile import SecuritySettings
 
 _AUTHORIZED_FOR_S = 3600
@@ -53,7 +53,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
         return await asyncio.to_thread(confirmed_context, fingerprint, host, port)
     except OtherCertificateError as error:
         raise SecurityError(
-            filled(
+            localized(
                 QT_TR_NOOP("{host} has another certificate than the one that was confirmed. It was sent nothing."),
                 host=host,
             ),
@@ -77,7 +77,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
         # ssl.SSLError is an OSError with its own numbers.
         reason = "no certificate is in it" if isinstance(error, ssl.SSLError) or not error.strerror else error.strerror
         raise SecurityError(
-            filled(
+            localized(
                 QT_TR_NOOP("The file with trusted certificates cannot be used: {ca_file} ({reason})."),
                 ca_file=settings.ca_file,
                 reason=reason,
@@ -104,7 +104,7 @@ async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, po
             "Or confirm its SHA-256 fingerprint there ('certificate_sha256'), if the robot itself has the same:"
             " {fingerprint}"
         )
-        advice = (*advice, filled(confirm, fingerprint=fingerprint_of(shown)))
+        advice = (*advice, localized(confirm, fingerprint=fingerprint_of(shown)))
     return SecurityError(joined(what), joined(advice))
 
 
@@ -130,7 +130,7 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
         return None
     if secret_is_missing(settings):
         raise SecurityError(
-            filled(
+            localized(
                 QT_TR_NOOP("The robot demands a secret, and the environment variable {rosauth_secret_env} is not set."),
                 rosauth_secret_env=settings.rosauth_secret_env,
             ),
@@ -155,7 +155,7 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
 def no_tls(address: str) -> tuple[str, str]:
     """Problem and advice for a server that does not answer TLS."""
     return (
-        filled(QT_TR_NOOP("What answers at {address} does not speak TLS."), address=address),
+        localized(QT_TR_NOOP("What answers at {address} does not speak TLS."), address=address),
         "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
     )
 
@@ -165,7 +165,7 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
     if error.reason in ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "PACKET_LENGTH_TOO_LONG"):
         return no_tls(address)
     return (
-        filled(
+        localized(
             QT_TR_NOOP("No secured connection to {name} came about ({error})."), name=name, error=error.reason or error
         ),
         QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),

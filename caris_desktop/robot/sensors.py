@@ -13,13 +13,13 @@ from caris_desktop.domain.clock import StampAge, now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose, lidar_mounting
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.profile import RobotProfile, TopicSource
 from caris_desktop.robot.transport import SafeRos, SafeTopic
-from caris_desktop.robot.watched import WatchedTopics
+from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.messages import (
     decode_battery_state,
@@ -52,7 +52,7 @@ class Sensors:
         profile: RobotProfile,
         report: LinkReporter,
         measurement: LinkMeasurement,
-        watched: WatchedTopics,
+        watched: SubscriptionWatchdog,
         *,
         put: Callable[[Any], None],
         scan_taken: Callable[[LaserScan, float], None],
@@ -185,7 +185,7 @@ class Sensors:
         self._report.problems.count(
             "tilted lidar",
             severity="warning",
-            what=filled(
+            what=localized(
                 QT_TR_NOOP("The LIDAR is tilted by {degrees} degrees (frame {frame} on tf): its scans are not used."),
                 degrees=f"{math.degrees(tilt_rad):.0f}",
                 frame=repr(frame[:100]),
@@ -232,7 +232,7 @@ class Sensors:
         self._report.problems.count(
             f"transform {child}",
             severity="warning",
-            what=filled(
+            what=localized(
                 QT_TR_NOOP("The transform from {parent} to {child} cannot be used: {why}."),
                 parent=repr(parent[:100]),
                 child=repr(child[:100]),
@@ -285,7 +285,7 @@ class Sensors:
             Problem(
                 now_ns(),
                 "warning",
-                filled(
+                localized(
                     QT_TR_NOOP("The robot does not tell where it is: its transforms do not lead from {map} to {base}."),
                     map=f"{frames.map!r}",
                     base=f"{frames.base!r}",
@@ -294,7 +294,7 @@ class Sensors:
                     "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot"
                     " be used, and the distance to goals is not known."
                 ),
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "Set where it is on the map. If that does not help, compare 'frames' in the robot "
                         "profile with the robot's own: {frames}."
@@ -315,7 +315,7 @@ class Sensors:
         self._report.problems.count(
             f"frame {frame}",
             severity="warning",
-            what=filled(QT_TR_NOOP("{unknown_frame}."), unknown_frame=self._poses.unknown_frame(frame[:100])),
+            what=localized(QT_TR_NOOP("{unknown_frame}."), unknown_frame=self._poses.unknown_frame(frame[:100])),
             meaning=meaning,
             advice=QT_TR_NOOP("Check 'frames' in the robot profile, and what the robot publishes on tf and tf_static."),
         )

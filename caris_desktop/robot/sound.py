@@ -12,7 +12,7 @@ from caris_desktop.domain.commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
 from caris_desktop.domain.sound_clock import SoundClock
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.outbox import ProblemReporter
 from caris_desktop.robot.profile import AudioInterface
@@ -104,9 +104,9 @@ class RobotSound:
             self._problems.count(
                 "sound",
                 severity="warning",
-                what=filled(QT_TR_NOOP("{count} piece(s) of the robot's sound were dropped: {error}."), error=error),
+                what=localized(QT_TR_NOOP("{count} piece(s) of the robot's sound were dropped: {error}."), error=error),
                 meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
-                advice=filled(
+                advice=localized(
                     QT_TR_NOOP("Check 'audio' in the robot profile against what the robot publishes on {topic}."),
                     topic=self._told.topic,
                 ),
@@ -121,7 +121,7 @@ class RobotSound:
             self._problems.count(
                 "missing sound",
                 severity="info",
-                what=filled(
+                what=localized(
                     QT_TR_NOOP("The robot's sound broke off for {missing_ns} s ({count} time(s) lately)."),
                     missing_ns=f"{missing_ns / 1000000000.0:.1f}",
                 ),

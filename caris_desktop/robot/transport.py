@@ -53,7 +53,7 @@ from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.bridge_socket import (
     HEAD_BYTES,
@@ -543,7 +543,7 @@ class SafeFactory:
             socket = self._free_socket(urgent=service in self.urgent_services)
         if socket is None:
             under_way = QT_TR_NOOP("the robot has not answered {count} others yet")
-            self.run_safely(fail, NoAnswer(filled(under_way, count=len(self._calls))))
+            self.run_safely(fail, NoAnswer(localized(under_way, count=len(self._calls))))
         elif socket.protocol is not None:
             send(socket.protocol)
         else:
@@ -722,7 +722,7 @@ class SafeFactory:
         self._newest.clear()
         if protocol.wire.broken_by_size:
             self.refuse(
-                filled(
+                localized(
                     QT_TR_NOOP("a message of more than {frame_bytes} MB, which ended the connection"),
                     frame_bytes=f"{self.sizes.frame_bytes / 2**20:.0f}",
                 )

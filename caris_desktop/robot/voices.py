@@ -5,8 +5,8 @@ from collections.abc import Callable
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.commands import Say
 from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.robot.asked_voice import AskedVoice, ServiceSpeaker, Speaker, WebSpeaker
-from caris_desktop.robot.own_speech import OwnSpeech
+from caris_desktop.robot.asked_voice import RequestSpeech, ServiceSpeaker, SpeechBackend, WebSpeaker
+from caris_desktop.robot.own_speech import UnpromptedSpeech
 from caris_desktop.robot.profile import SpeechInterface
 from caris_desktop.robot.transport import SafeRos
 from caris_desktop.robot.voice import ActionVoice, RobotVoice, TopicVoice
@@ -25,7 +25,7 @@ class RobotSpeech:
         emit: Callable[[UtteranceChanged], None],
     ) -> None:
         self._voice = _voice_of(ros, dialect, speech, emit)
-        self._own = OwnSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
+        self._own = UnpromptedSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
 
     def say(self, command: Say) -> None:
         """Request speech now, or after the present utterance."""
@@ -52,11 +52,11 @@ def _voice_of(
 ) -> RobotVoice:
     if speech is not None and speech.action is not None:
         return ActionVoice(ros, dialect, speech.action, emit=emit)
-    speaker: Speaker
+    speaker: SpeechBackend
     if speech is not None and speech.service is not None:
         speaker, at_end = ServiceSpeaker(ros, dialect, speech.service), speech.service.answers_at_end
-        return AskedVoice(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
+        return RequestSpeech(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
     if speech is not None and speech.web is not None:
         speaker, at_end = WebSpeaker(speech.web), speech.web.answers_at_end
-        return AskedVoice(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
+        return RequestSpeech(ros, dialect, speech, speaker, answers_at_end=at_end, emit=emit)
     return TopicVoice(ros, dialect, speech, emit=emit)

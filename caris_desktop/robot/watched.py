@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 
@@ -42,7 +42,7 @@ class _Listener:
         self._take(message)
 
 
-class WatchedTopics:
+class SubscriptionWatchdog:
     """Renews subscriptions that are silent although the robot has a publisher.
 
     Two causes are possible. rosbridge silently drops messages that it cannot encode as requested: the other encoding is
@@ -168,7 +168,7 @@ class WatchedTopics:
             Problem(
                 now_ns(),
                 "info",
-                filled(
+                localized(
                     QT_TR_NOOP("The robot sent nothing on {name} in {before}; in {now} it does."),
                     name=name,
                     before=_ENCODINGS[before],

@@ -26,7 +26,7 @@ from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.security import SecurityError, certificate_refusal, explain_tls_failure, no_tls, tls_context
@@ -309,7 +309,7 @@ class Wire(asyncio.Protocol):
             plain, ended = self._tls.decrypt(data)
         except ssl.SSLError as error:
             self._fail_opening(error)
-            self.abort(filled(QT_TR_NOOP("the secured connection broke ({error})"), error=error.reason or error))
+            self.abort(localized(QT_TR_NOOP("the secured connection broke ({error})"), error=error.reason or error))
             return
         if plain:
             self._take_bytes(plain)
@@ -393,12 +393,12 @@ class Wire(asyncio.Protocol):
             }
         silent_s = now_s - max(self._heard_s, self._owner.server_heard_s())
         if silent_s >= self._timings.dead_after_s:
-            self.give_up(filled(QT_TR_NOOP("nothing came from it for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
+            self.give_up(localized(QT_TR_NOOP("nothing came from it for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
             return
         unanswered_s = self._unanswered_s(now_s)
         if unanswered_s >= self._timings.unanswered_dead_after_s:
             self.give_up(
-                filled(QT_TR_NOOP("it did not answer for {unanswered_s} s"), unanswered_s=f"{unanswered_s:.1f}")
+                localized(QT_TR_NOOP("it did not answer for {unanswered_s} s"), unanswered_s=f"{unanswered_s:.1f}")
             )
             return
         if not self._silent and (silent_s >= self._timings.trouble_after_s or self._unanswered(now_s)):
@@ -563,31 +563,35 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
         return explain_tls_failure(error, name, address)
     if isinstance(error, TimeoutError):
         return (
-            filled(QT_TR_NOOP("Nothing answers at {address}."), address=address),
+            localized(QT_TR_NOOP("Nothing answers at {address}."), address=address),
             QT_TR_NOOP("Check that the robot is on and in the same network, and that no firewall is in the way."),
         )
     if isinstance(error, socket.gaierror):
         return (
-            filled(QT_TR_NOOP("No computer named {name} is known."), name=name),
+            localized(QT_TR_NOOP("No computer named {name} is known."), name=name),
             QT_TR_NOOP("Check the address, or use the robot's IP address."),
         )
     if isinstance(error, ConnectionRefusedError):
         return (
-            filled(QT_TR_NOOP("{name} is there, but no rosbridge listens at {address}."), name=name, address=address),
+            localized(
+                QT_TR_NOOP("{name} is there, but no rosbridge listens at {address}."), name=name, address=address
+            ),
             QT_TR_NOOP("Start rosbridge on the robot (rosbridge_websocket), or correct the port."),
         )
     if isinstance(error, InvalidURI):
         return (
-            filled(QT_TR_NOOP("{address} is not an address that can be used: {msg}."), address=address, msg=error.msg),
+            localized(
+                QT_TR_NOOP("{address} is not an address that can be used: {msg}."), address=address, msg=error.msg
+            ),
             QT_TR_NOOP("Correct the robot's address."),
         )
     if isinstance(error, InvalidStatus) and error.response.status_code >= _NOT_READY:
         away = QT_TR_NOOP("What answers at {address} lets nobody in at the moment (HTTP {status}).")
         advice = QT_TR_NOOP("Wait a moment; if it stays so, see that rosbridge runs on the robot.")
-        return filled(away, address=address, status=error.response.status_code), advice
+        return localized(away, address=address, status=error.response.status_code), advice
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
-            filled(
+            localized(
                 QT_TR_NOOP("What answers at {address} is not a rosbridge server ({error})."),
                 address=address,
                 error=error,
@@ -595,7 +599,7 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
             "Check the port; rosbridge uses 9090 unless set otherwise. A secured one has an address with wss://.",
         )
     return (
-        filled(QT_TR_NOOP("{address} cannot be reached ({error})."), address=address, error=error),
+        localized(QT_TR_NOOP("{address} cannot be reached ({error})."), address=address, error=error),
         QT_TR_NOOP("Check the network and the robot's address."),
     )
 

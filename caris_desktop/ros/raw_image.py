@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.fields import Message, MessageError, blob, count, message_of, stamp_of, text
 from caris_desktop.ros.messages import MAX_IMAGE_SIDE_PX
@@ -84,7 +84,7 @@ def depth_as_grey(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def republish_advice(raw_topic: str) -> str:
     """Advice for compressed images from the robot."""
-    return filled(
+    return localized(
         QT_TR_NOOP(
             "run 'image_transport republish raw compressed' for {raw_topic} on it, or install the "
             "plugin for compressed pictures there, and name {raw_topic}/compressed in the profile"

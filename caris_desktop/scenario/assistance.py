@@ -2,7 +2,7 @@
 
 from typing import Annotated, get_args
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.events import AssistanceLevel
 from caris_desktop.domain.value_class import dataclass
 
@@ -22,22 +22,22 @@ class AssistanceSettings:
 
     replies: Annotated[
         AssistanceLevel,
-        Rule("Replies to what participants say, from the language model. With `act` the first of them is said."),
+        FieldSpec("Replies to what participants say, from the language model. With `act` the first of them is said."),
     ] = "suggest"
     fillers: Annotated[
         AssistanceLevel,
-        Rule("The filler where no reply has come in time: `suggest` points at its key, `act` says it."),
+        FieldSpec("The filler where no reply has come in time: `suggest` points at its key, `act` says it."),
     ] = "off"
     actions: Annotated[
         AssistanceLevel,
-        Rule(
+        FieldSpec(
             "What the robot could do next, from the language model: places, gestures, controls, photos. With `act` "
             "what moves nothing is done."
         ),
     ] = "off"
     countdown_s: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "How long the wizard has to stop what is done by itself.",
             title="Countdown",
             unit="seconds",
@@ -47,7 +47,7 @@ class AssistanceSettings:
     ] = 3.0
     filler_after_s: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "How long after a participant's last word a reply is late.",
             title="A reply is late after",
             unit="seconds",

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
@@ -15,8 +15,8 @@ MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."
 class NamedText:
     """A text that is chosen by its name."""
 
-    name: Annotated[str, Rule("How the wizard finds it.", shortest=1, longest=40)]
-    text: Annotated[str, Rule("What it says.", prose=True, longest=TEXT_CHARACTERS)]
+    name: Annotated[str, FieldSpec("How the wizard finds it.", shortest=1, longest=40)]
+    text: Annotated[str, FieldSpec("What it says.", prose=True, longest=TEXT_CHARACTERS)]
 
 
 AssistantPeople = Literal["numbers", "names", "history"]
@@ -28,7 +28,7 @@ class AssistantSettings:
 
     model: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The model of this program, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
             pattern=MODEL_PATTERN,
             allowed=MODEL_ALLOWED,
@@ -36,15 +36,17 @@ class AssistantSettings:
         ),
     ] = "embedded"
     system_prompt: Annotated[
-        str, Rule("What the model is told before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
+        str, FieldSpec("What the model is told before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
     ] = ""
     max_tokens: Annotated[
-        int, Rule("The longest answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
+        int, FieldSpec("The longest answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
     ] = 96
-    temperature: Annotated[float, Rule("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)] = 0.4
+    temperature: Annotated[
+        float, FieldSpec("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)
+    ] = 0.4
     people: Annotated[
         AssistantPeople,
-        Rule(
+        FieldSpec(
             "What the model is told of who is here: `person 3`; their names; or with their names also group, tags, "
             "note and what there was before. Names go to the model's computer, and never into the recording.",
             title="What it is told of people",
@@ -53,11 +55,11 @@ class AssistantSettings:
     ] = "numbers"
     pictures: Annotated[
         bool,
-        Rule("Pictures may be given to the model with a question. `embedded` sees none.", quiet=True),
+        FieldSpec("Pictures may be given to the model with a question. `embedded` sees none.", quiet=True),
     ] = False
     models: Annotated[
-        tuple[Annotated[str, Rule(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")], ...],
-        Rule(
+        tuple[Annotated[str, FieldSpec(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")], ...],
+        FieldSpec(
             "Further models that the wizard may choose, beside that of this program and those that Ollama and an "
             "OpenAI-compatible server on this computer list.",
             title="Further models",
@@ -68,21 +70,25 @@ class AssistantSettings:
     ] = ()
     roles: Annotated[
         tuple[NamedText, ...],
-        Rule(
+        FieldSpec(
             "What the model may be for the wizard, one at a time: told after `system_prompt`.", longest=20, quiet=True
         ),
     ] = ()
     styles: Annotated[
-        tuple[NamedText, ...], Rule("How it may answer, one at a time: told after the role.", longest=20, quiet=True)
+        tuple[NamedText, ...],
+        FieldSpec("How it may answer, one at a time: told after the role.", longest=20, quiet=True),
     ] = ()
     templates: Annotated[
         tuple[NamedText, ...],
-        Rule(
+        FieldSpec(
             "Prepared questions for the field; `{said}` in one is what the participant said last.",
             longest=20,
             quiet=True,
         ),
     ] = ()
     notes: Annotated[
-        str, Rule("What the model is told as notes, which the wizard can change.", prose=True, longest=4000, quiet=True)
+        str,
+        FieldSpec(
+            "What the model is told as notes, which the wizard can change.", prose=True, longest=4000, quiet=True
+        ),
     ] = ""

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -12,20 +12,20 @@ class FaceSettings:
 
     face: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The face that it begins with: a file of the folder `faces`, by its name.",
             pattern=r"^[A-Za-z0-9_-]{1,60}$",
             allowed="letters, digits, - and _.",
             knows="faces",
         ),
     ] = "calm"
-    captions: Annotated[bool, Rule("What the robot says is written below its mouth.")] = True
-    live_picture: Annotated[bool, Rule("What the robot sees can be shown to whoever stands before it.", quiet=True)] = (
-        False
-    )
+    captions: Annotated[bool, FieldSpec("What the robot says is written below its mouth.")] = True
+    live_picture: Annotated[
+        bool, FieldSpec("What the robot sees can be shown to whoever stands before it.", quiet=True)
+    ] = False
     page: Annotated[
         Literal["this_computer", "network"],
-        Rule(
+        FieldSpec(
             "Who can open the page with the face, while it is served: this computer alone, or whoever is on its "
             "network and has the address with its secret part.",
             external="network",

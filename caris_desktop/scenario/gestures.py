@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
@@ -19,10 +19,10 @@ KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES)
 class Gesture:
     """A gesture by the name that the wizard reads."""
 
-    title: Annotated[str, Rule("What the wizard reads.", shortest=1, longest=40)]
+    title: Annotated[str, FieldSpec("What the wizard reads.", shortest=1, longest=40)]
     does: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "`nod`, `look` to turn the head to whom the robot speaks to, or a control of the Robot panel by its id.",
             knows="gestures",
             shortest=1,

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -14,7 +14,7 @@ class ListeningSettings:
 
     language: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "What is spoken, as two or three letters; empty: the model finds out by itself, if it knows several.",
             pattern="^([a-z]{2,3})?$",
             allowed="a code such as en, es, fr or de.",
@@ -22,11 +22,11 @@ class ListeningSettings:
     ] = "en"
     engine: Annotated[
         Literal["local", "server"],
-        Rule("`local`: this computer; `server`: one that takes OpenAI's requests for transcriptions.", quiet=True),
+        FieldSpec("`local`: this computer; `server`: one that takes OpenAI's requests for transcriptions.", quiet=True),
     ] = "local"
     model: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The recogniser: a faster-whisper folder by its path, beside the scenario or in a models folder, or the "
             "`https://` address of one as a .zip; the usual one if empty. With `server`, the name of its model.",
             longest=1000,
@@ -36,7 +36,7 @@ class ListeningSettings:
     ] = ""
     sha256: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The checksum of the folder's model.bin, or of the .zip, without which no address is used.",
             title="Checksum (SHA-256)",
             pattern="^([0-9a-fA-F]{64})?$",
@@ -46,7 +46,7 @@ class ListeningSettings:
     ] = ""
     server: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "With `engine: server`: its address. Its key, if it wants one, is CARIS_TRANSCRIPTION_KEY in the "
             "environment, for the server in CARIS_TRANSCRIPTION_SERVER, or CARIS_TRANSCRIPTION_KEY@HOST in the "
             "system's keyring.",
@@ -59,14 +59,14 @@ class ListeningSettings:
     ] = ""
     silence_at_least_s: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "Nobody's turn is over before they have been silent for this long, however sure the console is.",
             title="Shortest silence", unit="seconds", at_least=0.2, at_most=3, quiet=True,
         ),
     ] = 0.3  # fmt: skip
     silence_at_most_s: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "After this long everybody's turn is over; between the two it is learnt from each participant's pauses.",
             title="Longest silence", unit="seconds", at_least=0.5, at_most=10, quiet=True,
         ),

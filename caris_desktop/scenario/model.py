@@ -13,7 +13,7 @@ from typing import Annotated, Literal, get_args
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys
 from caris_desktop.domain.controls import CONTROL
-from caris_desktop.domain.declared import NotInFile, Rule, Spread, WrittenAs
+from caris_desktop.domain.declared import Excluded, FieldSpec, Flattened, StoredAs
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Permission
@@ -41,24 +41,24 @@ PanelName = Literal[
 ]  # fmt: skip
 
 BlurWho = Literal["nobody", "everybody", "without_consent"]
-_Panel = Annotated[PanelName, Rule(noun="panel")]
-_Label = Annotated[str, Rule(shortest=1, longest=80)]
-_Coordinate = Annotated[float, Rule(unit="metres", at_least=-10_000, at_most=10_000)]
+_Panel = Annotated[PanelName, FieldSpec(noun="panel")]
+_Label = Annotated[str, FieldSpec(shortest=1, longest=80)]
+_Coordinate = Annotated[float, FieldSpec(unit="metres", at_least=-10_000, at_most=10_000)]
 
 
 @dataclass(frozen=True, slots=True)
 class PanelLeaf:
     """One panel."""
 
-    panel: Annotated[_Panel, Rule("Its name.")]
+    panel: Annotated[_Panel, FieldSpec("Its name.")]
 
 
 @dataclass(frozen=True, slots=True)
 class TabNode:
     """Panels on top of one another."""
 
-    tabs: Annotated[tuple[_Panel, ...], Rule("The panels, from left to right.", shortest=1)]
-    current: Annotated[_Panel | None, Rule("The tab that is shown first.")] = None
+    tabs: Annotated[tuple[_Panel, ...], FieldSpec("The panels, from left to right.", shortest=1)]
+    current: Annotated[_Panel | None, FieldSpec("The tab that is shown first.")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +66,12 @@ class SplitNode:
     """Parts side by side or on top of one another."""
 
     split: Annotated[
-        Literal["horizontal", "vertical"], Rule("`horizontal`: side by side; `vertical`: on top of one another.")
+        Literal["horizontal", "vertical"], FieldSpec("`horizontal`: side by side; `vertical`: on top of one another.")
     ]
-    children: Annotated[tuple["LayoutNode", ...], Rule("The parts, from left or top.", shortest=2, order=1)]
+    children: Annotated[tuple["LayoutNode", ...], FieldSpec("The parts, from left or top.", shortest=2, order=1)]
     weights: Annotated[
-        tuple[Annotated[float, Rule(more_than=0)], ...],
-        Rule("The size of each part in relation to the others; all the same where they are not given."),
+        tuple[Annotated[float, FieldSpec(more_than=0)], ...],
+        FieldSpec("The size of each part in relation to the others; all the same where they are not given."),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -81,7 +81,7 @@ class SplitNode:
 
 LayoutNode = Annotated[
     PanelLeaf | TabNode | SplitNode,
-    Rule(
+    FieldSpec(
         "One panel, tabs on top of one another, or a split into parts sized by weights.",
         noun="layout part",
         needs="a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with 'children'.",
@@ -93,33 +93,37 @@ LayoutNode = Annotated[
 class Permissions:
     """What the wizard may do in this scenario. Whatever is false has no button, no shortcut and no effect."""
 
-    photos: Annotated[bool, Rule("Photos of what the robot sees, kept as files.")] = True
-    video_recording: Annotated[bool, Rule("Recordings hold the robot's pictures.")] = True
-    audio_recording: Annotated[bool, Rule("Recordings hold microphones and the robot's voice; off unless set.")] = False
-    driving: Annotated[bool, Rule("Keys, gamepad, places and whatever else moves the robot.")] = True
-    assistant: Annotated[bool, Rule("Questions to a language model.")] = True
-    naming_people: Annotated[bool, Rule("Names for the people that the robot sees.", title="Names for people")] = True
-    robot_controls: Annotated[bool, Rule("The Robot panel: gestures, lights, volume and the like.")] = True
-    transcription: Annotated[
-        bool, Rule("What is said near the robot is turned into text; off unless set.", quiet=True)
+    photos: Annotated[bool, FieldSpec("Photos of what the robot sees, kept as files.")] = True
+    video_recording: Annotated[bool, FieldSpec("Recordings hold the robot's pictures.")] = True
+    audio_recording: Annotated[
+        bool, FieldSpec("Recordings hold microphones and the robot's voice; off unless set.")
     ] = False
-    own_voice: Annotated[bool, Rule("The wizard speaks through the robot; off unless set.", quiet=True)] = False
+    driving: Annotated[bool, FieldSpec("Keys, gamepad, places and whatever else moves the robot.")] = True
+    assistant: Annotated[bool, FieldSpec("Questions to a language model.")] = True
+    naming_people: Annotated[bool, FieldSpec("Names for the people that the robot sees.", title="Names for people")] = (
+        True
+    )
+    robot_controls: Annotated[bool, FieldSpec("The Robot panel: gestures, lights, volume and the like.")] = True
+    transcription: Annotated[
+        bool, FieldSpec("What is said near the robot is turned into text; off unless set.", quiet=True)
+    ] = False
+    own_voice: Annotated[bool, FieldSpec("The wizard speaks through the robot; off unless set.", quiet=True)] = False
     cloud_models: Annotated[
         bool,
-        Rule(
+        FieldSpec(
             "Models on other computers: language models, transcription, detection of people. `false`: nothing leaves "
             "this one.",
             quiet=True,
         ),
     ] = True
     face: Annotated[
-        bool, Rule("A face of the robot, in a window or on a page of its own; off unless set.", quiet=True)
+        bool, FieldSpec("A face of the robot, in a window or on a page of its own; off unless set.", quiet=True)
     ] = False
     speech: Annotated[
         bool,
-        Rule("The robot speaks: what is typed, phrases, fillers, answers of the language model.", quiet=True),
+        FieldSpec("The robot speaks: what is typed, phrases, fillers, answers of the language model.", quiet=True),
     ] = True
-    notes: Annotated[bool, Rule("Notes of the wizard, kept with the session.", quiet=True)] = True
+    notes: Annotated[bool, FieldSpec("Notes of the wizard, kept with the session.", quiet=True)] = True
 
     def withheld(self, needed: Iterable[Permission]) -> Permission | None:
         """First missing permission; None if all are granted."""
@@ -130,11 +134,11 @@ class Permissions:
 class _PoseKeys:
     """A pose as people write it, with its heading in degrees."""
 
-    x_m: Annotated[_Coordinate, Rule("Along x of the map.", title="x")]
-    y_m: Annotated[_Coordinate, Rule("Along y of the map.", title="y")]
+    x_m: Annotated[_Coordinate, FieldSpec("Along x of the map.", title="x")]
+    y_m: Annotated[_Coordinate, FieldSpec("Along y of the map.", title="y")]
     heading_deg: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "Where the robot looks on arrival: 0 along x, 90 along y, counter-clockwise.",
             title="Heading",
             unit="degrees",
@@ -155,8 +159,8 @@ def _pose_keys(pose: Pose2D) -> _PoseKeys:
 class Place:
     """A named place in the map."""
 
-    name: Annotated[_Label, Rule("How the wizard finds it; each name once.")]
-    pose_in_map: Annotated[Pose2D, Spread(_PoseKeys, _PoseKeys.pose, _pose_keys)]
+    name: Annotated[_Label, FieldSpec("How the wizard finds it; each name once.")]
+    pose_in_map: Annotated[Pose2D, Flattened(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +168,10 @@ class DrivingLimits:
     """Speeds at the full speed setting; the robot profile's own limits still apply."""
 
     max_forward_mps: Annotated[
-        float, Rule("Forwards.", title="Fastest forwards", unit="metres a second", more_than=0, at_most=3)
+        float, FieldSpec("Forwards.", title="Fastest forwards", unit="metres a second", more_than=0, at_most=3)
     ] = 0.5
     max_turn_radps: Annotated[
-        float, Rule("Turning.", title="Fastest turn", unit="radians a second", more_than=0, at_most=6)
+        float, FieldSpec("Turning.", title="Fastest turn", unit="radians a second", more_than=0, at_most=6)
     ] = 1.0
 
 
@@ -177,7 +181,7 @@ class PerceptionSettings:
 
     model: Annotated[
         str,
-        Rule(
+        FieldSpec(
             title="Detector",
             external="model",
             text="The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the "
@@ -188,7 +192,7 @@ class PerceptionSettings:
     ] = ""
     sha256: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The checksum of that file, without which no address and no .pt file is used.",
             title="Checksum (SHA-256)",
             pattern="^([0-9a-fA-F]{64})?$",
@@ -198,7 +202,7 @@ class PerceptionSettings:
     ] = ""
     input_px: Annotated[
         int,
-        Rule(
+        FieldSpec(
             "The longer side of what the detector sees, where its file leaves that open: more finds people farther "
             "away, and takes longer.",
             title="Picture size for finding",
@@ -210,7 +214,7 @@ class PerceptionSettings:
     ] = 416
     device: Annotated[
         Literal["auto", "cpu", "cuda", "mps"],
-        Rule(
+        FieldSpec(
             title="Computed by",
             text="What computes: `auto` is a graphics processor that is here and can be used, or else the processor.",
             quiet=True,
@@ -218,7 +222,7 @@ class PerceptionSettings:
     ] = "auto"
     server: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "Address of a `caris-desktop perceive --serve` that finds people in this computer's place; its token is in "
             "the environment variable CARIS_PERCEPTION_TOKEN, and goes only to the server in CARIS_PERCEPTION_SERVER.",
             pattern="^(wss?://.+)?$",
@@ -230,14 +234,14 @@ class PerceptionSettings:
     ] = ""
     tracker: Annotated[
         Literal["own", "deepsort", "bytetrack", "botsort"],
-        Rule(
+        FieldSpec(
             "What follows people from picture to picture: this program's own, or one of others to compare with.",
             quiet=True,
         ),
     ] = "own"
     classes: Annotated[
-        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
-        Rule(
+        tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...],
+        FieldSpec(
             "Things beside people that are boxed, recorded and told to the assistant, by the detector's names.",
             longest=80,
             unique=True,
@@ -247,14 +251,14 @@ class PerceptionSettings:
 
     recognise: Annotated[
         Literal["nobody", "clothing", "faces"],
-        Rule(
+        FieldSpec(
             "Who returns is recognised by their clothes until midnight; with `faces` also by the face of those for "
             "whom consent is noted, where the study has a network for faces. Never without `naming_people`."
         ),
     ] = "clothing"
     ask_at: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "How likely somebody has to be a known person for the wizard to be asked whether it is them.",
             title="Ask from",
             at_least=0.7,
@@ -264,7 +268,7 @@ class PerceptionSettings:
     ] = 0.7
     confirm_at: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "How sure the console has to be, over several looks, to decide by itself who it is; at 1 it never does.",
             title="Sure enough at",
             at_least=0.5,
@@ -282,15 +286,17 @@ class BlurSettings:
 
     who: Annotated[
         BlurWho,
-        Rule(
+        FieldSpec(
             "`without_consent`: everybody but those for whom consent is noted in the People panel: to be filmed in "
             "videos, to photos in photos."
         ),
     ] = "nobody"
-    what: Annotated[Literal["faces", "persons"], Rule("Heads alone, or whole bodies.")] = "persons"
+    what: Annotated[Literal["faces", "persons"], FieldSpec("Heads alone, or whole bodies.")] = "persons"
     shown: Annotated[
         bool,
-        Rule("The pictures in the window are pixelated too, for whoever else looks at it.", title="In the window, too"),
+        FieldSpec(
+            "The pictures in the window are pixelated too, for whoever else looks at it.", title="In the window, too"
+        ),
     ] = False
 
 
@@ -298,22 +304,22 @@ class BlurSettings:
 class CameraSettings:
     """One camera that the console shows, perceives and records."""
 
-    source: Annotated[str, Rule(
+    source: Annotated[str, FieldSpec(
         "`robot` for all that the robot has, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a "
         "video file, `simulated`, or an address that begins with `rtsp://`, `http://`, `whep+http://` or "
         "`webrtc+http://`.",
         shortest=1, longest=1000, external="camera",
     )]  # fmt: skip
-    name: Annotated[str, Rule(
+    name: Annotated[str, FieldSpec(
         "What it is called in the window and in file names; if not given, what follows from the source. Those of the "
         "robot are called as in its profile.",
         longest=40, quiet=True,
     )] = ""  # fmt: skip
-    mount: Annotated[CameraModel | None, WrittenAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), Rule(
+    mount: Annotated[CameraModel | None, StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
         "Where it is on the robot and what it sees, as in a robot profile: then its people have places in the map.",
         some_of=("horizontal_fov_deg", "fx_px"), needs="a mount has either horizontal_fov_deg or fx_px.", quiet=True,
     )] = None  # fmt: skip
-    place: Annotated[str, Rule(
+    place: Annotated[str, FieldSpec(
         "The name of one of the `places`: the camera stands there, as on a desk, rather than on the robot, and looks "
         "the way the place does. Together with `mount`, which is seen from there.",
         refers=("places", "name"),
@@ -325,11 +331,11 @@ class CameraSettings:
 class Scenario:
     """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
 
-    title: Annotated[_Label, Rule("Shown in the window and in the scenario menu.", section="About")]
-    layout: Annotated[LayoutNode, Rule("Where the panels are.", title="Arrangement", section="Panels", order=1)]
+    title: Annotated[_Label, FieldSpec("Shown in the window and in the scenario menu.", section="About")]
+    layout: Annotated[LayoutNode, FieldSpec("Where the panels are.", title="Arrangement", section="Panels", order=1)]
     layout_compact: Annotated[
         LayoutNode | None,
-        Rule(
+        FieldSpec(
             "Where they are on a small screen; if not given, the least important of the layout become tabs there.",
             title="Arrangement on a small screen",
             section="Panels",
@@ -339,7 +345,7 @@ class Scenario:
     ] = None
     layout_large: Annotated[
         LayoutNode | None,
-        Rule(
+        FieldSpec(
             "Where they are on a large screen; if not given, tabs of the layout are spread as far as there is room.",
             title="Arrangement on a large screen",
             section="Panels",
@@ -349,11 +355,13 @@ class Scenario:
     ] = None
     description: Annotated[
         str,
-        Rule("What the study is about, for whoever chooses a scenario.", section="About", prose=True, longest=2000),
+        FieldSpec(
+            "What the study is about, for whoever chooses a scenario.", section="About", prose=True, longest=2000
+        ),
     ] = ""
     robot: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`.",
             section="Robot and cameras",
             knows="robots",
@@ -364,14 +372,14 @@ class Scenario:
     ] = DEFAULT_ROBOT
     voice: Annotated[
         Literal["robot", "computer", "both"],
-        Rule("Who speaks: the robot's own voice, this computer, or both at once.", section="Voice and sound"),
+        FieldSpec("Who speaks: the robot's own voice, this computer, or both at once.", section="Voice and sound"),
     ] = "robot"
-    speech: Annotated[VoiceSettings, Rule(title="This computer's voice", section="Voice and sound", quiet=True)] = (
-        field(default_factory=VoiceSettings)
-    )
+    speech: Annotated[
+        VoiceSettings, FieldSpec(title="This computer's voice", section="Voice and sound", quiet=True)
+    ] = field(default_factory=VoiceSettings)
     phrases: Annotated[
         tuple[PhraseEntry, ...],
-        Rule(
+        FieldSpec(
             "One-click sentences, on F1 to F8 in this order: plain, with what goes along with them, or in groups. "
             "`{name}` stands for whom it is said to and `{place}` for where the robot goes or stands; other words in "
             "braces, and what is not known, are asked for before anything is said.",
@@ -381,7 +389,7 @@ class Scenario:
     ] = ()
     cameras: Annotated[
         tuple[CameraSettings, ...],
-        Rule(
+        FieldSpec(
             "The cameras to show, perceive and record: the robot's own if not given.",
             section="Robot and cameras",
             longest=6,
@@ -389,11 +397,11 @@ class Scenario:
         ),
     ] = (CameraSettings("robot"),)
     filler: Annotated[
-        str, Rule("What the robot says while the wizard thinks, on F9.", section="Phrases", longest=500)
+        str, FieldSpec("What the robot says while the wizard thinks, on F9.", section="Phrases", longest=500)
     ] = ""
     fillers: Annotated[
         tuple[Sentence, ...],
-        Rule(
+        FieldSpec(
             "More of them: F9 takes the next one each time.",
             title="More fillers",
             section="Phrases",
@@ -404,7 +412,7 @@ class Scenario:
     ] = ()
     gestures: Annotated[
         tuple[Gesture, ...],
-        Rule(
+        FieldSpec(
             "What the robot does without a word, on Ctrl+4 to Ctrl+9 in this order or on keys of their own. What the "
             "robot at hand cannot do is not shown.",
             section="Phrases",
@@ -412,10 +420,10 @@ class Scenario:
             quiet=True,
         ),
     ] = ()
-    places: Annotated[tuple[Place, ...], Rule("Named places in the map.", section="Places", longest=100)] = ()
+    places: Annotated[tuple[Place, ...], FieldSpec("Named places in the map.", section="Places", longest=100)] = ()
     preflight: Annotated[
         tuple[PreflightEntry, ...],
-        Rule(
+        FieldSpec(
             "What the wizard ticks by hand before a recording, after what the console checks by itself.",
             title="Checks by hand before a recording",
             section="Recording",
@@ -423,12 +431,12 @@ class Scenario:
             quiet=True,
         ),
     ] = ()
-    protocol: Annotated[ProtocolSettings, Rule(section="Protocol", quiet=True)] = field(
+    protocol: Annotated[ProtocolSettings, FieldSpec(section="Protocol", quiet=True)] = field(
         default_factory=ProtocolSettings
     )
     controls: Annotated[
         tuple[CONTROL, ...],
-        Rule(
+        FieldSpec(
             "Controls that this scenario adds to the Robot panel, after the robot's own.",
             title="More controls",
             section="Robot and cameras",
@@ -438,7 +446,7 @@ class Scenario:
     ] = ()
     notes: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "What the wizard wants to have at hand in a session, shown in the Notes panel.",
             title="Notes for the wizard",
             section="About",
@@ -447,10 +455,10 @@ class Scenario:
             quiet=True,
         ),
     ] = ""
-    permissions: Annotated[Permissions, Rule(section="What is allowed")] = field(default_factory=Permissions)
+    permissions: Annotated[Permissions, FieldSpec(section="What is allowed")] = field(default_factory=Permissions)
     panels_off: Annotated[
         tuple[_Panel, ...],
-        Rule(
+        FieldSpec(
             "Panels that are not offered in this scenario: not in the layout, in no menu, by no key.",
             title="Panels that are left out",
             section="What is allowed",
@@ -459,35 +467,35 @@ class Scenario:
             quiet=True,
         ),
     ] = ()
-    panels: Annotated[PanelSettings, Rule(title="What panels show at first", section="Panels", quiet=True)] = field(
-        default_factory=PanelSettings
+    panels: Annotated[PanelSettings, FieldSpec(title="What panels show at first", section="Panels", quiet=True)] = (
+        field(default_factory=PanelSettings)
     )
-    recording: Annotated[RecordingSettings, Rule(section="Recording", quiet=True)] = field(
+    recording: Annotated[RecordingSettings, FieldSpec(section="Recording", quiet=True)] = field(
         default_factory=RecordingSettings
     )
-    perception: Annotated[PerceptionSettings, Rule(title="Finding people", section="People", quiet=True)] = field(
+    perception: Annotated[PerceptionSettings, FieldSpec(title="Finding people", section="People", quiet=True)] = field(
         default_factory=PerceptionSettings
     )
-    sound: Annotated[SoundSettings, Rule(title="Microphone and loudspeaker", section="Voice and sound", quiet=True)] = (
-        field(default_factory=SoundSettings)
+    sound: Annotated[
+        SoundSettings, FieldSpec(title="Microphone and loudspeaker", section="Voice and sound", quiet=True)
+    ] = field(default_factory=SoundSettings)
+    blur: Annotated[BlurSettings, FieldSpec(title="Making people unrecognisable", section="People", quiet=True)] = (
+        field(default_factory=BlurSettings)
     )
-    blur: Annotated[BlurSettings, Rule(title="Making people unrecognisable", section="People", quiet=True)] = field(
-        default_factory=BlurSettings
-    )
-    face: Annotated[FaceSettings, Rule(title="The robot's face", section="Robot and cameras", quiet=True)] = field(
+    face: Annotated[FaceSettings, FieldSpec(title="The robot's face", section="Robot and cameras", quiet=True)] = field(
         default_factory=FaceSettings
     )
-    listening: Annotated[ListeningSettings, Rule(section="Listening", quiet=True)] = field(
+    listening: Annotated[ListeningSettings, FieldSpec(section="Listening", quiet=True)] = field(
         default_factory=ListeningSettings
     )
-    driving: Annotated[DrivingLimits, Rule(section="Robot and cameras")] = field(default_factory=DrivingLimits)
-    assistant: Annotated[AssistantSettings, Rule(section="Assistant")] = field(default_factory=AssistantSettings)
-    assistance: Annotated[AssistanceSettings, Rule(title="What it does by itself", section="Assistant", quiet=True)] = (
-        field(default_factory=AssistanceSettings)
-    )
-    path: Annotated[Path | None, NotInFile()] = None
-    sha256: Annotated[str, NotInFile()] = ""
-    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION
+    driving: Annotated[DrivingLimits, FieldSpec(section="Robot and cameras")] = field(default_factory=DrivingLimits)
+    assistant: Annotated[AssistantSettings, FieldSpec(section="Assistant")] = field(default_factory=AssistantSettings)
+    assistance: Annotated[
+        AssistanceSettings, FieldSpec(title="What it does by itself", section="Assistant", quiet=True)
+    ] = field(default_factory=AssistanceSettings)
+    path: Annotated[Path | None, Excluded()] = None
+    sha256: Annotated[str, Excluded()] = ""
+    version: Annotated[Literal[1], FieldSpec("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION
 
     @property
     def every_filler(self) -> tuple[str, ...]:

@@ -1,12 +1,12 @@
 """Keys assigned to phrases and gestures in a scenario."""
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 
 _OF_TEXT_FIELDS = "ACVXYZ"
 _PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"
 _ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, as Ctrl+G; not the keys with which text is edited."
 
 
-def own_key(meaning: str) -> Rule:
+def own_key(meaning: str) -> FieldSpec:
     """Field declaration; ``meaning`` is the key's function."""
-    return Rule(meaning, pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)
+    return FieldSpec(meaning, pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)

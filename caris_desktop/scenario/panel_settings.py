@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.intents import Along
 from caris_desktop.domain.value_class import dataclass
 
@@ -13,13 +13,14 @@ class MapSettings:
     """The Map panel."""
 
     follow: Annotated[
-        bool, Rule("The robot stays in the middle, from near; else the whole map is shown.", title="Follows the robot")
+        bool,
+        FieldSpec("The robot stays in the middle, from near; else the whole map is shown.", title="Follows the robot"),
     ] = False
     up: Annotated[
         Literal["north", "robot"],
-        Rule("What is up: north, or where the robot looks: then the map turns with it.", title="Up is"),
+        FieldSpec("What is up: north, or where the robot looks: then the map turns with it.", title="Up is"),
     ] = "north"
-    trail: Annotated[bool, Rule("Where the robot has driven is drawn.", title="Shows where it has driven")] = True
+    trail: Annotated[bool, FieldSpec("Where the robot has driven is drawn.", title="Shows where it has driven")] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class VideoSettings:
 
     camera: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The name of the camera that is on show, as soon as it is there; the first one if not given.",
             longest=40,
         ),
@@ -41,7 +42,7 @@ class DriveSettings:
 
     first: Annotated[
         Literal["arrows", "stick", "head"],
-        Rule("What is shown where there is not room for all three.", title="Shown first"),
+        FieldSpec("What is shown where there is not room for all three.", title="Shown first"),
     ] = "arrows"
 
 
@@ -51,7 +52,7 @@ class LogSettings:
 
     shows: Annotated[
         Literal["everything", "said", "moved", "people", "session", "problems"],
-        Rule("Which kind of events is listed."),
+        FieldSpec("Which kind of events is listed."),
     ] = "everything"
 
 
@@ -61,7 +62,7 @@ class QuestionSettings:
 
     left_out: Annotated[
         tuple[Along, ...],
-        Rule("What does not go along with a question, unless the wizard adds it.", longest=6, unique=True),
+        FieldSpec("What does not go along with a question, unless the wizard adds it.", longest=6, unique=True),
     ] = ()
 
 
@@ -71,8 +72,8 @@ class PanelSettings:
     another scenario has its own.
     """
 
-    map: Annotated[MapSettings, Rule(quiet=True)] = field(default_factory=MapSettings)
-    video: Annotated[VideoSettings, Rule(quiet=True)] = field(default_factory=VideoSettings)
-    drive: Annotated[DriveSettings, Rule(quiet=True)] = field(default_factory=DriveSettings)
-    session: Annotated[LogSettings, Rule(quiet=True)] = field(default_factory=LogSettings)
-    assistant: Annotated[QuestionSettings, Rule(quiet=True)] = field(default_factory=QuestionSettings)
+    map: Annotated[MapSettings, FieldSpec(quiet=True)] = field(default_factory=MapSettings)
+    video: Annotated[VideoSettings, FieldSpec(quiet=True)] = field(default_factory=VideoSettings)
+    drive: Annotated[DriveSettings, FieldSpec(quiet=True)] = field(default_factory=DriveSettings)
+    session: Annotated[LogSettings, FieldSpec(quiet=True)] = field(default_factory=LogSettings)
+    assistant: Annotated[QuestionSettings, FieldSpec(quiet=True)] = field(default_factory=QuestionSettings)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
@@ -12,18 +12,18 @@ from caris_desktop.scenario.own_key import own_key
 KEYS_OF_A_GROUP = 8
 """F1 to F8."""
 
-Sentence = Annotated[str, Rule(shortest=1, longest=500)]
+Sentence = Annotated[str, FieldSpec(shortest=1, longest=500)]
 
 
 @dataclass(frozen=True, slots=True)
 class Phrase:
     """A sentence with what goes along with it."""
 
-    say: Annotated[Sentence, Rule("What is said.", title="Sentence")]
+    say: Annotated[Sentence, FieldSpec("What is said.", title="Sentence")]
     key: Annotated[str, own_key("A key of its own, which works whatever group is on show.")] = ""
     gesture: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "What the robot does as it begins: a control of the Robot panel by its id, `nod`, or `look` to turn the "
             "head to whom it is said to.",
             knows="gestures",
@@ -33,7 +33,9 @@ class Phrase:
     ] = ""
     face: Annotated[
         str,
-        Rule("The expression that the robot's face takes as it begins.", knows="expressions", longest=40, quiet=True),
+        FieldSpec(
+            "The expression that the robot's face takes as it begins.", knows="expressions", longest=40, quiet=True
+        ),
     ] = ""
 
 
@@ -42,11 +44,11 @@ class PhraseGroup:
     """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
 
     group: Annotated[
-        str, Rule("By which the wizard chooses it, with F10.", title="Title of the group", shortest=1, longest=40)
+        str, FieldSpec("By which the wizard chooses it, with F10.", title="Title of the group", shortest=1, longest=40)
     ]
     phrases: Annotated[
         tuple[Sentence | Phrase, ...],
-        Rule(
+        FieldSpec(
             "What is on F1 to F8 while it is chosen, in this order.",
             title="Sentences",
             shortest=1,

@@ -2,20 +2,20 @@
 
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
-CheckTitle = Annotated[str, Rule(shortest=1, longest=80)]
+CheckTitle = Annotated[str, FieldSpec(shortest=1, longest=80)]
 
 
 @dataclass(frozen=True, slots=True)
 class ManualCheck:
     """A check with what to do about it."""
 
-    check: Annotated[CheckTitle, Rule("What has to be so, as the wizard reads it.")]
-    advice: Annotated[str, Rule("What to do where it is not so.", longest=300, quiet=True)] = ""
+    check: Annotated[CheckTitle, FieldSpec("What has to be so, as the wizard reads it.")]
+    advice: Annotated[str, FieldSpec("What to do where it is not so.", longest=300, quiet=True)] = ""
     needed: Annotated[
-        bool, Rule("`false`: a recording that begins without it does not ask about it first.", quiet=True)
+        bool, FieldSpec("`false`: a recording that begins without it does not ask about it first.", quiet=True)
     ] = True
 
 

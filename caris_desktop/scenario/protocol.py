@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.declared_check import allowed_words
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.translation import tr
@@ -16,17 +16,17 @@ END = "end"
 """Nothing comes after this step."""
 _SECONDS = 60.0
 
-_Title = Annotated[str, Rule(shortest=1, longest=60)]
+_Title = Annotated[str, FieldSpec(shortest=1, longest=60)]
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
     """What the participant may do, and the step with which it goes on then."""
 
-    title: Annotated[_Title, Rule("What the participant does; the words on its button.")]
+    title: Annotated[_Title, FieldSpec("What the participant does; the words on its button.")]
     to: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The step that follows, by its title or its id.",
             title="Goes on with",
             refers=("protocol", "steps", "title"),
@@ -40,10 +40,10 @@ class Branch:
 class ProtocolStep:
     """One step of the protocol."""
 
-    title: Annotated[_Title, Rule("What it is called in the window, in the record and in every table.")]
+    title: Annotated[_Title, FieldSpec("What it is called in the window, in the record and in every table.")]
     id: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "A short name that stays when the title changes; made from the title if not given.",
             pattern="^([a-z0-9][a-z0-9_-]*)?$",
             allowed="lower-case letters, digits, - and _.",
@@ -53,18 +53,18 @@ class ProtocolStep:
     ] = ""
     say: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "What the robot says in it, with one key. A sentence of `phrases` has its gesture and face along.",
             longest=500,
             quiet=True,
         ),
     ] = ""
     go_to: Annotated[
-        str, Rule("The one of the `places` that belongs to it.", refers=("places", "name"), longest=80, quiet=True)
+        str, FieldSpec("The one of the `places` that belongs to it.", refers=("places", "name"), longest=80, quiet=True)
     ] = ""
     minutes: Annotated[
         float,
-        Rule(
+        FieldSpec(
             "How long it is expected to take; 0.5 is half a minute, 0 as long as it takes.",
             unit="minutes",
             at_least=0,
@@ -73,16 +73,16 @@ class ProtocolStep:
         ),
     ] = 0.0
     tick: Annotated[
-        tuple[Annotated[str, Rule(shortest=1, longest=80)], ...],
-        Rule("What the wizard ticks off in it.", title="To tick off", longest=12, unique=True, quiet=True),
+        tuple[Annotated[str, FieldSpec(shortest=1, longest=80)], ...],
+        FieldSpec("What the wizard ticks off in it.", title="To tick off", longest=12, unique=True, quiet=True),
     ] = ()
     branches: Annotated[
         tuple[Branch, ...],
-        Rule("Where it goes on instead, by what the participant does.", longest=MOST_BRANCHES, quiet=True),
+        FieldSpec("Where it goes on instead, by what the participant does.", longest=MOST_BRANCHES, quiet=True),
     ] = ()
     then: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "The step that comes next, by its title or its id, or `end`; if not given, the one below.",
             refers=("protocol", "steps", "title"),
             else_one_of=(END,),
@@ -90,7 +90,7 @@ class ProtocolStep:
             quiet=True,
         ),
     ] = ""
-    note: Annotated[str, Rule("A reminder for the wizard, shown with the step.", longest=500, quiet=True)] = ""
+    note: Annotated[str, FieldSpec("A reminder for the wizard, shown with the step.", longest=500, quiet=True)] = ""
 
     @property
     def step_id(self) -> str:
@@ -106,10 +106,10 @@ class ProtocolStep:
 class ProtocolSettings:
     """The steps of the study, in order. The wizard may go to any of them at any time, and what they did is recorded."""
 
-    steps: Annotated[tuple[ProtocolStep, ...], Rule("The steps, the first first.", longest=60)] = ()
+    steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, the first first.", longest=60)] = ()
     begins: Annotated[
         Literal["with_recording", "by_hand"],
-        Rule("The first step begins as a recording does, or when the wizard goes on to it.", quiet=True),
+        FieldSpec("The first step begins as a recording does, or when the wizard goes on to it.", quiet=True),
     ] = "with_recording"
 
 

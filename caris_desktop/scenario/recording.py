@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 
@@ -10,15 +10,15 @@ ERROR_KEYS = "FGHRUX"
 """They lie beside the hand that drives, or do nothing else: a digit that comes too late would send the robot to a
 place."""
 
-_ErrorName = Annotated[str, Rule(shortest=1, longest=40)]
+_ErrorName = Annotated[str, FieldSpec(shortest=1, longest=40)]
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorKind:
     """A kind of wizard error with what is meant by it."""
 
-    kind: Annotated[_ErrorName, Rule("What is recorded, and stands on its button.")]
-    meaning: Annotated[str, Rule("What is meant by it, for whoever marks it.", longest=200)] = ""
+    kind: Annotated[_ErrorName, FieldSpec("What is recorded, and stands on its button.")]
+    meaning: Annotated[str, FieldSpec("What is meant by it, for whoever marks it.", longest=200)] = ""
 
 
 ErrorEntry = _ErrorName | ErrorKind
@@ -35,8 +35,8 @@ class RecordingSettings:
     """What recordings of this scenario need."""
 
     labels: Annotated[
-        tuple[Annotated[str, Rule(shortest=1, longest=40)], ...],
-        Rule(
+        tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...],
+        FieldSpec(
             "Labels of marks, on Shift+F1 to Shift+F8 in this order.",
             title="Labels of marks",
             longest=8,
@@ -46,7 +46,7 @@ class RecordingSettings:
     ] = ()
     errors: Annotated[
         tuple[ErrorEntry, ...],
-        Rule(
+        FieldSpec(
             "Kinds of wizard error, offered on F, G, H, R, U and X in this order when one is marked: plain, or with "
             "what is meant. If not given: slip, late, wrong branch.",
             title="Kinds of wizard error",
@@ -57,7 +57,7 @@ class RecordingSettings:
     ] = ()
     lsl: Annotated[
         bool,
-        Rule(
+        FieldSpec(
             "Marks with their labels, and the steps of the protocol, also go out on a Lab Streaming Layer outlet, for "
             "anybody on the network.",
             title="Send marks to the lab's network (LSL)",
@@ -67,7 +67,7 @@ class RecordingSettings:
     ] = False
     lsl_words: Annotated[
         bool,
-        Rule(
+        FieldSpec(
             "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
             "them.",
             title="Send every word, too",

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -12,7 +12,7 @@ class SoundSettings:
 
     ear: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "Which microphone hears the participant: `robot` is that of its profile, `computer` one of this computer; "
             "`camera:NAME` that of one of the `cameras` over WebRTC; `auto` the robot's where it has one, or else this "
             "computer's.",
@@ -25,11 +25,12 @@ class SoundSettings:
     ] = "auto"
 
     hear: Annotated[
-        bool, Rule("The wizard may hear along what it hears, best with headphones.", title="Hear along", quiet=True)
+        bool,
+        FieldSpec("The wizard may hear along what it hears, best with headphones.", title="Hear along", quiet=True),
     ] = False
     own_voice: Annotated[
         Literal["auto", "robot", "computer", "both"],
-        Rule(
+        FieldSpec(
             "Where the wizard's own voice comes out, with the permission `own_voice`: of the robot's loudspeaker, of "
             "this computer's, or both; `auto` is the robot's where its profile has one, or else this computer's.",
             quiet=True,

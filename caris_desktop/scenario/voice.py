@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -12,7 +12,7 @@ class VoiceSettings:
 
     name: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "`piper:NAME` or `espeak:NAME`, as the console lists them; if empty, the best one of that language, or the "
             "system's own where no language is given either.",
             pattern="^((piper|espeak):.+)?$",
@@ -22,13 +22,13 @@ class VoiceSettings:
     ] = ""
     language: Annotated[
         str,
-        Rule(
+        FieldSpec(
             "What is spoken: `en`, `de-AT`.",
             pattern="^([A-Za-z]{2,3}([-_][A-Za-z0-9]{2,8})*)?$",
             allowed="a language such as en or de-AT.",
             longest=20,
         ),
     ] = ""
-    rate: Annotated[float, Rule("How fast; 1 is usual.", at_least=0.5, at_most=2)] = 1.0
-    volume: Annotated[float, Rule("How loud, before the computer's own volume.", at_least=0, at_most=1)] = 1.0
-    device: Annotated[str, Rule("Part of the name of the loudspeaker; the usual one if empty.", longest=200)] = ""
+    rate: Annotated[float, FieldSpec("How fast; 1 is usual.", at_least=0.5, at_most=2)] = 1.0
+    volume: Annotated[float, FieldSpec("How loud, before the computer's own volume.", at_least=0, at_most=1)] = 1.0
+    device: Annotated[str, FieldSpec("Part of the name of the loudspeaker; the usual one if empty.", longest=200)] = ""

@@ -22,9 +22,9 @@ from caris_desktop.simulator.camera import CameraProcess
 from caris_desktop.simulator.camera_model import RATE_HZ
 from caris_desktop.simulator.desk_camera import RATE_HZ as DESK_RATE_HZ
 from caris_desktop.simulator.desk_camera import DeskCamera, desk_view
-from caris_desktop.simulator.dress import Dress
+from caris_desktop.simulator.dress import RobotInterface
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
-from caris_desktop.simulator.figure_table import FIGURES
+from caris_desktop.simulator.figure_table import CHARACTERS
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.participant import BadSentences, read_sentences
 from caris_desktop.simulator.people import BadVisits, Visit, read_visits, visits_by_chance
@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--people",
         type=int,
         metavar="N",
-        help=f"N different people (up to {len(FIGURES)}) come and go instead, each round in another order",
+        help=f"N different people (up to {len(CHARACTERS)}) come and go instead, each round in another order",
     )
     parser.add_argument(
         "--visits",
@@ -168,10 +168,10 @@ class _ServerSettings:
     obeyed_log: ObeyedLog | None
 
 
-def _dress_of(args: argparse.Namespace) -> Dress:
+def _dress_of(args: argparse.Namespace) -> RobotInterface:
     try:
         dress = wardrobe.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
-    except wardrobe.NoSuchDress as error:
+    except wardrobe.UnknownRobotModel as error:
         raise _CannotStart(str(error)) from error
     if dress.body.lidar is None:
         return dress
@@ -217,8 +217,8 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
     if sum((args.empty, args.people is not None, args.visits is not None)) > 1:
         raise _CannotStart("--empty, --people and --visits say different things: give one of them.")
     if args.people is not None:
-        if not 1 <= args.people <= len(FIGURES):
-            raise _CannotStart(f"--people must be between 1 and {len(FIGURES)}.")
+        if not 1 <= args.people <= len(CHARACTERS):
+            raise _CannotStart(f"--people must be between 1 and {len(CHARACTERS)}.")
         return visits_by_chance(args.people, args.seed)
     if args.visits is None:
         return None
@@ -230,7 +230,7 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
 
 async def _simulate(
     args: argparse.Namespace,
-    dress: Dress,
+    dress: RobotInterface,
     settings: _ServerSettings,
     visits: list[Visit] | None,
     lines: Sequence[str],

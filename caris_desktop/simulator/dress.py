@@ -108,7 +108,7 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Dress:
+class RobotInterface:
     """Complete interface. Names without a leading slash are in the robot's namespace."""
 
     name: str

@@ -30,7 +30,7 @@ class Clothes:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Character:
     """Constant features of a person. ``build``: relative width, 1 is normal."""
 
     height_m: float
@@ -45,8 +45,8 @@ class Figure:
 PALE, LIGHT, OLIVE, TAN, BROWN, DARK = "#edc5ab", "#dfae8e", "#c99a72", "#a9744f", "#7d5238", "#54372a"
 BLACK, UMBER, CHESTNUT, BLOND, GREY, RED = "#1b1715", "#3a281d", "#5e3d26", "#c2a063", "#a5a3a0", "#8b3f1e"
 
-FIGURES = (
-    Figure(
+CHARACTERS = (
+    Character(
         1.82,
         1.0,
         PALE,
@@ -57,7 +57,7 @@ FIGURES = (
             Clothes("jumper", "#b08a2c", "#b08a2c", "shorts", "#55603d", "#e0e0e0", headwear="cap"),
         ),
     ),
-    Figure(
+    Character(
         1.66,
         0.92,
         LIGHT,
@@ -68,7 +68,7 @@ FIGURES = (
             Clothes("long coat", "#c9b38c", "#f2f2ee", "trousers", "#30425f", "#6b4a30"),
         ),
     ),
-    Figure(
+    Character(
         1.74,
         1.22,
         OLIVE,
@@ -80,7 +80,7 @@ FIGURES = (
         ),
         beard=True,
     ),
-    Figure(
+    Character(
         1.70,
         1.0,
         DARK,
@@ -91,7 +91,7 @@ FIGURES = (
             Clothes("long coat", "#5a1f3d", "#1a1a1a", "trousers", "#1e1e22", "#3a2418"),
         ),
     ),
-    Figure(
+    Character(
         1.60,
         0.98,
         PALE,
@@ -102,7 +102,7 @@ FIGURES = (
             Clothes("open jacket", "#2d7d83", "#f0e9d8", "trousers", "#b9a98c", "#7a5a3d"),
         ),
     ),
-    Figure(
+    Character(
         1.86,
         1.12,
         TAN,
@@ -114,7 +114,7 @@ FIGURES = (
         ),
         beard=True,
     ),
-    Figure(
+    Character(
         1.68,
         0.9,
         LIGHT,
@@ -125,7 +125,7 @@ FIGURES = (
             Clothes("jumper", "#e3dccb", "#6d4b8f", "trousers", "#23262d", "#23262d", pattern="halves"),
         ),
     ),
-    Figure(
+    Character(
         1.77,
         1.0,
         BROWN,
@@ -136,7 +136,7 @@ FIGURES = (
             Clothes("vest", "#20242c", "#7fa3c9", "trousers", "#3c4149", "#0f0f0f"),
         ),
     ),
-    Figure(
+    Character(
         1.72,
         1.28,
         PALE,
@@ -147,7 +147,7 @@ FIGURES = (
             Clothes("shirt", "#9fc3e3", "#9fc3e3", "wide trousers", "#c3b79a", "#8a6a4a"),
         ),
     ),
-    Figure(
+    Character(
         1.63,
         0.9,
         OLIVE,
@@ -176,7 +176,7 @@ FIGURES = (
             ),
         ),
     ),
-    Figure(
+    Character(
         1.79,
         0.94,
         LIGHT,
@@ -196,7 +196,7 @@ FIGURES = (
             Clothes("jumper", "#26466b", "#e6e6e6", "shorts", "#b8a27a", "#f0f0f0", pattern="stripes"),
         ),
     ),
-    Figure(
+    Character(
         1.58,
         1.08,
         BROWN,
@@ -207,7 +207,7 @@ FIGURES = (
             Clothes("open jacket", "#3b5a2a", "#d9c06a", "long skirt", "#43301f", "#2b1f16"),
         ),
     ),
-    Figure(
+    Character(
         1.90,
         0.96,
         PALE,
@@ -219,7 +219,7 @@ FIGURES = (
         ),
         beard=True,
     ),
-    Figure(
+    Character(
         1.75,
         1.05,
         DARK,
@@ -230,7 +230,7 @@ FIGURES = (
             Clothes("shirt", "#3d2a63", "#3d2a63", "trousers", "#5a5f52", "#1f1f1f", bag="shoulder bag"),
         ),
     ),
-    Figure(
+    Character(
         1.65,
         0.95,
         TAN,
@@ -241,7 +241,7 @@ FIGURES = (
             Clothes("shirt", "#3f7f4f", "#3f7f4f", "dress", "#3f7f4f", "#d8c8a8"),
         ),
     ),
-    Figure(
+    Character(
         1.71,
         1.15,
         LIGHT,
@@ -262,7 +262,7 @@ FIGURES = (
         ),
         beard=True,
     ),
-    Figure(
+    Character(
         1.62,
         0.88,
         PALE,
@@ -275,7 +275,7 @@ FIGURES = (
             Clothes("vest", "#3e8f5c", "#f2e4c2", "trousers", "#14161b", "#e8e8e8"),
         ),
     ),
-    Figure(
+    Character(
         1.80,
         1.1,
         OLIVE,
@@ -296,7 +296,7 @@ FIGURES = (
         ),
         beard=True,
     ),
-    Figure(
+    Character(
         1.69,
         1.0,
         TAN,
@@ -316,7 +316,7 @@ FIGURES = (
             ),
         ),
     ),
-    Figure(
+    Character(
         1.76,
         0.93,
         BROWN,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.cut_outs import levels_of
-from caris_desktop.simulator.figure_table import FIGURES, Clothes, Figure
+from caris_desktop.simulator.figure_table import CHARACTERS, Character, Clothes
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -38,8 +38,8 @@ class Appearance:
     clothes: int = 0
 
     @property
-    def figure(self) -> Figure:
-        return FIGURES[self.person % len(FIGURES)]
+    def figure(self) -> Character:
+        return CHARACTERS[self.person % len(CHARACTERS)]
 
     @property
     def worn(self) -> Clothes:
@@ -247,7 +247,7 @@ def _body(appearance: Appearance, phase: float | None) -> _Mesh:
     return mesh
 
 
-def _legs(mesh: _Mesh, figure: Figure, worn: Clothes, skin: Floats, phase: float | None) -> None:
+def _legs(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats, phase: float | None) -> None:
     wide = figure.build
     lower, shoe = _bgr(worn.lower_colour), _bgr(worn.shoes)
     for sign in (-1.0, 1.0):
@@ -306,7 +306,7 @@ def _reach(swing: float, hem_m: float) -> float:
     return 0.09 + abs(math.sin(0.42 * swing)) * (0.58 - hem_m) if hem_m < 0.45 else 0.0
 
 
-def _arms(mesh: _Mesh, figure: Figure, worn: Clothes, *, swing: float, loose: float) -> None:
+def _arms(mesh: _Mesh, figure: Character, worn: Clothes, *, swing: float, loose: float) -> None:
     skin = _bgr(figure.skin)
     wide = figure.build
     short = worn.top == "shirt" and worn.lower in ("shorts", "skirt", "dress", "wide trousers")
@@ -335,7 +335,7 @@ def _arms(mesh: _Mesh, figure: Figure, worn: Clothes, *, swing: float, loose: fl
         mesh.ball((float(palm[0]), float(palm[1]), float(palm[2])), (0.016, 0.022, 0.042), _plain(skin))
 
 
-def _head(mesh: _Mesh, figure: Figure, worn: Clothes, skin: Floats) -> None:
+def _head(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats) -> None:
     hair, cloth = _bgr(figure.hair_colour), _bgr(worn.headwear_colour)
     neck = np.array([(0, -0.005, 0.9), (0, -0.008, 0.87), (0, -0.004, 0.83)])
     mesh.tube(neck, np.array([(0.031, 0.033), (0.032, 0.034), (0.042, 0.042)]), _plain(skin * 0.93), rings=6)

@@ -14,7 +14,7 @@ _MOST_SCREEN_CHARS = 500
 _TEMPERATURE_STEPS = 50
 
 
-class Gadgets:
+class DemoControls:
     """Holds the present values, publishes them on latched topics, and lists them in :attr:`state`."""
 
     def __init__(self, wiring: Wiring) -> None:

@@ -15,7 +15,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.base import clearance_m
-from caris_desktop.simulator.figure_table import FIGURES
+from caris_desktop.simulator.figure_table import CHARACTERS
 from caris_desktop.simulator.figures import Appearance
 from caris_desktop.simulator.path_planning import Point
 
@@ -97,8 +97,8 @@ def read_visits(path: Path) -> list[Visit]:
             f"number in each ({error})."
         ) from error
     for visit in visits:
-        if not 0 <= visit.person < len(FIGURES) or visit.clothes not in (0, 1):
-            raise BadVisits(f"{path}: person must be 1 to {len(FIGURES)}, and clothes 1 or 2.")
+        if not 0 <= visit.person < len(CHARACTERS) or visit.clothes not in (0, 1):
+            raise BadVisits(f"{path}: person must be 1 to {len(CHARACTERS)}, and clothes 1 or 2.")
         if not (0.0 <= visit.comes_s < math.inf and 0.0 <= visit.stays_s < math.inf):
             raise BadVisits(f"{path}: comes_s and stays_s must be numbers of seconds, from 0.")
     return sorted(visits, key=lambda visit: visit.comes_s)
@@ -169,7 +169,7 @@ class _Person:
 
 
 def _visiting(visit: Visit) -> _Role:
-    height_m = FIGURES[visit.person].height_m
+    height_m = CHARACTERS[visit.person].height_m
     return _Role(0, height_m, 1.1, OUTSIDE, ((OUTSIDE, 1.0),), visits_robot=True, visit=visit)
 
 

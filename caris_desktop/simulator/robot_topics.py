@@ -19,7 +19,7 @@ from caris_desktop.simulator.dress import BatteryTopic, SpeechAction, SpeechTopi
 from caris_desktop.simulator.encoding import Placement
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
-from caris_desktop.simulator.gadgets import Gadgets
+from caris_desktop.simulator.gadgets import DemoControls
 from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
 from caris_desktop.simulator.head_topics import HeadOnRos
 from caris_desktop.simulator.map_files import MapFiles
@@ -75,7 +75,7 @@ class RobotTopics:
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
             self.voice.on_said = self.sound.participant.on_robot_finished
-        self._gadgets = Gadgets(wiring) if wiring.dress.gadgets else None
+        self._gadgets = DemoControls(wiring) if wiring.dress.gadgets else None
         self._orders = OrdersOnRos(wiring)
         self._offer_sensors()
         self._offer_commands()

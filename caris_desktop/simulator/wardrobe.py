@@ -19,10 +19,10 @@ from caris_desktop.simulator.dress import (
     AudioTopics,
     BatteryTopic,
     CameraTopics,
-    Dress,
     HeadTopics,
     Navigation,
     Order,
+    RobotInterface,
     SpeechAction,
     SpeechTopics,
     StopService,
@@ -35,11 +35,13 @@ from caris_desktop.simulator.robot import Body
 DEFAULT = "generic"
 
 
-class NoSuchDress(ValueError):  # noqa: N818 - the user asked for what is not there; nothing is broken
+class UnknownRobotModel(ValueError):  # noqa: N818 - the user asked for what is not there; nothing is broken
     """Unknown robot model, or not for this ROS; the text lists the available ones."""
 
 
-def dress_named(name: str, ros: int | None = None, *, namespace: str | None = None, holonomic: bool = False) -> Dress:
+def dress_named(
+    name: str, ros: int | None = None, *, namespace: str | None = None, holonomic: bool = False
+) -> RobotInterface:
     """Robot model by name, for ROS 1 or 2 if it exists for both.
 
     Parameters
@@ -51,15 +53,15 @@ def dress_named(name: str, ros: int | None = None, *, namespace: str | None = No
 
     Raises
     ------
-    NoSuchDress
+    UnknownRobotModel
         Otherwise.
     """
     cut = _DRESSES.get(name)
     if cut is None:
-        raise NoSuchDress(f"There is no dress named '{name}'. Dresses: {', '.join(sorted(_DRESSES))}.")
+        raise UnknownRobotModel(f"There is no dress named '{name}'. Dresses: {', '.join(sorted(_DRESSES))}.")
     if ros is not None and ros not in cut:
         (only,) = cut
-        raise NoSuchDress(f"The dress '{name}' is one of ROS {only}: leave --ros out, or choose another dress.")
+        raise UnknownRobotModel(f"The dress '{name}' is one of ROS {only}: leave --ros out, or choose another dress.")
     dress = cut[ros if ros is not None else min(cut)]()
     if namespace is not None:
         dress = replace(dress, namespace=namespace.strip("/"))
@@ -74,9 +76,9 @@ def dress_names() -> tuple[str, ...]:
     return tuple(sorted(_DRESSES))
 
 
-def _generic(dialect: Dialect) -> Dress:
+def _generic(dialect: Dialect) -> RobotInterface:
     ros1 = dialect is Dialect.ROS1
-    return Dress(
+    return RobotInterface(
         name="generic",
         dialect=dialect,
         body=Body(),
@@ -114,8 +116,8 @@ def _generic(dialect: Dialect) -> Dress:
     )
 
 
-def _tiago() -> Dress:
-    return Dress(
+def _tiago() -> RobotInterface:
+    return RobotInterface(
         name="tiago",
         dialect=Dialect.ROS1,
         body=Body(
@@ -171,19 +173,19 @@ def _tiago() -> Dress:
     )
 
 
-def _tiago_base() -> Dress:
+def _tiago_base() -> RobotInterface:
     """The base alone: no torso, no head, no camera."""
     tiago = _tiago()
     body = replace(tiago.body, head=FIXED)
     return replace(tiago, name="tiago-base", body=body, camera=None, head=None, orders=())
 
 
-def _turtlebot3_humble() -> Dress:
+def _turtlebot3_humble() -> RobotInterface:
     return replace(_turtlebot3(), name="turtlebot3-humble", velocity=(VelocityInput("cmd_vel"),))
 
 
-def _turtlebot3() -> Dress:
-    return Dress(
+def _turtlebot3() -> RobotInterface:
+    return RobotInterface(
         name="turtlebot3",
         dialect=Dialect.ROS2,
         body=Body(
@@ -225,8 +227,8 @@ def _turtlebot3() -> Dress:
     )
 
 
-def _turtlebot4() -> Dress:
-    return Dress(
+def _turtlebot4() -> RobotInterface:
+    return RobotInterface(
         name="turtlebot4",
         dialect=Dialect.ROS2,
         body=Body(
@@ -274,11 +276,11 @@ _POSE_SERVICES = tuple(
 )
 
 
-def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
+def _naoqi(name: str, body: Body, *, scan: str | None) -> RobotInterface:
     """naoqi_driver and naoqi_pose as started by their bringup packages, with the ROS navigation stack if there is a
     scan.
     """
-    return Dress(
+    return RobotInterface(
         name=name,
         dialect=Dialect.ROS1,
         body=body,
@@ -308,7 +310,7 @@ def _naoqi(name: str, body: Body, *, scan: str | None) -> Dress:
     )
 
 
-def _pepper() -> Dress:
+def _pepper() -> RobotInterface:
     # three scanners of 15 beams each, merged into 61 with two blind gaps of 8
     lidar = LidarModel(
         beams=61,
@@ -330,7 +332,7 @@ def _pepper() -> Dress:
     return _naoqi("pepper", body, scan="laser")
 
 
-def _nao() -> Dress:
+def _nao() -> RobotInterface:
     body = Body(
         base=BaseModel(radius_m=0.15, forward_mps=0.1, reverse_mps=0.1, left_mps=0.1, turn_radps=0.8),
         lidar=None,
@@ -342,7 +344,7 @@ def _nao() -> Dress:
     return _naoqi("nao", body, scan=None)
 
 
-_DRESSES: dict[str, dict[int, Callable[[], Dress]]] = {
+_DRESSES: dict[str, dict[int, Callable[[], RobotInterface]]] = {
     DEFAULT: {1: lambda: _generic(Dialect.ROS1), 2: lambda: _generic(Dialect.ROS2)},
     "tiago": {1: _tiago},
     "tiago-base": {1: _tiago_base},

@@ -6,7 +6,7 @@ from typing import Any
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.simulator.dress import Dress
+from caris_desktop.simulator.dress import RobotInterface
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.robot import Robot
 from caris_desktop.simulator.robot_clock import RobotClock
@@ -21,7 +21,7 @@ class Wiring:
 
     robot: Robot
     server: BridgeServer
-    dress: Dress
+    dress: RobotInterface
     clock: RobotClock
     faults: Faults = field(default_factory=Faults)
 

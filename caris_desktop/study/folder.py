@@ -13,11 +13,11 @@ from pathlib import Path
 
 import platformdirs
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.private_files import narrow
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 
@@ -27,7 +27,7 @@ _MAX_DETAILS_BYTES = 64 * 1024
 _MAX_DETAIL_CHARACTERS = 200
 
 
-class StudyFolderError(ToldFailure):
+class StudyFolderError(UserFacingError):
     """Unusable study folder. English text with separate values, for translation."""
 
 
@@ -108,13 +108,13 @@ def new_session_folder(
         raise _unusable(folder.path, error) from error
     if free_bytes < min_free_bytes:
         raise StudyFolderError(
-            filled(
+            localized(
                 QT_TR_NOOP("Only {free_mb} MB are free where {path} lies."),
                 free_mb=f"{free_bytes / 1e6:.0f}",
                 path=folder.path,
             ),
             QT_TR_NOOP("No session was started: a recording needs room for its video."),
-            filled(
+            localized(
                 QT_TR_NOOP("Free at least {least_mb} MB, or choose another study folder."),
                 least_mb=f"{min_free_bytes / 1e6:.0f}",
             ),
@@ -133,7 +133,7 @@ def new_session_folder(
             raise _unusable(folder.path, error) from error
         return path
     raise StudyFolderError(
-        filled(QT_TR_NOOP("{sessions} holds a thousand sessions of this second already."), sessions=folder.sessions),
+        localized(QT_TR_NOOP("{sessions} holds a thousand sessions of this second already."), sessions=folder.sessions),
         QT_TR_NOOP("No session was started."),
         QT_TR_NOOP("Check the computer's clock."),
     )
@@ -179,7 +179,7 @@ def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:
 
 def _unusable(path: Path, error: OSError) -> StudyFolderError:
     return StudyFolderError(
-        filled(QT_TR_NOOP("The study folder {path} cannot be used: {why}."), path=path, why=error.strerror or error),
+        localized(QT_TR_NOOP("The study folder {path} cannot be used: {why}."), path=path, why=error.strerror or error),
         QT_TR_NOOP("No session can be recorded there. Driving and speaking still work."),
         QT_TR_NOOP("Choose a folder that you may write to, or make room on its disk."),
     )

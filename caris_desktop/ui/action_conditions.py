@@ -8,7 +8,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SuggestionsStatus
 from caris_desktop.ui.action_spec import Condition, Feature
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.people.asked import WhoIsAsked
+from caris_desktop.ui.people.asked import PendingIdentityQuestion
 from caris_desktop.ui.step_acts import present_step
 
 
@@ -32,7 +32,7 @@ class ActionConditions(QObject):
         state.speech.changed.connect(self._on_speech_changed)
         for about_steps in (state.protocol, state.scenario):
             about_steps.changed.connect(self._on_step_changed)
-        WhoIsAsked(state, self)
+        PendingIdentityQuestion(state, self)
         self._on_robot_changed(state.robot.value)
         self._on_places_changed(state.places.value)
         self._on_controls_changed(state.controls.value)

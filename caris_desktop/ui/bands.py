@@ -13,12 +13,12 @@ from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 _BUTTON_PX = 28
 
 
-class Band(QWidget):
+class Banner(QWidget):
     """Banner with one sentence and its buttons, in a colour for its severity."""
 
     accessible_role = QAccessible.Role.AlertMessage
@@ -28,7 +28,7 @@ class Band(QWidget):
         self.setObjectName(name)
         self._theme = theme
         self._role = role
-        self.text = CutLabel()
+        self.text = ElidedLabel()
         self.row = boxes.row(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
         theme.keep_styled(self._style)
@@ -60,7 +60,7 @@ class Band(QWidget):
         )
 
 
-class EmergencyBand(Band):
+class EmergencyBanner(Banner):
     """Banner while the emergency stop is latched, with the only button that releases it.
 
     It is apart from the red button, so that a frightened second press never releases the stop.
@@ -88,7 +88,7 @@ class EmergencyBand(Band):
         self.setVisible(drive.emergency_stop)
 
 
-class GuardBand(Band):
+class GuardBanner(Banner):
     """Banner while the wizard has switched off the obstacle guard, so that it is not forgotten."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
@@ -107,7 +107,7 @@ class GuardBand(Band):
         self.setVisible(drive.guard == "overridden")
 
 
-class QuestionBand(Band):
+class QuestionBanner(Banner):
     """Confirmation before something irreversible. Not a dialog: driving and Stop keep working."""
 
     def __init__(self, theme: Theme) -> None:

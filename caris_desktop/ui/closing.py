@@ -9,20 +9,20 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.bands import QuestionBanner
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.robot_choice import motion_that_ends
 
 
-class Closing(QObject):
+class QuitGuard(QObject):
     """Quit guard of the main window; closes ``overlays``, which would cover the question."""
 
     def __init__(
         self,
         window: QWidget,
         console: WizardConsole,
-        question: QuestionBand,
+        question: QuestionBanner,
         problems: ProblemCards,
         overlays: Sequence[Overlay],
     ) -> None:

@@ -9,12 +9,12 @@ from caris_desktop.domain.printable import printable
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import KIND_TITLES, FileQuestion, FileReference
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 
-class ConfirmFileDialog(TabAsRead, QDialog):
+class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
     """Non-modal dialog: the robot can be driven and stopped meanwhile. Cancel has the focus, so Enter means no."""
 
     def __init__(self, theme: Theme, parent: QWidget, question: FileQuestion) -> None:

@@ -15,9 +15,9 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import focus_widget
 from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_of
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.drop_mark import DragWords, DropMark
@@ -49,14 +49,14 @@ class DockHost(DockArea):
         self._docks: dict[PanelName, Dock] = {}
         super().__init__(self._docks, parent)
         self.setObjectName("dock_host")
-        self._arrangement: Arrangement | None = None
+        self._arrangement: DockLayout | None = None
         self._windows: list[FloatingWindow] = []
         self._drop_mark = DropMark(self)
         self._drop_mark.hide()
         self._words: DragWords | None = None
         self._given_up = False
         self.screens: Callable[[], Sequence[Rect]] = available_screens
-        self._before_resize: Arrangement | None = None
+        self._before_resize: DockLayout | None = None
         self._leaving: deque[Dock] = deque()
         self._leave = QTimer(self, interval=_LEAVE_MS)
         self._leave.timeout.connect(self._delete_next)
@@ -71,7 +71,7 @@ class DockHost(DockArea):
     # ---- display
 
     @property
-    def arrangement(self) -> Arrangement | None:
+    def arrangement(self) -> DockLayout | None:
         return self._arrangement
 
     @property
@@ -91,7 +91,7 @@ class DockHost(DockArea):
         """Like :meth:`show_arrangement`, from the layout tree of a file."""
         self.show_arrangement(panels, arrangement_of(tree))
 
-    def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: Arrangement) -> None:
+    def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: DockLayout) -> None:
         """Show ``panels`` in this layout. Existing panels are reused, even if the layout hides them; others are
         deleted.
         """
@@ -153,7 +153,7 @@ class DockHost(DockArea):
     def add_panel(self, name: PanelName, panel: Panel, beside: Sequence[PanelName] = ()) -> None:
         """Add a panel as the front tab next to the first open panel of ``beside``, else next to any open one."""
         if self._arrangement is None:
-            self.show_arrangement({name: panel}, Arrangement(PanelLeaf(name)))
+            self.show_arrangement({name: panel}, DockLayout(PanelLeaf(name)))
             return
         if name not in self._docks:
             self._docks[name] = self._make_dock(name, panel)
@@ -214,7 +214,7 @@ class DockHost(DockArea):
         kept = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
         self._show_arranged()
         if kept is not None and kept.isVisible() and not kept.hasFocus():
-            give_keys(kept, Qt.FocusReason.OtherFocusReason)
+            focus_widget(kept, Qt.FocusReason.OtherFocusReason)
 
     def _show_arranged(self) -> None:
         arrangement = self._arrangement
@@ -282,7 +282,7 @@ class DockHost(DockArea):
             self.locked = locked
             self.show_everything()
 
-    def edit(self, what: str, after: Arrangement | None) -> bool:
+    def edit(self, what: str, after: DockLayout | None) -> bool:
         """Apply the wizard's edit ``what``; returns whether it was applied."""
         if after is None or after == self._arrangement:
             return False
@@ -302,9 +302,9 @@ class DockHost(DockArea):
         """Raise the panel's tab and focus its main field."""
         self._on_tab_chosen(name)
         if self._docks[name].isVisible():
-            give_keys(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
+            focus_widget(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
 
-    def _do(self, what: str, after: Arrangement) -> None:
+    def _do(self, what: str, after: DockLayout) -> None:
         before, self._arrangement = self._arrangement, after
         self.show_everything()
         self.edited.emit(what, before)

@@ -43,8 +43,8 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.give_keys import bar_of, follow_click, key_place_of, window_of
-from caris_desktop.ui.held_motion import WISHES, HeldMotion, Hold
-from caris_desktop.ui.kept_keys import KeptKeys, had_the_keys
+from caris_desktop.ui.held_motion import WISHES, Hold, TeleopInput
+from caris_desktop.ui.kept_keys import KeyboardGrab, had_the_keys
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, KeyboardGrabs, PhysicalKeys
@@ -78,7 +78,7 @@ _TEXT_INPUTS = (QLineEdit, QPlainTextEdit, QTextEdit, QAbstractSpinBox)
 _KEEPS_ITS_KEYS = (*_TEXT_INPUTS, QComboBox, QAbstractItemView)
 
 
-class HoldToDrive(QObject):
+class DriveInputFilter(QObject):
     """Turns held keys into the intents Drive, ReleaseDrive and TurnHead, and Esc and Pause into stops.
 
     A drive key belongs to driving from its press to its physical release, whatever happens to modifiers or focus in
@@ -111,7 +111,7 @@ class HoldToDrive(QObject):
         self._reached_by_tab: QWidget | None = None
         self._followed_ms = 0
         self._clicked_elsewhere = False
-        self.motion = HeldMotion(console, actions, self._takes_keys, self)
+        self.motion = TeleopInput(console, actions, self._takes_keys, self)
         self._bindings = KeyBindings()
         self._alt_drove = self._alt_gr_down = False
         self._last_refused_s = float("-inf")
@@ -127,7 +127,7 @@ class HoldToDrive(QObject):
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape = _NEVER
         self._keys = PhysicalKeys()
-        self._kept_keys = KeptKeys(self._keys.focused_window, self)
+        self._kept_keys = KeyboardGrab(self._keys.focused_window, self)
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app

@@ -4,7 +4,7 @@ from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import boxes
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -18,7 +18,7 @@ class EmergencyOverDialogs(QObject):
 
     pressed = Signal()
 
-    def __init__(self, theme: Theme, button: ActionButton, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, button: ActionButton, hold: DriveInputFilter) -> None:
         super().__init__(button)
         self._theme = theme
         self._button = button

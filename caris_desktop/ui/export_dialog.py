@@ -22,7 +22,7 @@ from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.export import FORMATS
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
@@ -39,7 +39,7 @@ _LEAST_FORMATS_PX = 160
 _FIRST_CHOICE = ("csv", "html")
 
 
-class ExportDialog(TabAsRead, QWidget):
+class ExportDialog(VisualTabOrderMixin, QWidget):
     """Window owned by the main window: driving, talking and stopping continue meanwhile."""
 
     closed = Signal()

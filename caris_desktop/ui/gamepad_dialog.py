@@ -35,7 +35,7 @@ from caris_desktop.live.gamepad_mapping import (
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.scrolled import Scrolled
@@ -61,7 +61,7 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
 }  # fmt: skip
 
 
-class GamepadDialog(TabAsRead, QDialog):
+class GamepadDialog(VisualTabOrderMixin, QDialog):
     """Non-modal, so that the red button and all else keep working; the gamepad being configured does not drive."""
 
     def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported at first use
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # imported at first use
 class GamepadWindow:
     """Connects a gamepad to driving, and opens the dialog in scenarios that drive."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, hold: DriveInputFilter, window: QWidget) -> None:
         self._theme = theme
         self._console = console
         self._hold = hold

@@ -19,16 +19,16 @@ class KeyPlace(QWidget):
         raise NotImplementedError
 
 
-def give_keys(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.ShortcutFocusReason) -> None:
+def focus_widget(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.ShortcutFocusReason) -> None:
     """Focus ``widget`` and activate its window.
 
     Floating panels are windows of their own, and a focused widget in an inactive window receives no keys.
     """
     widget.setFocus(reason)
-    bring_keys_to(window_of(widget))
+    activate_window(window_of(widget))
 
 
-def bring_keys_to(window: QWidget) -> None:
+def activate_window(window: QWidget) -> None:
     """Activate a window, only between the main window and its floating panels: never away from another program, a modal
     dialog, or an editor or list in which the user types.
     """

@@ -73,7 +73,7 @@ def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
     }
 
 
-class GlanceSigns(QWidget):
+class StatusIndicators(QWidget):
     """Status indicators with icon and word at fixed positions; repainted only on a change."""
 
     accessible_role = QAccessible.Role.StaticText

@@ -10,7 +10,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.live.status import CrashRecoveryStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, event_words, tokens
 from caris_desktop.ui.theme import Theme
@@ -61,7 +61,7 @@ def permissions_in_words(console: WizardConsole) -> str:
     return " ".join(sentences)
 
 
-class GoingOnCard(QWidget):
+class ResumeTrialCard(QWidget):
     """Popup over the upper middle of the docks. Not a dialog: the stop and everything else stay usable.
 
     ``start_recording`` starts the next part of the trial.
@@ -125,7 +125,7 @@ class GoingOnCard(QWidget):
 
         return confirm
 
-    def _show(self, status: GoingOnStatus) -> None:
+    def _show(self, status: CrashRecoveryStatus) -> None:
         if not status.state:
             self.hide()
             return

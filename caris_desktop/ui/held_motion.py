@@ -7,21 +7,21 @@ from PySide6.QtCore import QObject, Signal
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.motion_wish import AT_REST, MotionWish, merged
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand, merged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 
-WISHES: dict[str, MotionWish] = {
-    "drive_forward": MotionWish(forward=1.0), "drive_back": MotionWish(forward=-1.0),
-    "strafe_left": MotionWish(left=1.0), "strafe_right": MotionWish(left=-1.0),
-    "turn_left": MotionWish(turn=1.0), "turn_right": MotionWish(turn=-1.0),
-    "look_left": MotionWish(pan=1.0), "look_right": MotionWish(pan=-1.0),
-    "look_up": MotionWish(tilt=-1.0), "look_down": MotionWish(tilt=1.0),
+WISHES: dict[str, TeleopCommand] = {
+    "drive_forward": TeleopCommand(forward=1.0), "drive_back": TeleopCommand(forward=-1.0),
+    "strafe_left": TeleopCommand(left=1.0), "strafe_right": TeleopCommand(left=-1.0),
+    "turn_left": TeleopCommand(turn=1.0), "turn_right": TeleopCommand(turn=-1.0),
+    "look_left": TeleopCommand(pan=1.0), "look_right": TeleopCommand(pan=-1.0),
+    "look_up": TeleopCommand(tilt=-1.0), "look_down": TeleopCommand(tilt=1.0),
 }  # fmt: skip
 
 
-def wish_of(action_ids: Iterable[str]) -> MotionWish:
+def wish_of(action_ids: Iterable[str]) -> TeleopCommand:
     """Sum of the held directions; opposite ones cancel."""
     return merged(WISHES[action_id] for action_id in set(action_ids))
 
@@ -34,7 +34,7 @@ class Hold:
     bare: bool  # pressed without a modifier, so it counts only while a driving panel has the focus
 
 
-class HeldMotion(QObject):
+class TeleopInput(QObject):
     """Sends drive and head commands on each change, and releases all of them at once.
 
     After a forced release a key must be pressed again, and a stick must return to centre. ``takes_keys`` says whether
@@ -53,7 +53,7 @@ class HeldMotion(QObject):
         self._keys: dict[int, Hold] = {}
         self._arrows: set[str] = set()
         self._resting_arrows: set[str] = set()
-        self._sticks: dict[str, MotionWish] = {}
+        self._sticks: dict[str, TeleopCommand] = {}
         self._resting_sticks: set[str] = set()
         self._pad, self._pad_must_rest = AT_REST, False
         self._sent = AT_REST
@@ -74,7 +74,7 @@ class HeldMotion(QObject):
         return self._sent.moving
 
     @property
-    def wish(self) -> MotionWish:
+    def wish(self) -> TeleopCommand:
         """Sum of all input sources."""
         robot = self._console.state.robot.value
         total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
@@ -128,7 +128,7 @@ class HeldMotion(QObject):
             self._resting_arrows.discard(action_id)
             self._tell()
 
-    def push_onscreen(self, stick: str, wish: MotionWish) -> None:
+    def push_onscreen(self, stick: str, wish: TeleopCommand) -> None:
         """Set an on-screen stick. After a forced release it must return to centre first."""
         if not wish.moving:
             self._resting_sticks.discard(stick)
@@ -140,7 +140,7 @@ class HeldMotion(QObject):
             self._sticks.pop(stick, None)
         self._send("onscreen")
 
-    def push_gamepad(self, wish: MotionWish) -> None:
+    def push_gamepad(self, wish: TeleopCommand) -> None:
         """Set the gamepad's sticks. After a forced release they must return to centre first."""
         free = self._may_drive() and self._takes_keys()
         self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)

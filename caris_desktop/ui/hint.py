@@ -9,7 +9,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.announcing import announce
-from caris_desktop.ui.drive_keys import NOWHERE_MS, HoldToDrive
+from caris_desktop.ui.drive_keys import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.give_keys import window_of
 from caris_desktop.ui.theme import Theme
 
@@ -21,7 +21,7 @@ _GAP_PX, _MOST_PX = 6, 460
 class Hints(QObject):
     """One hint at a time, shown as long as keys are discarded. ``middle``: its anchor while nothing has the focus."""
 
-    def __init__(self, theme: Theme, middle: QWidget, actions: Actions, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, middle: QWidget, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__(middle)
         self._theme, self._middle, self._hold = theme, middle, hold
         self._hint: Hint | None = None

@@ -20,7 +20,7 @@ from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.panel_board import PanelManager
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _LEAST_SPEED = 0.1
@@ -42,7 +42,7 @@ class _Choice:
     file: Callable[[Scenario], Any]
 
 
-class KeptChoices(QObject):
+class Preferences(QObject):
     """Restores preferences at ``begin`` and saves them from then on.
 
     The scenario file applies until the wizard chooses otherwise; then the wizard's choice applies, as long as the
@@ -50,7 +50,7 @@ class KeptChoices(QObject):
     scenario opens are not preferences.
     """
 
-    def __init__(self, console: WizardConsole, wizards: WizardProfiles, board: PanelBoard, parent: QObject) -> None:
+    def __init__(self, console: WizardConsole, wizards: WizardProfiles, board: PanelManager, parent: QObject) -> None:
         super().__init__(parent)
         self._console = console
         self._wizards = wizards

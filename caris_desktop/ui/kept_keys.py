@@ -25,7 +25,7 @@ def had_the_keys(hidden: QWidget) -> bool:
     )
 
 
-class KeptKeys(QObject):
+class KeyboardGrab(QObject):
     """Grabs the keyboard while a window closes, so that no key is lost until another window is focused.
 
     On X11 a closing window leaves no focus until the window manager assigns it: an Esc pressed then, perhaps the second

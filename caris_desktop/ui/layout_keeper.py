@@ -18,12 +18,12 @@ from caris_desktop.scenario.layout import layout_text, own_layout
 from caris_desktop.scenario.model import LayoutNode, Scenario
 from caris_desktop.ui.dock_host import LOCKED, DockHost
 from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_of
 from caris_desktop.ui.layout.fitting import fitted, size_class
 from caris_desktop.ui.layout.history import History
-from caris_desktop.ui.layout.kept import KeptLayouts
+from caris_desktop.ui.layout.kept import LayoutFile
 from caris_desktop.ui.layout.tree import differs, panels_in, permitted, tidy, with_the_panels_of
-from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.panel_board import PanelManager
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 LAYOUT_AT_REST_MS = 1000
@@ -45,7 +45,7 @@ class LayoutCommand:
     id: str = field(kw_only=True)
 
 
-class LayoutKeeper(QObject):
+class LayoutStore(QObject):
     """The wizard's working copy of the dock layout, apart from the scenario file.
 
     One per screen size class. Each change is persisted and restored with the scenario; only saving writes it to the
@@ -59,7 +59,7 @@ class LayoutKeeper(QObject):
     def __init__(
         self,
         docks: DockHost,
-        board: PanelBoard,
+        board: PanelManager,
         console: WizardConsole,
         wizards: WizardProfiles,
         show_scenario: Callable[[Scenario], None],
@@ -68,7 +68,7 @@ class LayoutKeeper(QObject):
         self._docks = docks
         self._board = board
         self._console = console
-        self._kept = KeptLayouts(wizards)
+        self._kept = LayoutFile(wizards)
         self._show_scenario = show_scenario
         self._told: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
@@ -110,7 +110,7 @@ class LayoutKeeper(QObject):
 
     # ---- the working copy
 
-    def begin(self, tree: LayoutNode) -> Arrangement:
+    def begin(self, tree: LayoutNode) -> DockLayout:
         """Start with the layout ``tree`` of the scenario file; returns the wizard's layout."""
         scenario = self._console.scenario
         name = scenario.path.name if scenario.path is not None else scenario.title
@@ -148,7 +148,7 @@ class LayoutKeeper(QObject):
     def _file_tree(self, kind: SizeClass) -> LayoutNode:
         return self._trees.get(kind, self._trees["usual"])
 
-    def _load(self, kind: SizeClass) -> Arrangement:
+    def _load(self, kind: SizeClass) -> DockLayout:
         self._kind, self._touched = kind, False
         self._baseline = baseline = self._baseline_of(kind)
         kept = None
@@ -174,7 +174,7 @@ class LayoutKeeper(QObject):
         self._touched = True
         return mine
 
-    def _possible(self, arrangement: Arrangement) -> Arrangement | None:
+    def _possible(self, arrangement: DockLayout) -> DockLayout | None:
         """The layout without panels that the scenario does not offer, and with missing panels that it shows."""
         possible = self._board.possible()
         left = edits.remove(arrangement, [name for name in arrangement.panels if name not in possible])
@@ -198,7 +198,7 @@ class LayoutKeeper(QObject):
                 self._board.show(arrangement_of(baseline))
                 self._begin_telling()
 
-    def _on_edited(self, what: str, before: Arrangement) -> None:
+    def _on_edited(self, what: str, before: DockLayout) -> None:
         self._history.note(what, before)
         self._touched = True
 
@@ -306,7 +306,7 @@ class LayoutKeeper(QObject):
     def redo(self) -> None:
         self._step(self._history.redo)
 
-    def _step(self, step: Callable[[Arrangement], Arrangement | None]) -> None:
+    def _step(self, step: Callable[[DockLayout], DockLayout | None]) -> None:
         present = self._docks.arrangement
         if self.locked:
             self._notice(tr(LOCKED), "")

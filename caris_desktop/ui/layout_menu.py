@@ -6,9 +6,9 @@ from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.layout_keeper import LayoutKeeper
-from caris_desktop.ui.panel_board import PanelBoard
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.layout_keeper import LayoutStore
+from caris_desktop.ui.panel_board import PanelManager
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.words import in_menu
 
@@ -25,7 +25,7 @@ class LayoutMenu:
     """Fills a menu each time it opens."""
 
     def __init__(
-        self, keeper: LayoutKeeper, board: PanelBoard, actions: Actions, theme: Theme, window: QWidget
+        self, keeper: LayoutStore, board: PanelManager, actions: Actions, theme: Theme, window: QWidget
     ) -> None:
         self._keeper = keeper
         self._actions = actions
@@ -72,7 +72,7 @@ class LayoutMenu:
         dialog.show()
 
 
-class TitleDialog(TabAsRead, QDialog):
+class TitleDialog(VisualTabOrderMixin, QDialog):
     """Title dialog of a new scenario. Non-modal: the robot can be driven and stopped meanwhile."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:

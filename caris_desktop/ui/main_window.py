@@ -26,21 +26,21 @@ from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
 from caris_desktop.ui.announcing import Announcements
 from caris_desktop.ui.appearance import Appearance
-from caris_desktop.ui.bands import EmergencyBand, GuardBand, QuestionBand
-from caris_desktop.ui.closing import Closing
+from caris_desktop.ui.bands import EmergencyBanner, GuardBanner, QuestionBanner
+from caris_desktop.ui.closing import QuitGuard
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.face.face_windows import FaceWindows
 from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
-from caris_desktop.ui.going_on_card import GoingOnCard
+from caris_desktop.ui.going_on_card import ResumeTrialCard
 from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
-from caris_desktop.ui.kept_choices import KeptChoices
+from caris_desktop.ui.kept_choices import Preferences
 from caris_desktop.ui.late_imports import LateImports
-from caris_desktop.ui.layout_keeper import LayoutKeeper
+from caris_desktop.ui.layout_keeper import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notice_strip import NoticeStrip
 from caris_desktop.ui.observer.observer_window import ObserverWindows
@@ -50,7 +50,7 @@ from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.palette.memory import PaletteMemory
 from caris_desktop.ui.palette.quick_choices import QuickChoices
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.panel_board import PanelManager
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
@@ -71,7 +71,7 @@ from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.window_menus import WindowMenus
-from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.window_parts import AppContext
 from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
@@ -121,13 +121,13 @@ class MainWindow(PanelWindow, QWidget):
         # Keys
         self.actions_table = Actions(self, console, self)
         self.actions_table.rebuild(console.scenario)
-        self.hold = HoldToDrive(console, self.actions_table, self)
+        self.hold = DriveInputFilter(console, self.actions_table, self)
         self.marking = Marking(self.theme, console, self.actions_table, self.hold, self)
         self.talking = Talking(console, self.actions_table, self.hold, self)
         # Permanent parts
         self._top_bar = TopBar(self.theme, console, self.actions_table)
-        self._question = QuestionBand(self.theme)
-        bands = {EmergencyBand(self.theme, console): 3, GuardBand(self.theme, console): 2, self._question: 4}
+        self._question = QuestionBanner(self.theme)
+        bands = {EmergencyBanner(self.theme, console): 3, GuardBanner(self.theme, console): 2, self._question: 4}
         self._strip = NoticeStrip(self.theme, console, bands)
         self.marking.card.lie_below(self._strip)
         self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
@@ -150,11 +150,11 @@ class MainWindow(PanelWindow, QWidget):
         self._alarms = AlarmList(self.theme, self, console, self.actions_table)
         alarms_button.clicked.connect(self._alarms.show_alarms)
         # Popups and panels
-        self.board = PanelBoard(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
-        self.layout_keeper = LayoutKeeper(self.dock_host, self.board, console, self.wizards, self.show_scenario)
-        self.kept_choices = KeptChoices(console, self.wizards, self.board, self)
+        self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
+        self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
+        self.kept_choices = Preferences(console, self.wizards, self.board, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
-        self._going_on = GoingOnCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
+        self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self._problems.keep_clear_of(self._going_on)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
@@ -169,8 +169,8 @@ class MainWindow(PanelWindow, QWidget):
         self.editor = ScenarioEditorWindow(self.theme, console, self)
         self._scenarios = Remembered(console, scenarios, self)
         overlays = (self._palette_overlay, self._sheet, self._connection, self._preflight, self._alarms)
-        self.closing = Closing(self, console, self._question, self._problems, overlays)
-        parts = WindowParts(
+        self.closing = QuitGuard(self, console, self._question, self._problems, overlays)
+        parts = AppContext(
             console, self.theme, self.actions_table, self.board, self.layout_keeper, self.sessions, self.robots,
             self.gamepad, self.editor, self.wizards, self._scenarios, self._open_scenario, self.appearance,
             self.practice.begin, ScenarioFiles(console, self, self.theme), self.observers, self.closing.close_window,

@@ -12,11 +12,11 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import focus_widget
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.window_above import clear_place, windows_above
 
@@ -84,7 +84,7 @@ class MarkCard(QWidget):
         correct = boxes.row(self._correct, margins_px=0, spacing_px=6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
             correct.addWidget(button)
-        self.field = EnterField()
+        self.field = SubmitLineEdit()
         self.field.setObjectName("note_field")
         self.field.setAccessibleName(tr("Note"))
         self.field.setPlaceholderText(tr("What happens now?"))
@@ -191,7 +191,7 @@ class MarkCard(QWidget):
     def write_note(self, mark: Marked | None = None) -> None:
         """Open the field for a note about this moment, or about ``mark``."""
         if self.writes_note and mark is None:
-            give_keys(self.field)
+            focus_widget(self.field)
             return
         focused = self._window.focusWidget()
         if focused is not self.field:
@@ -210,7 +210,7 @@ class MarkCard(QWidget):
         self.field.setText("" if mark is None else mark.note)
         self._note_row.show()
         self._open(None)
-        give_keys(self.field)
+        focus_widget(self.field)
 
     @property
     def writes_note(self) -> bool:

@@ -14,7 +14,7 @@ from caris_desktop.scenario.recording import ERROR_KEYS
 from caris_desktop.ui.action_rows import MARKS_GROUP
 from caris_desktop.ui.action_spec import IntentNow
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.mark_acts import move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.mark_card import MarkCard
 from caris_desktop.ui.theme import Theme
@@ -34,7 +34,7 @@ class Marking(QObject):
     """Runs the mark actions of the table and shows each mark in the popup for a while."""
 
     def __init__(
-        self, theme: Theme, console: WizardConsole, actions: Actions, hold: HoldToDrive, window: QWidget
+        self, theme: Theme, console: WizardConsole, actions: Actions, hold: DriveInputFilter, window: QWidget
     ) -> None:
         super().__init__(window)
         self._console = console

@@ -10,11 +10,11 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.bands import Band
+from caris_desktop.ui.bands import Banner
 from caris_desktop.ui.give_keys import Bar
-from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.glance import StatusIndicators
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 HEIGHT_PX = 38
 _ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
@@ -23,7 +23,7 @@ _ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
 class NoticeStrip(Bar, QWidget):
     """Strip of fixed height. Banners share its width; without any it shows the robot's current activity."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, bands: dict[Band, int]) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, bands: dict[Banner, int]) -> None:
         """``bands`` from left to right, with their share of the width."""
         super().__init__()
         self.setObjectName("notice_strip")
@@ -32,10 +32,10 @@ class NoticeStrip(Bar, QWidget):
         self._theme = theme
         self._console = console
         self._bands = tuple(bands)
-        self._now = CutLabel()
+        self._now = ElidedLabel()
         self._now.setObjectName("robot_now")
         row = boxes.row(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
-        self._signs = GlanceSigns(theme, console.state)
+        self._signs = StatusIndicators(theme, console.state)
         row.addWidget(self._signs)
         row.addWidget(self._now, 1)
         for band, share in bands.items():

@@ -4,7 +4,7 @@ from PySide6.QtCore import QEvent, QObject, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
-from caris_desktop.ui.give_keys import bring_keys_to
+from caris_desktop.ui.give_keys import activate_window
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_above import WindowAbove, clear_place, windows_above
 
@@ -42,7 +42,7 @@ class Overlay(QWidget):
         self._place()
         self.show()
         self.raise_()
-        bring_keys_to(self._window)
+        activate_window(self._window)
 
     def close_overlay(self) -> None:
         """Hide and restore the former focus."""
@@ -56,7 +56,7 @@ class Overlay(QWidget):
             self._focus_before.setFocus(Qt.FocusReason.PopupFocusReason)
         before, self._keys_before = self._keys_before, None
         if isinstance(before, WindowAbove) and before.isVisible():
-            bring_keys_to(before)
+            activate_window(before)
 
     def card_height_px(self) -> int:
         return self.card.sizeHint().height()

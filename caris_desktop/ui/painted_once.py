@@ -14,7 +14,7 @@ AT_MOST = 96
 """Maximum number of cached pixmaps, least recently used first out; a label takes a few kilobytes."""
 
 
-class PaintedOnce:
+class PixmapCache:
     """Pixmap cache by key, for one widget or a class of widgets. GUI thread only."""
 
     def __init__(self, at_most: int = AT_MOST) -> None:

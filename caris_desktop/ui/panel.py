@@ -16,8 +16,8 @@ from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import tokens
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
-from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.theme import Theme
 
 TITLE_HEIGHT_PX = 38
@@ -34,7 +34,7 @@ class PanelContext:
     console: WizardConsole
     theme: Theme
     actions: Actions
-    hold: HoldToDrive
+    hold: DriveInputFilter
     discreet: bool = False
     """Whether a participant may see the screen: the wizard's notes on people and turns are hidden."""
 
@@ -249,7 +249,7 @@ def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, activ
         painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
 
 
-def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: PaintedOnce, *, active: bool) -> None:
+def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: PixmapCache, *, active: bool) -> None:
     """Round corners and outline of the lower half of a card, over content that reaches its edge.
 
     Clipping the content would cost a hundred times as much. ``painted`` is cleared when the theme changes.

@@ -19,8 +19,8 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.give_keys import give_keys
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.give_keys import focus_widget
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_of
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.layout.tree import panels_in, permitted
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
@@ -36,7 +36,7 @@ more than one repaint.
 class _Building:
     """Layout to apply once all panels are created, and the callback for completion."""
 
-    arrangement: Arrangement
+    arrangement: DockLayout
     arranged: Callable[[], None]
 
 
@@ -53,7 +53,7 @@ class _KeptPlace(Panel):
         return self._least
 
 
-class PanelBoard(QObject):
+class PanelManager(QObject):
     """Manages all panels by name, without knowing their classes."""
 
     window_wanted = Signal(str)  # WindowName: a panel requests a window
@@ -109,7 +109,7 @@ class PanelBoard(QObject):
         self,
         scenario: Scenario,
         arranged: Callable[[LayoutNode], None],
-        arrange: Callable[[LayoutNode], Arrangement] = arrangement_of,
+        arrange: Callable[[LayoutNode], DockLayout] = arrangement_of,
     ) -> None:
         """Show the panels of ``scenario`` with its actions and shortcuts, over several turns of the event loop.
 
@@ -243,7 +243,7 @@ class PanelBoard(QObject):
         self._behind.clear()
         self._building = None
 
-    def show(self, arrangement: Arrangement) -> None:
+    def show(self, arrangement: DockLayout) -> None:
         """Apply a layout: existing panels stay, visible missing ones are created, and hidden missing ones keep their
         turn.
         """
@@ -319,7 +319,7 @@ class PanelBoard(QObject):
         panel = self.panels.get(name)
         if panel is not None:
             self.open(name)
-            give_keys(panel.focus_target())
+            focus_widget(panel.focus_target())
 
     def focus_driving(self) -> bool:
         """Focus a panel where the bare keys drive; False if the scenario has none."""
@@ -332,7 +332,7 @@ class PanelBoard(QObject):
             panel = self._panels.get(name)
             if panel is not None:
                 self._docks.show_panel(name)
-                give_keys(panel.focus_target())
+                focus_widget(panel.focus_target())
                 return True
         return False
 

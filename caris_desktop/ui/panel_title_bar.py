@@ -10,7 +10,7 @@ from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
 
@@ -32,7 +32,7 @@ class PanelTitleBar(Bar, QWidget):
         self._theme = panel.theme
         self.setFixedHeight(TITLE_HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self._title = CutLabel()
+        self._title = ElidedLabel()
         self._title.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self._title.setMinimumWidth(_LEAST_TITLE_PX)
         self._title.setText(panel.shown_title)

@@ -15,7 +15,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.protocol import ProtocolStep
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
@@ -24,7 +24,7 @@ from caris_desktop.ui.step_acts import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
@@ -50,7 +50,7 @@ class ProtocolStrip(Bar, QWidget):
 
     moment_wanted = Signal(int)
 
-    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__()
         self.setObjectName("protocol_strip")
         self.setAccessibleName(tr("Protocol"))
@@ -68,7 +68,7 @@ class ProtocolStrip(Bar, QWidget):
         self.pills = StepPills(theme)
         self.pills.chosen.connect(self._go_to)
         self.pills.list_wanted.connect(self._open_or_close_list)
-        self._note = CutLabel()
+        self._note = ElidedLabel()
         self._note.setObjectName("step_note_line")
         self._ticks: list[CheckBox] = []
         self._ticked = self._button("ticks_button", icon="check-square", menu_arrow=True)

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import shiboken6
 from PySide6.QtCore import QObject, Signal
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.wizard_console import WizardConsole
 
 T = TypeVar("T")
@@ -17,7 +17,7 @@ def read_for(
     console: WizardConsole,
     read: Callable[[], T],
     done: Callable[[T], None],
-    failed: Callable[[ToldFailure], None] | None = None,
+    failed: Callable[[UserFacingError], None] | None = None,
 ) -> None:
     """Like :meth:`WizardConsole.read_aside`, but without callback if ``part`` was deleted meanwhile."""
 
@@ -25,7 +25,7 @@ def read_for(
         if shiboken6.isValid(part):
             done(found)
 
-    def tell_failed(failure: ToldFailure) -> None:
+    def tell_failed(failure: UserFacingError) -> None:
         if failed is not None and shiboken6.isValid(part):
             failed(failure)
 
@@ -64,5 +64,5 @@ class Remembered(QObject):
             self._known = found
             self.changed.emit()
 
-    def _on_failed(self, _failure: ToldFailure) -> None:
+    def _on_failed(self, _failure: UserFacingError) -> None:
         self._reading = False  # logged; the cached value stays

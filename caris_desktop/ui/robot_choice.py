@@ -13,7 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
-from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.bands import QuestionBanner
 from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.words import UNDER_WAY, in_menu, shortened
@@ -38,7 +38,7 @@ def motion_that_ends(state: LiveState) -> list[str]:
 class RobotChooser(QObject):
     """Connects another robot. Discovery of robots without a profile needs an explorer."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, question: QuestionBand, window: QWidget) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, question: QuestionBanner, window: QWidget) -> None:
         super().__init__(window)
         self._theme = theme
         self._console = console

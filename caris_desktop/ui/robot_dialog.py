@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (
@@ -35,10 +35,10 @@ from caris_desktop.robot.profile import (
 from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.scrolled import Scrolled
 
@@ -62,7 +62,7 @@ class RobotExplorer(Protocol):
         *,
         security: SecuritySettings,
         progress: Callable[[str], None],
-        done: "Callable[[Exploration | ToldFailure], None]",
+        done: "Callable[[Exploration | UserFacingError], None]",
     ) -> None:
         """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
 
@@ -71,14 +71,14 @@ class RobotExplorer(Protocol):
         profile: RobotProfile,
         *,
         progress: "Callable[[StreamCheck], None]",
-        done: "Callable[[tuple[StreamCheck, ...] | ToldFailure], None]",
+        done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
     ) -> None:
         """Check all streams of the profile; ``progress`` gets each result as it arrives."""
 
-    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | ToldFailure], None]) -> None:
+    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
         """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
 
-    def read(self, name: str, *, done: Callable[[RobotProfile | ToldFailure], None]) -> None:
+    def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
         """Load the profile of that name."""
 
     def cancel(self) -> None: ...
@@ -103,7 +103,7 @@ def with_usual_port(address: str) -> str:
     return parts._replace(netloc=f"{parts.netloc}:{_USUAL_PORT}").geturl() if alone else address
 
 
-class RobotDialog(TabAsRead, QDialog):
+class RobotDialog(VisualTabOrderMixin, QDialog):
     """Non-modal: the connected robot can be driven and stopped meanwhile. Ends with ``saved(RobotChoice)``."""
 
     saved = Signal(object)
@@ -177,7 +177,7 @@ class RobotDialog(TabAsRead, QDialog):
         self.name_field.setAccessibleName(tr("Name of the robot"))
         self.name_field.setMinimumHeight(36)
         self.name_field.textChanged.connect(self._refresh)
-        self._file = CutLabel()
+        self._file = ElidedLabel()
         self._file.setObjectName("robot_file")
         self._check = ActionButton(theme, tr("Check live"), icon="activity", height_px=38)
         self._check.setObjectName("robot_check")
@@ -203,7 +203,7 @@ class RobotDialog(TabAsRead, QDialog):
 
     def _make_tabs(self) -> QWidget:
         holder = QWidget()
-        self._summary = CutLabel()
+        self._summary = ElidedLabel()
         self._summary.setObjectName("robot_summary")
         row = boxes.row(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
@@ -360,9 +360,9 @@ class RobotDialog(TabAsRead, QDialog):
             use(profile_of(self._found.offer, chosen, name="new", title=title, address=address, security=security))
             return
 
-        def read(profile: RobotProfile | ToldFailure) -> None:
+        def read(profile: RobotProfile | UserFacingError) -> None:
             self._set_busy("")
-            if isinstance(profile, ToldFailure):
+            if isinstance(profile, UserFacingError):
                 self._show_failure(profile)
             else:
                 use(replace(profile, title=title, address=address, security=security))
@@ -375,9 +375,9 @@ class RobotDialog(TabAsRead, QDialog):
     def _on_progress(self, step: str) -> None:
         self._note.show_note("blue", "hourglass", f"{tr(step)}…")
 
-    def _on_explored(self, found: "Exploration | ToldFailure") -> None:
+    def _on_explored(self, found: "Exploration | UserFacingError") -> None:
         self._set_busy("")
-        if isinstance(found, ToldFailure):
+        if isinstance(found, UserFacingError):
             self._show_failure(found)
             if "certificate" in str(found).casefold() or "secret" in str(found).casefold():
                 self._security_toggle.setChecked(True)
@@ -429,9 +429,9 @@ class RobotDialog(TabAsRead, QDialog):
             self._column.insertWidget(self._column.count() - 1, row)
         row.show_check(check)
 
-    def _on_check_done(self, checks: "tuple[StreamCheck, ...] | ToldFailure") -> None:
+    def _on_check_done(self, checks: "tuple[StreamCheck, ...] | UserFacingError") -> None:
         self._set_busy("")
-        if isinstance(checks, ToldFailure):
+        if isinstance(checks, UserFacingError):
             self._show_failure(checks)
             return
         bad = [tr(check.label) for check in checks if check.state in ("nothing", "wrong")]
@@ -445,15 +445,15 @@ class RobotDialog(TabAsRead, QDialog):
         else:
             self._note.show_note("green", "check-circle", tr("Everything comes as it should."))
 
-    def _on_saved(self, choice: RobotChoice | ToldFailure) -> None:
+    def _on_saved(self, choice: RobotChoice | UserFacingError) -> None:
         self._set_busy("")
-        if isinstance(choice, ToldFailure):
+        if isinstance(choice, UserFacingError):
             self._show_failure(choice)
             return
         self.accept()
         self.saved.emit(choice)
 
-    def _show_failure(self, failure: ToldFailure) -> None:
+    def _show_failure(self, failure: UserFacingError) -> None:
         told = " ".join(map(tr, (failure.what, failure.meaning, failure.advice)))
         self._note.show_note("red", "warning-octagon", told)
 

@@ -22,7 +22,7 @@ from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.scenario.bundle import NAME, ImportQuestion, NameConflict
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -35,7 +35,7 @@ _ASKED = {
 _LONGEST_NAME = 60
 
 
-class SameNamesDialog(TabAsRead, QDialog):
+class ImportConflictDialog(VisualTabOrderMixin, QDialog):
     """Non-modal: the robot can be driven and stopped meanwhile. ``decide`` gets the choice for each name."""
 
     def __init__(

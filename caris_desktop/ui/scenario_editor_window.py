@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.library import own_file
@@ -74,7 +74,7 @@ class ScenarioEditorWindow(QObject):
             self._editor.tell_not_read(problem)
         bring_up(self._editor)
 
-    def _on_failed(self, failure: ToldFailure) -> None:
+    def _on_failed(self, failure: UserFacingError) -> None:
         self._opening = False
         _log.error("the scenario does not open for editing: %s", failure)
 

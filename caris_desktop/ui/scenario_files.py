@@ -35,12 +35,12 @@ class ScenarioFiles:
         if question is None:
             return
         # Imported late: the first window does not need it.
-        from caris_desktop.ui.same_names_dialog import SameNamesDialog
+        from caris_desktop.ui.same_names_dialog import ImportConflictDialog
 
         def decide(decided: tuple[intents.SameName, ...]) -> None:
             self._console.do(intents.ImportScenario(question.path, decided))
 
-        SameNamesDialog(self._theme, self._window, question, decide).show()
+        ImportConflictDialog(self._theme, self._window, question, decide).show()
 
     def _ask_to_confirm(self, question: FileQuestion | None) -> None:
         """List the references of a file. Nothing in the file is used before a yes; closing the dialog means no."""

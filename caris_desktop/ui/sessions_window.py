@@ -29,7 +29,7 @@ from caris_desktop.ui.session_table import (
     natural_order,
     purpose_title,
 )
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
@@ -47,7 +47,7 @@ _FILTERS = (
 )
 
 
-class SessionsWindow(TabAsRead, QWidget):
+class SessionsWindow(VisualTabOrderMixin, QWidget):
     """Window owned by the main window. ``export_requested`` carries the selected folders."""
 
     export_requested = Signal(object)  # list of folders

@@ -15,7 +15,7 @@ from caris_desktop.scenario.model import BlurSettings, Permissions
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import open_words, summary
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -89,7 +89,7 @@ def _listed(parts: Sequence[str], several: str) -> str:
     return parts[0] if len(parts) == 1 else several.format(some=", ".join(parts[:-1]), last=parts[-1])
 
 
-class StartDialog(TabAsRead, QDialog):
+class StartDialog(VisualTabOrderMixin, QDialog):
     """Emits ``begin(TrialDetails, bool)`` to start, with empty details after Skip; True if the wizard starts in spite
     of open checks.
 

@@ -14,7 +14,7 @@ _Part = tuple[QRect, list[QWidget]]
 """Geometry of a widget within its parent, and the tab stops inside."""
 
 
-class TabAsRead:
+class VisualTabOrderMixin:
     """Mixin for a window, before its Qt class. Qt's tab order is creation order, but panels move, and buttons come and
     go.
     """
@@ -23,7 +23,7 @@ class TabAsRead:
         return isinstance(self, QWidget) and move_focus(self, forward=forward)
 
 
-class PanelWindow(TabAsRead):
+class PanelWindow(VisualTabOrderMixin):
     """Tab order for a window with panels. Qt also moves the focus when the focused widget is hidden or disabled; here
     it is cleared instead, because keys drive, speak and switch.
     """

@@ -8,7 +8,7 @@ from caris_desktop.domain.sound import TalkTo
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 
 _GAMEPAD = "push_to_talk"
 _TAKEN_BY_OTHERS = ("dialog", "menu", "elsewhere")
@@ -19,7 +19,7 @@ class Talking(QObject):
     new press.
     """
 
-    def __init__(self, console: WizardConsole, actions: Actions, hold: HoldToDrive, parent: QObject) -> None:
+    def __init__(self, console: WizardConsole, actions: Actions, hold: DriveInputFilter, parent: QObject) -> None:
         super().__init__(parent)
         self._console = console
         self._actions = actions

@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPainte
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 
 ThemeChoice = Literal["system", "dark", "light"]
@@ -44,7 +44,7 @@ class Theme(QObject):
         self._choice: ThemeChoice = choice
         self.family = _pick_family()
         self._fonts: dict[tuple[int, int], QFont] = {}
-        self.painted = PaintedOnce(at_most=_MOST_PAINTED)
+        self.painted = PixmapCache(at_most=_MOST_PAINTED)
         """What looks the same wherever it stands: a button of the next scenario that says what one of the last said."""
         self.colors: Colors = DARK
         app.setStyle("Fusion")
@@ -218,7 +218,7 @@ QTableView::item {{ padding: 0 7px; border: 0; border-bottom: 1px solid {colors.
 QTableView::item:selected {{
     background: {colors.blue_soft}; color: {colors.text}; border-bottom: 1px solid {colors.blue};
 }}
-RowList {{ background: transparent; border: 0; border-radius: 0; }}
+FastTableView {{ background: transparent; border: 0; border-radius: 0; }}
 QAbstractScrollArea::corner {{ background: transparent; border: 0; }}
 QHeaderView, QTableView QTableCornerButton::section {{ background: {colors.panel}; border: 0; }}
 QHeaderView::section {{

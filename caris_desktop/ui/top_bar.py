@@ -17,7 +17,7 @@ from caris_desktop.ui.drive_keys import STOPS
 from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 56
@@ -55,7 +55,7 @@ def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
     return " · ".join(part for part in parts if part)
 
 
-class TrialLabel(CutLabel):
+class TrialLabel(ElidedLabel):
     """Trial label, elided if space is short."""
 
     def __init__(self) -> None:

@@ -14,16 +14,14 @@ from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.sound_menu import SoundMenu
 from caris_desktop.ui.theme import CHOICES, SCALES, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
-from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
+from caris_desktop.ui.window_parts import THEME_WORDS, AppContext
 from caris_desktop.ui.words import in_menu
 
 
 class WindowMenus:
     """Menus below the buttons of ``top_bar``."""
 
-    def __init__(
-        self, parts: WindowParts, top_bar: TopBar, show_shortcuts: Callable[[], None], window: QWidget
-    ) -> None:
+    def __init__(self, parts: AppContext, top_bar: TopBar, show_shortcuts: Callable[[], None], window: QWidget) -> None:
         self._parts = parts
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts

@@ -9,9 +9,9 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.appearance import Appearance
 from caris_desktop.ui.gamepad_window import GamepadWindow
-from caris_desktop.ui.layout_keeper import LayoutKeeper
+from caris_desktop.ui.layout_keeper import LayoutStore
 from caris_desktop.ui.observer.observer_window import ObserverWindows
-from caris_desktop.ui.panel_board import PanelBoard
+from caris_desktop.ui.panel_board import PanelManager
 from caris_desktop.ui.read_aside import Remembered
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
@@ -28,12 +28,12 @@ THEME_WORDS: dict[ThemeChoice, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class WindowParts:
+class AppContext:
     console: WizardConsole
     theme: Theme
     actions: Actions
-    panels: PanelBoard
-    layout: LayoutKeeper
+    panels: PanelManager
+    layout: LayoutStore
     sessions: SessionWindows
     robots: RobotChooser
     gamepad: GamepadWindow

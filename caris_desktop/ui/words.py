@@ -7,7 +7,7 @@ from datetime import datetime
 from caris_desktop.domain import clock, events, person_marks
 from caris_desktop.domain.sensing import CameraState, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
-from caris_desktop.domain.told_again import told_again
+from caris_desktop.domain.told_again import retranslate
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus
@@ -202,7 +202,7 @@ def with_label(sentence: str, label: str) -> str:
 
 def with_detail(sentence: str, detail: str) -> str:
     """The sentence with a recorded reason, which is English in the record."""
-    again = told_again(detail)
+    again = retranslate(detail)
     return f"{sentence}: {tr(again)}" if detail else sentence
 
 

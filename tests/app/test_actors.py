@@ -24,7 +24,7 @@ from caris_desktop.domain.actor import CONSOLE, MODEL, WIZARD
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.practice import PracticeParts
 from caris_desktop.live.services.robot import RobotConnection
@@ -368,7 +368,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             save_profile(replace(profile, title=f"{name.title()} robot"), folder / f"{name}.yaml")
         headset = replace(
             parts.microphone.wizard,
-            body=ProcessBody("wizard microphone", bodies.quiet_microphone),
+            body=ProcessSpec("wizard microphone", bodies.quiet_microphone),
             chosen=lambda: "Headset",
         )
         parts = replace(
@@ -376,7 +376,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             microphone=replace(parts.microphone, wizard=headset),
             people=replace(
                 parts.people,
-                inference=ProcessBody("inference", bodies.somebody),
+                inference=ProcessSpec("inference", bodies.somebody),
                 as_told=lambda body, _scenario: body,
             ),
             assistant=replace(

@@ -18,7 +18,7 @@ from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, Utter
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
@@ -212,8 +212,8 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
 def _robot(camera: str) -> RobotConnection:
     profile = RobotProfile(camera, camera, cameras=(CameraTopic(camera, f"/{camera}"),))
     control, media = (
-        ProcessBody("control", bodies.silent_link),
-        ProcessBody("media", bodies.link_with_camera, (camera,)),
+        ProcessSpec("control", bodies.silent_link),
+        ProcessSpec("media", bodies.link_with_camera, (camera,)),
     )
     return RobotConnection(camera, "ws://127.0.0.1:9", profile, control, media)
 
@@ -259,8 +259,8 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     notes = tmp_path / "notes"
-    camera = OwnCamera("computer", ProcessBody("camera computer", bodies.camera_that_notes, (notes,)))
-    inference = ProcessBody("inference", bodies.brightness, ("test",))
+    camera = OwnCamera("computer", ProcessSpec("camera computer", bodies.camera_that_notes, (notes,)))
+    inference = ProcessSpec("inference", bodies.brightness, ("test",))
     people = replace(parts.people, inference=inference, as_told=lambda body, _scenario: body)
     console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras((camera,))), scenario)
     statuses: list[PerceptionStatus] = []
@@ -295,7 +295,7 @@ def test_a_camera_whose_process_dies_is_back_and_the_other_goes_on(qtbot: QtBot,
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     own = tuple(
-        OwnCamera(name, ProcessBody(f"camera {name}", bodies.link_with_camera, (name,))) for name in ("desk", "door")
+        OwnCamera(name, ProcessSpec(f"camera {name}", bodies.link_with_camera, (name,))) for name in ("desk", "door")
     )
     people = replace(parts.people, inference=None)
     console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras(own)), scenario)

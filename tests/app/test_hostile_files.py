@@ -15,10 +15,10 @@ from typing import NoReturn
 import pytest
 
 from caris_desktop.app import commands, composition
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.printable import printable
-from caris_desktop.live.confirmed_files import ConfirmationNeeded, scenario_references
+from caris_desktop.live.confirmed_files import ConfirmationNeededError, scenario_references
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_records import CHUNK, CHUNK_BODY, record
 from caris_desktop.robot.profile import user_robots_dir
@@ -49,10 +49,10 @@ def test_no_mutation_of_a_scenario_gets_past_the_question(tmp_path: Path) -> Non
         path.write_bytes(mutated(HOSTILE.encode(), chance))
         try:
             scenario = composition._load_scenario(path)
-        except ConfirmationNeeded as needed:
+        except ConfirmationNeededError as needed:
             asked += 1
             assert needed.question.named
-        except ToldFailure:
+        except UserFacingError:
             continue  # refused in words
         else:
             assert scenario_references(scenario) == ()

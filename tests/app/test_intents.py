@@ -24,7 +24,7 @@ from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.console import Console
 from caris_desktop.live.gate import Gate
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.live.status import CrashRecoveryStatus
 from caris_desktop.scenario.model import Permissions
 from tests.support.polling import wait_for
 
@@ -187,7 +187,7 @@ def bench(shared_bench: Bench) -> Iterator[Bench]:
     shared_bench.connected()
     yield shared_bench
     state = shared_bench.console.state
-    state.going_on.set(GoingOnStatus())
+    state.going_on.set(CrashRecoveryStatus())
     state.link.set(replace(state.link.value, state="closed"))
 
 
@@ -272,13 +272,13 @@ def test_nothing_is_recorded_before_what_may_have_changed_is_confirmed(bench: Be
     """After an end that nobody wanted, whoever asks, and by whatever key."""
     state, needed = bench.console.state, INTENTS[type(asked)].confirmed
     for what in get_args(intents.AsBefore):
-        state.going_on.set(GoingOnStatus("unconfirmed", unconfirmed=(what,)))
+        state.going_on.set(CrashRecoveryStatus("unconfirmed", unconfirmed=(what,)))
         bench.done.clear()
         refused = bench.console.do(asked)
         assert is_a_sentence(refused) if what in needed else refused == "", what
         assert bench.done == ([] if what in needed else [asked]), what
     for state_of_trial in ("offered", "confirmed"):
-        state.going_on.set(GoingOnStatus(state_of_trial))
+        state.going_on.set(CrashRecoveryStatus(state_of_trial))
         assert bench.console.do(asked) == ""
     assert needed == get_args(intents.AsBefore) or not isinstance(asked, intents.StartRecording)
 

@@ -8,8 +8,8 @@ import pytest
 from PySide6.QtCore import QByteArray, QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app.kept_settings import KeptSettings
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.app.kept_settings import SavedSettings
+from caris_desktop.domain.failure import UserFacingError
 
 INI = QSettings.Format.IniFormat
 
@@ -22,7 +22,7 @@ def test_what_is_set_is_there_at_once_and_in_the_file_when_the_program_ends(qapp
     path = tmp_path / "settings.ini"
     before = _in_file(path)
     before.setValue("appearance/theme", "dark")
-    kept = KeptSettings(before)
+    kept = SavedSettings(before)
     assert kept.value("appearance/theme") == "dark" and kept.value("sound/microphone", "none") == "none"
     kept.setValue("sound/microphone", "Desk")
     kept.setValue("window/geometry", QByteArray(b"\x00\x01"))
@@ -35,7 +35,7 @@ def test_what_is_set_is_there_at_once_and_in_the_file_when_the_program_ends(qapp
 
 def test_what_another_window_wrote_meanwhile_stays(qapp: object, tmp_path: Path) -> None:
     path = tmp_path / "settings.ini"
-    console, replay = KeptSettings(_in_file(path)), KeptSettings(_in_file(path))
+    console, replay = SavedSettings(_in_file(path)), SavedSettings(_in_file(path))
     replay.setValue("replay/geometry", QByteArray(b"r"))
     replay.finish()
     console.setValue("window/geometry", QByteArray(b"w"))
@@ -44,17 +44,17 @@ def test_what_another_window_wrote_meanwhile_stays(qapp: object, tmp_path: Path)
 
 
 def test_the_thread_of_the_window_writes_nothing(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = KeptSettings(_in_file(tmp_path / "settings.ini"))
+    kept = SavedSettings(_in_file(tmp_path / "settings.ini"))
     writing, go_on, by = threading.Event(), threading.Event(), list[threading.Thread]()
-    write: Callable[[KeptSettings], None] = KeptSettings._write
+    write: Callable[[SavedSettings], None] = SavedSettings._write
 
-    def slow_disk(self: KeptSettings) -> None:
+    def slow_disk(self: SavedSettings) -> None:
         by.append(threading.current_thread())
         writing.set()
         assert go_on.wait(20)
         write(self)
 
-    monkeypatch.setattr(KeptSettings, "_write", slow_disk)
+    monkeypatch.setattr(SavedSettings, "_write", slow_disk)
     kept.setValue("a", "1")
     assert writing.wait(20)
     for number in range(5):  # the disk still does not answer
@@ -68,8 +68,8 @@ def test_the_thread_of_the_window_writes_nothing(qtbot: QtBot, tmp_path: Path, m
 
 def test_a_folder_that_cannot_be_written_to_is_told_once_and_costs_nothing_else(qtbot: QtBot, tmp_path: Path) -> None:
     (tmp_path / "no folder").write_text("a file")
-    kept = KeptSettings(_in_file(tmp_path / "no folder" / "settings.ini"))
-    told: list[ToldFailure] = []
+    kept = SavedSettings(_in_file(tmp_path / "no folder" / "settings.ini"))
+    told: list[UserFacingError] = []
     kept.failed.connect(told.append)
     kept.setValue("a", "1")
     qtbot.waitUntil(lambda: bool(told), timeout=20_000)

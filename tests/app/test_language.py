@@ -16,9 +16,9 @@ from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.app.user_settings import VERSION
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import use_translator
-from caris_desktop.live.parts import Parts
+from caris_desktop.live.parts import Adapters
 from caris_desktop.scenario.file import parse_scenario
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
 from tests.app.test_replay_command import _arguments
@@ -50,12 +50,12 @@ def settings(tmp_path: Path) -> QSettings:
     return settings
 
 
-def plain(told: Problem | ToldFailure) -> list[str]:
+def plain(told: Problem | UserFacingError) -> list[str]:
     return [text for text in (told.what, told.meaning, told.advice) if is_plain(text, OF_THE_TEST)]
 
 
 @pytest.fixture
-def parts(tmp_path: Path) -> Parts:
+def parts(tmp_path: Path) -> Adapters:
     (tmp_path / "broken.yaml").write_text(BROKEN, "utf-8")
     study = composition.open_study(tmp_path / "study")
     study.people_database.write_bytes(b"no database at all")
@@ -74,14 +74,14 @@ def parts(tmp_path: Path) -> Parts:
     ],
     ids=["scenario not opened", "scenario not saved", "robot not known", "nothing to practise on"],
 )
-def test_what_cannot_be_done(parts: Parts, tmp_path: Path, fails: Callable[[Parts, Path], object]) -> None:
-    with pytest.raises(ToldFailure) as told:
+def test_what_cannot_be_done(parts: Adapters, tmp_path: Path, fails: Callable[[Adapters, Path], object]) -> None:
+    with pytest.raises(UserFacingError) as told:
         fails(parts, tmp_path)
     assert plain(told.value) == []
 
 
 @pytest.mark.logs("people database")
-def test_cameras_that_cannot_be_used_and_people_that_cannot_be_read(parts: Parts) -> None:
+def test_cameras_that_cannot_be_used_and_people_that_cannot_be_read(parts: Adapters) -> None:
     failures = parts.cameras(parse_scenario(CAMERAS, path=Path("cameras.yaml"))).failures
     assert [plain(failure) for failure in failures] == [[], []]
     _presence, problems = parts.people.open_presence()

@@ -20,7 +20,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.intents import Permission
 from caris_desktop.domain.sound import Role
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.listening import ListeningService
@@ -40,7 +40,7 @@ WITH_PROCESSES = (SpeechService, MicrophoneService, SoundService, ListeningServi
 class Child:
     """A process that does nothing; the console only has to want it."""
 
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
         self.pid = None
 

@@ -8,7 +8,7 @@ import pytest
 from caris_desktop.app import composition
 from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
 from caris_desktop.conversation.face.file import load_face, save_face
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.services.scenario import Imported
@@ -95,7 +95,7 @@ def test_a_name_that_is_taken_or_cannot_be_is_refused_and_everything_stays(tmp_p
         save_scenario(replace(tour, title=name), user_scenarios_dir() / f"{name}.yaml")
     before = {path: path.read_text() for path in list_own()}
     for name, why in (("other", "called 'other' already"), ("../x", "cannot be a name"), ("tour-guide", "already")):
-        with pytest.raises(ToldFailure) as told:
+        with pytest.raises(UserFacingError) as told:
             import_scenario(tmp_path / "v.caris", [SameName("scenario", "visit", name)])
         assert why in told.value.meaning
     assert {path: path.read_text() for path in list_own()} == before
@@ -112,7 +112,7 @@ def test_a_robot_in_it_that_cannot_be_is_told_and_nothing_is_kept(tmp_path: Path
     inside = read_bundle(tmp_path / "tour.caris")
     broken = replace(inside, beside=(replace(inside.beside[0], text="title: Ours\nros: 7\n"),))
     write_bundle(broken, tmp_path / "broken.caris")
-    with pytest.raises(ToldFailure) as told:
+    with pytest.raises(UserFacingError) as told:
         import_scenario(tmp_path / "broken.caris")
     assert "broken.caris, robot/ours.yaml, line " in told.value.meaning
     assert list_own() == []

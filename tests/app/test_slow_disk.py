@@ -14,10 +14,10 @@ from caris_desktop.app import composition
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.commands import Drive, Release, RenewLease
 from caris_desktop.domain.events import Marked, PlacesChanged, Problem, ScenarioOpened
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.robot import RobotConnection
 from caris_desktop.live.wizard_console import BeforeRecording
@@ -28,7 +28,7 @@ from tests.live import bodies
 from tests.support.slow_disk import SlowDisk
 
 HERE = Pose2D(1.0, 2.0, 0.5)
-FULL = ToldFailure("The disk is full.", "Nothing was kept.", "Make room.")
+FULL = UserFacingError("The disk is full.", "Nothing was kept.", "Make room.")
 
 
 class Bench:
@@ -48,7 +48,7 @@ class Bench:
             replace(
                 parts,
                 people=replace(parts.people, inference=None),
-                speech=ProcessBody("speech", bodies.silent_link),
+                speech=ProcessSpec("speech", bodies.silent_link),
                 session=replace(
                     parts.session,
                     new_session=slow(parts.session.new_session),
@@ -107,7 +107,7 @@ class Bench:
 
 
 def _silent_robot(name: str) -> RobotConnection:
-    body = ProcessBody("control", bodies.silent_link)
+    body = ProcessSpec("control", bodies.silent_link)
     return RobotConnection(name, "ws://127.0.0.1:9", RobotProfile(name, name), body, None)
 
 

@@ -25,13 +25,13 @@ from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady,
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, SessionEnded, SessionStarted, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
 from caris_desktop.live.forgetting import ForgettingAsked, ForgettingEnded
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.people.store import PeopleStore
 from caris_desktop.perception.backends import choice
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
-from caris_desktop.perception.inference_messages import InferenceReady, Look
+from caris_desktop.perception.inference_messages import DetectionRequest, InferenceReady
 from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.recording.annotation.overview_of import SessionOverview, run_overview
 from caris_desktop.recording.export import FORMATS, ExportFinished, ExportRequest, run_exports
@@ -53,7 +53,7 @@ class Body:
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
         self._told: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._child = ChildProcess(
-            ProcessBody(target.__name__, target, arguments),
+            ProcessSpec(target.__name__, target, arguments),
             on_message=lambda value, _raw: self._told.put(value),
             on_exit=lambda code: self._told.put(code),
         )
@@ -100,7 +100,7 @@ class Driven:
     def inference(self) -> Body:
         body = Body(bodies.inference, RingsToRead((self.ring.name,)), InferenceSettings())
         body.until(InferenceReady)
-        body.send(Look(self.picture(), faces=True, to_cover=True))
+        body.send(DetectionRequest(self.picture(), faces=True, to_cover=True))
         body.until(People)
         return body
 

@@ -34,12 +34,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
@@ -232,7 +232,7 @@ class NoCanceller(EchoCanceller):
         return None
 
 
-class NoOwnWords(OwnWords):
+class NoOwnWords(RobotSpeechFilter):
     """Every word is somebody's."""
 
     def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
@@ -269,7 +269,7 @@ class Aec3(NoCanceller):
         return self._frame(bytearray(np.ascontiguousarray(samples).tobytes()), RATE_HZ, 1, 160)
 
 
-def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words: OwnWords) -> list[Said]:
+def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words: RobotSpeechFilter) -> list[Said]:
     """The finished turns of the participant."""
     finished: list[Said] = []
     began: dict[str, int] = {}
@@ -282,7 +282,7 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
                 finished.append(Said(began[message.utterance_id], at, message.text))
 
     model = TurnModel.find()
-    ear = Ear(
+    ear = SpeechSegmenter(
         ROBOT_MICROPHONE,
         TurnTaking(SilenceOfPeople(), SilenceBounds()),
         VoiceActivity(),
@@ -376,15 +376,15 @@ def main() -> None:
     began_s = time.monotonic()
     scene = scene_of(voices, asked.utterances, asked.over, asked.seed, busy=asked.busy)
     canceller = NoCanceller() if asked.text_alone else EchoCanceller()
-    result: dict[str, object] = dict(figures(scene, heard(scene, engine, canceller, OwnWords())))
+    result: dict[str, object] = dict(figures(scene, heard(scene, engine, canceller, RobotSpeechFilter())))
     result |= {"utterances": asked.utterances, "over": asked.over, "sound_s": round(len(scene.sound) / RATE_HZ)}
     result["took_s"] = round(time.monotonic() - began_s)
     if asked.compared:
         small = scene_of(voices, asked.compared, asked.compared, asked.seed + 1, busy=asked.busy)
         ways: dict[str, Callable[[], dict[str, float | int]]] = {
-            "ours": lambda: figures(small, heard(small, engine, EchoCanceller(), OwnWords())),
+            "ours": lambda: figures(small, heard(small, engine, EchoCanceller(), RobotSpeechFilter())),
             "ours_without_own_words": lambda: figures(small, heard(small, engine, EchoCanceller(), NoOwnWords())),
-            "own_words_alone": lambda: figures(small, heard(small, engine, NoCanceller(), OwnWords())),
+            "own_words_alone": lambda: figures(small, heard(small, engine, NoCanceller(), RobotSpeechFilter())),
             "aec3_alone": lambda: figures(small, heard(small, engine, Aec3(), NoOwnWords())),
             "nothing": lambda: figures(small, heard(small, engine, NoCanceller(), NoOwnWords())),
         }

@@ -19,7 +19,7 @@ from PySide6.QtTest import QTest
 from caris_desktop.app import composition
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain.events import CommandSent
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.robot.link import LinkSettings, run_media_link
 from caris_desktop.robot.profile import TopicSource
@@ -47,7 +47,7 @@ class RobotWithMapsFromElsewhere(DemoRobot):
     def _on_ready(self, address: str) -> None:
         connection = composition.robot_connection("simulated", address=address)
         profile = replace(connection.profile, map=TopicSource("/map"), map_updates=None)
-        media = ProcessBody("media", run_media_link, (LinkSettings(profile, self._media_address),))
+        media = ProcessSpec("media", run_media_link, (LinkSettings(profile, self._media_address),))
         self._driven.connect_robot(replace(connection, media=media))
 
 

@@ -39,7 +39,7 @@ from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, default_threads
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.perception.tracker import PersonTracker
@@ -99,7 +99,7 @@ def ours(name: str, detector: Detector, weights: Weights, looks: AppearanceModel
         height_px, width_px = image_bgr.shape[:2]
         began_s = time.perf_counter()
         ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, number, width_px, height_px)
-        perceived = perceiver.perceive(image_bgr, Look(ref))
+        perceived = perceiver.perceive(image_bgr, DetectionRequest(ref))
         whole_s = time.perf_counter() - began_s
         return perceived.detector_s, whole_s - perceived.detector_s
 

@@ -21,7 +21,7 @@ from caris_desktop.app import bodies, composition
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonAppeared
 from caris_desktop.domain.sensing import People
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.perception.inference_settings import InferenceSettings
@@ -77,7 +77,7 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
         parts = composition.parts(study=composition.open_study(Path(folder) / "study"), cameras=())
         settings = InferenceSettings(weights_path=model)
         worker = PerceptionWorker(
-            ProcessBody("inference", bodies.inference, (RingsToRead((ring.name,)), settings)),
+            ProcessSpec("inference", bodies.inference, (RingsToRead((ring.name,)), settings)),
             parts.people.open_presence,
             publish,
         )

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.sensing import FrameRef, LaserScan
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_control_link, run_media_link
 from caris_desktop.robot.profile import CameraTopic, RobotProfile, TopicSource
@@ -55,8 +55,8 @@ def ages_in_the_console(port: int, seconds: float) -> dict[str, list[float]]:
             ages[topic].append((now_ns() - value.robot_stamp_ns) / 1e6)
 
     children = [
-        ChildProcess(ProcessBody("control", run_control_link, (settings,)), on_message=take),
-        ChildProcess(ProcessBody("media", run_media_link, (settings, RingToWrite(ring.name))), on_message=take),
+        ChildProcess(ProcessSpec("control", run_control_link, (settings,)), on_message=take),
+        ChildProcess(ProcessSpec("media", run_media_link, (settings, RingToWrite(ring.name))), on_message=take),
     ]
     for child in children:
         child.start()

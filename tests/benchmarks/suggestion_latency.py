@@ -36,7 +36,7 @@ from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.suggestions import prompt
 from caris_desktop.conversation.suggestions.replies import replies_in
-from caris_desktop.conversation.suggestions.rounds import Round, Rounds
+from caris_desktop.conversation.suggestions.rounds import Round, SuggestionCycle
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
@@ -180,7 +180,7 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
 
         for sound in (sounds[0], *sounds):
             begun = Begun()
-            rounds = Rounds(begun, str)
+            rounds = SuggestionCycle(begun, str)
             voice_ended_ns = speak(sound, hear)
             until_ns = voice_ended_ns + round(_AFTER_S * 1e9)
             while clock.now_ns() < until_ns:

@@ -28,14 +28,14 @@ import jiwer
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
@@ -110,12 +110,12 @@ class Participant:
         """The whole turn, with whatever comes after it."""
         self.ends, self.texts, self.committed_s = [], [], 0.0
         self._now_s = 0.0
-        ear = Ear(
+        ear = SpeechSegmenter(
             ROBOT_MICROPHONE,
             TurnTaking(self._silence, SilenceBounds()),
             VoiceActivity(),
             canceller=EchoCanceller(),
-            own_words=OwnWords(),
+            own_words=RobotSpeechFilter(),
             turn_over=self._judge,
             tell=self._on_told,
         )

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.conversation.prompts import DATA_RULE, Along, build_messages
+from caris_desktop.conversation.prompts import DATA_RULE, ContextPart, build_messages
 from caris_desktop.conversation.suggestions.prompt import ReplyGrounds, reply_messages
 from caris_desktop.conversation.transcript import Turn, turns_of
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceState
@@ -19,7 +19,7 @@ def event(
 def asked(question: str, *, system_prompt: str = "Be brief.", **along: Any) -> list[tuple[str, str]]:
     if "conversation" in along:
         along["conversation"] = turns_of(along["conversation"])
-    messages = build_messages(question, system_prompt=system_prompt, along=Along(**along))
+    messages = build_messages(question, system_prompt=system_prompt, along=ContextPart(**along))
     return [(message.role, message.content) for message in messages]
 
 
@@ -134,7 +134,7 @@ def test_a_model_is_told_what_was_corrected() -> None:
     heard = UtteranceChanged(1, "p", "participant", "Hello robber.", "heard", "finished")
     own = UtteranceChanged(2, "q", "participant", "Hello.", "heard", "finished")
     corrected = (UtteranceCorrected(3, "p", text="Hello robot."), UtteranceCorrected(4, "q", speaker="robot"))
-    along = Along(conversation=turns_of((heard, own, *corrected)))
+    along = ContextPart(conversation=turns_of((heard, own, *corrected)))
     told = build_messages("What now?", system_prompt="", along=along)
     assert [message.role for message in told][-3:] == ["user", "assistant", "user"]
     assert "Hello robot." in told[-3].content

@@ -8,7 +8,16 @@ from typing import Annotated, Any, Literal
 import jsonschema
 import pytest
 
-from caris_desktop.domain.declared import Form, NotInFile, Rule, Spread, WrittenAs, data_of, replaced, value_from
+from caris_desktop.domain.declared import (
+    Excluded,
+    FieldSpec,
+    Flattened,
+    StoredAs,
+    ValueForm,
+    data_of,
+    replaced,
+    value_from,
+)
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.declared_page import reference, with_tables
 from caris_desktop.domain.declared_schema import file_schema
@@ -19,46 +28,50 @@ from caris_desktop.domain.key_path import KeyPath, Problem
 class Lamp:
     """One lamp of ``a shelf``."""
 
-    name: Annotated[str, Rule("How it is called.", shortest=1, longest=20)]
-    brightness: Annotated[float, Rule("How bright it is.", unit="percent", at_least=0, at_most=100)] = 50.0
+    name: Annotated[str, FieldSpec("How it is called.", shortest=1, longest=20)]
+    brightness: Annotated[float, FieldSpec("How bright it is.", unit="percent", at_least=0, at_most=100)] = 50.0
 
 
 @dataclass(frozen=True, slots=True)
 class _SizeKeys:
-    width_cm: Annotated[float, Rule("From left to right.", more_than=0)]
+    width_cm: Annotated[float, FieldSpec("From left to right.", more_than=0)]
 
 
 @dataclass(frozen=True, slots=True)
 class Book:
     """One book."""
 
-    book: Annotated[str, Rule("Its title.")]
+    book: Annotated[str, FieldSpec("Its title.")]
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
     """Things in a box."""
 
-    things: Annotated[tuple["Thing", ...], Rule("What is in it.", shortest=1, order=1)]
-    lid: Annotated[bool, Rule("Whether it is closed.")] = False
+    things: Annotated[tuple["Thing", ...], FieldSpec("What is in it.", shortest=1, order=1)]
+    lid: Annotated[bool, FieldSpec("Whether it is closed.")] = False
 
 
-Thing = Annotated[Book | Box, Rule("A book, or a box of things.", noun="thing", needs="a thing is a book or a box.")]
+Thing = Annotated[
+    Book | Box, FieldSpec("A book, or a box of things.", noun="thing", needs="a thing is a book or a box.")
+]
 
 
 @dataclass(frozen=True, slots=True)
 class Shelf:
     """A shelf."""
 
-    boards: Annotated[int, Rule("How many boards it has.", at_least=1)]
-    width_m: Annotated[float, Spread(_SizeKeys, lambda keys: keys.width_cm / 100, lambda m: _SizeKeys(m * 100))]
-    wood: Annotated[Literal["oak", "pine"], Rule("What it is made of.")] = "oak"
-    lamps: Annotated[tuple[Lamp, ...], Rule("Its lamps.", longest=2, quiet=True)] = ()
-    colours: Annotated[tuple[str, ...], Rule("Its colours.", unique=True)] = ()
-    number: Annotated[str, Rule("Where it stands.", pattern="^[A-Z][0-9]$", allowed="a letter and a digit.")] = "A1"
-    top: Annotated[Thing | None, Rule("What stands on it.")] = None
+    boards: Annotated[int, FieldSpec("How many boards it has.", at_least=1)]
+    width_m: Annotated[float, Flattened(_SizeKeys, lambda keys: keys.width_cm / 100, lambda m: _SizeKeys(m * 100))]
+    wood: Annotated[Literal["oak", "pine"], FieldSpec("What it is made of.")] = "oak"
+    lamps: Annotated[tuple[Lamp, ...], FieldSpec("Its lamps.", longest=2, quiet=True)] = ()
+    colours: Annotated[tuple[str, ...], FieldSpec("Its colours.", unique=True)] = ()
+    number: Annotated[str, FieldSpec("Where it stands.", pattern="^[A-Z][0-9]$", allowed="a letter and a digit.")] = (
+        "A1"
+    )
+    top: Annotated[Thing | None, FieldSpec("What stands on it.")] = None
     light: Lamp = field(default_factory=lambda: Lamp("top"))
-    seen: Annotated[bool, NotInFile()] = False
+    seen: Annotated[bool, Excluded()] = False
 
 
 LEAST = {"boards": 3, "width_cm": 80}
@@ -69,7 +82,7 @@ def told(data: Any, declaration: Any = Shelf) -> list[Problem]:
 
 
 def test_a_setting_that_is_declared_is_checked_told_read_written_and_explained() -> None:
-    colour = Annotated[Literal["red", "green"], Rule("Its colour.")]
+    colour = Annotated[Literal["red", "green"], FieldSpec("Its colour.")]
     coloured = make_dataclass("Lamp", [("colour", colour, "red")], bases=(Lamp,), frozen=True)
     for text_of in (lambda of: json.dumps(file_schema(of, schema_id="x", title="x")), reference):
         assert "colour" not in text_of(Lamp)
@@ -223,25 +236,25 @@ def test_the_page_has_a_section_for_each_group() -> None:
 class _CornerKeys:
     """A corner, in centimetres."""
 
-    at_cm: Annotated[tuple[float, float], Rule("Across and down.")]
+    at_cm: Annotated[tuple[float, float], FieldSpec("Across and down.")]
 
 
 @dataclass(frozen=True, slots=True)
 class Plug:
     """How the lamp gets its power."""
 
-    kind: Annotated[Literal["wall", "battery", "none"], Rule("Which.")] = "wall"
-    volts: Annotated[float | None, Rule("Of the wall.", beside=("kind", "wall"), needed=("kind", "wall"))] = None
-    cells: Annotated[int | None, Rule("Of the battery.", beside=("kind", "battery"))] = None
-    fuse_a: Annotated[float | None, Rule("Its fuse.", beside=("volts",))] = None
+    kind: Annotated[Literal["wall", "battery", "none"], FieldSpec("Which.")] = "wall"
+    volts: Annotated[float | None, FieldSpec("Of the wall.", beside=("kind", "wall"), needed=("kind", "wall"))] = None
+    cells: Annotated[int | None, FieldSpec("Of the battery.", beside=("kind", "battery"))] = None
+    fuse_a: Annotated[float | None, FieldSpec("Its fuse.", beside=("volts",))] = None
 
 
 @dataclass(frozen=True, slots=True)
 class Bulb:
     """A bulb."""
 
-    watts: Annotated[float | None, Rule("Power.")] = None
-    lumens: Annotated[float | None, Rule("Light.", instead_of=("watts",))] = None
+    watts: Annotated[float | None, FieldSpec("Power.")] = None
+    lumens: Annotated[float | None, FieldSpec("Light.", instead_of=("watts",))] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,17 +263,17 @@ class Fitting:
 
     corner_m: Annotated[
         tuple[float, float],
-        WrittenAs(
+        StoredAs(
             _CornerKeys,
             lambda keys: tuple(cm / 100 for cm in keys.at_cm),
             lambda corner_m: _CornerKeys((corner_m[0] * 100, corner_m[1] * 100)),
         ),
-        Rule("Where it is.", key="corner"),
+        FieldSpec("Where it is.", key="corner"),
     ]
-    bulb: Annotated[Bulb, Rule("The bulb.", some_of=("watts", "lumens"), needs="a bulb has watts or lumens.")]
-    plug: Annotated[Plug | None, Rule("Its plug.")] = None
-    told: Annotated[Mapping[str, Any], Rule("What its makers say.", quiet=True)] = field(default_factory=dict)
-    label: Annotated[bool | float | str, Rule("What is written on it.", wanted=True)] = ""
+    bulb: Annotated[Bulb, FieldSpec("The bulb.", some_of=("watts", "lumens"), needs="a bulb has watts or lumens.")]
+    plug: Annotated[Plug | None, FieldSpec("Its plug.")] = None
+    told: Annotated[Mapping[str, Any], FieldSpec("What its makers say.", quiet=True)] = field(default_factory=dict)
+    label: Annotated[bool | float | str, FieldSpec("What is written on it.", wanted=True)] = ""
 
 
 FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, "label": 7}
@@ -334,7 +347,7 @@ def test_a_value_may_be_written_as_another_declaration_and_under_another_word() 
 def test_each_single_value_can_be_replaced_by_what_it_is() -> None:
     seen: list[KeyPath] = []
 
-    def doubled(form: Form, value: Any, path: KeyPath) -> Any:
+    def doubled(form: ValueForm, value: Any, path: KeyPath) -> Any:
         seen.append(path)
         return value * 2 if form.kind is float else value
 

@@ -9,11 +9,19 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.recorded_form import to_message
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined, refilled, tr, use_translator
+from caris_desktop.domain.translation import (
+    QT_TR_NOOP,
+    LocalizedText,
+    joined,
+    localized,
+    parse_localized,
+    tr,
+    use_translator,
+)
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.children import told_here
 from caris_desktop.ui.language import in_trial_language
@@ -33,13 +41,13 @@ def german() -> Iterator[None]:
     use_translator(None)
 
 
-def broke_off(camera: str) -> Filled:
-    return filled("{camera} broke off: {why}.", camera=camera, why=filled("no answer"))
+def broke_off(camera: str) -> LocalizedText:
+    return localized("{camera} broke off: {why}.", camera=camera, why=localized("no answer"))
 
 
 @pytest.mark.usefixtures("german")
 def test_it_is_english_and_can_be_said_anew_after_it_came_from_another_process() -> None:
-    said = pickle.loads(pickle.dumps(filled("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
+    said = pickle.loads(pickle.dumps(localized("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
     assert said == "The disk is slow: it took 2.5 s."
     assert tr(said) == "2.5 s hat die Festplatte gebraucht."
     assert type(tr(said)) is str
@@ -58,7 +66,7 @@ def test_a_marked_text_is_one_wherever_it_goes() -> None:
     """As a value, out of a table or an error, and after it came from another process; a name that reads so is none."""
     reasons = {"silent": QT_TR_NOOP("no answer")}
     whys = (reasons["silent"], ValueError(QT_TR_NOOP("no answer")), pickle.loads(pickle.dumps(reasons))["silent"])  # noqa: S301
-    told = [tr(filled("{camera} broke off: {why}.", camera="no answer", why=why)) for why in whys]
+    told = [tr(localized("{camera} broke off: {why}.", camera="no answer", why=why)) for why in whys]
     assert told == ["no answer brach ab: keine Antwort."] * 3
     assert tr(joined([QT_TR_NOOP("no answer"), "no answer"])) == "keine Antwort no answer"
     assert json.dumps(reasons) == '{"silent": "no answer"}'
@@ -70,14 +78,14 @@ def test_a_marked_text_is_one_wherever_it_goes() -> None:
 @pytest.mark.usefixtures("german")
 def test_an_error_tells_it_on() -> None:
     assert tr(str(OSError(broke_off("Front")))) == "Front brach ab: keine Antwort."
-    assert tr(filled("{why}", why=ValueError(filled("no answer")))) == "keine Antwort"
-    assert tr(ToldFailure(broke_off("Front"), "", "").what) == "Front brach ab: keine Antwort."
+    assert tr(localized("{why}", why=ValueError(localized("no answer")))) == "keine Antwort"
+    assert tr(UserFacingError(broke_off("Front"), "", "").what) == "Front brach ab: keine Antwort."
 
 
 def test_more_values_come_later() -> None:
-    counted = filled("{count} pictures of {camera}", camera="Front")
-    assert filled(counted, count=3) == "3 pictures of Front"
-    assert filled(counted, count=3).template == "{count} pictures of {camera}"
+    counted = localized("{count} pictures of {camera}", camera="Front")
+    assert localized(counted, count=3) == "3 pictures of Front"
+    assert localized(counted, count=3).template == "{count} pictures of {camera}"
 
 
 @pytest.mark.usefixtures("german")
@@ -86,12 +94,12 @@ def test_the_number_of_one_and_many_goes_with_it() -> None:
         return "Ein Bild von {camera} fehlt." if number == 1 else GERMAN.get(text, text).replace("%n", str(number))
 
     three, one = (
-        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", count), camera="the %n hall") for count in (3, 1)
+        localized(QT_TR_NOOP("%n pictures of {camera} are lost.", "", count), camera="the %n hall") for count in (3, 1)
     )
     use_translator(of_one_and_many)
     assert three == "3 pictures of the %n hall are lost."
     assert tr(pickle.loads(pickle.dumps(three))) == "3 Bilder von the %n hall fehlen."  # noqa: S301
-    assert tr(filled("{what}", what=one)) == "Ein Bild von the %n hall fehlt."
+    assert tr(localized("{what}", what=one)) == "Ein Bild von the %n hall fehlt."
 
 
 @pytest.mark.usefixtures("german")
@@ -117,23 +125,23 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
 def test_what_was_kept_as_plain_text_is_found_again() -> None:
     texts = (*GERMAN, "{camera}: {why}.")
     kept = (
-        broke_off("the {hall}: left"), filled("%n pictures of {camera} are lost.", camera="A\nB"),
-        filled(QT_TR_NOOP("%n pictures of {camera} are lost.", "", 3), camera="A\nB"),
+        broke_off("the {hall}: left"), localized("%n pictures of {camera} are lost.", camera="A\nB"),
+        localized(QT_TR_NOOP("%n pictures of {camera} are lost.", "", 3), camera="A\nB"),
     )  # fmt: skip
-    told = [tr(refilled(str.__str__(json.loads(json.dumps(one))), texts)) for one in kept]
+    told = [tr(parse_localized(str.__str__(json.loads(json.dumps(one))), texts)) for one in kept]
     assert told == ["the {hall}: left brach ab: keine Antwort.", kept[1], "3 Bilder von A\nB fehlen."]
-    twice = refilled("A is A, not B.", ("{name} is {name}, not {other}.",))
-    assert isinstance(twice, Filled)
+    twice = parse_localized("A is A, not B.", ("{name} is {name}, not {other}.",))
+    assert isinstance(twice, LocalizedText)
     assert (twice, twice.values) == ("A is A, not B.", {"name": "A", "other": "B"})
     for other in ("", "A is C, not B.", "of something else"):
-        assert type(refilled(other, ("{name} is {name}, not {other}.",))) is str
+        assert type(parse_localized(other, ("{name} is {name}, not {other}.",))) is str
 
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
-    "AnnotationError", "CameraError", "DetectorAwayError", "EngineAway", "ExportError", "FaceModelError",
-    "ForgettingStopped", "Gap", "NoAnswer", "NoEngine", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
-    "RepairReport", "SecurityError", "SessionError", "ToldFailure", "UnknownFormError", "UnreadableMediaError",
+    "AnnotationError", "CameraError", "DetectorAwayError", "EngineUnavailableError", "ExportError", "FaceModelError",
+    "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
+    "RepairReport", "SecurityError", "SessionError", "UserFacingError", "UnknownFormError", "UnreadableMediaError",
     "WeightsError", "_away", "_miss", "_no", "_tell_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """What is called with what the wizard reads."""

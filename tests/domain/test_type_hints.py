@@ -145,8 +145,8 @@ def test_the_error_says_which_field_it_is() -> None:
 class AliasedFile:
     """A file."""
 
-    word: Annotated[Word, declared.Rule("Which.")] = "near"
-    numbers: TypeAliasType("Numbers", tuple[Annotated[Number, declared.Rule(at_least=0)], ...]) = ()
+    word: Annotated[Word, declared.FieldSpec("Which.")] = "near"
+    numbers: TypeAliasType("Numbers", tuple[Annotated[Number, declared.FieldSpec(at_least=0)], ...]) = ()
     point: TypeAliasType("Where", Point | None) = None
 
 

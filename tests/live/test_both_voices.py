@@ -7,7 +7,7 @@ import pytest
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
-from caris_desktop.live.both_voices import BothVoices
+from caris_desktop.live.both_voices import DualSpeechOutput
 
 ASKED = UtteranceChanged(1, "u-1", "robot", "Hello", "typed", "requested", voice="both")
 
@@ -28,10 +28,12 @@ class OneOfThem:
         return self.takes
 
 
-def both(*, robot: bool = True, computer: bool = True) -> tuple[BothVoices, list[UtteranceChanged], list[OneOfThem]]:
+def both(
+    *, robot: bool = True, computer: bool = True
+) -> tuple[DualSpeechOutput, list[UtteranceChanged], list[OneOfThem]]:
     told: list[UtteranceChanged] = []
     voices = [OneOfThem(takes=robot), OneOfThem(takes=computer)]
-    return BothVoices({"robot": voices[0], "computer": voices[1]}, told.append), told, voices
+    return DualSpeechOutput({"robot": voices[0], "computer": voices[1]}, told.append), told, voices
 
 
 def of(voice: str, state: UtteranceState, stamp_ns: int, detail: str = "") -> UtteranceChanged:

@@ -15,13 +15,13 @@ import psutil
 import pytest
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from tests.live import bodies
 
 
 def _start(
-    body: ProcessBody,
+    body: ProcessSpec,
 ) -> tuple[ChildProcess, "queue.Queue[tuple[Any, bytes]]", "queue.Queue[int | None]"]:
     messages: queue.Queue[tuple[Any, bytes]] = queue.Queue()
     exits: queue.Queue[int | None] = queue.Queue()
@@ -31,7 +31,7 @@ def _start(
 
 
 def test_messages_go_both_ways_and_the_last_words_are_heard() -> None:
-    child, messages, exits = _start(ProcessBody("echo", bodies.echo))
+    child, messages, exits = _start(ProcessSpec("echo", bodies.echo))
     assert child.send(Marked(1, "hello"))
     value, raw = messages.get(timeout=20)
     assert value == Marked(1, "hello")
@@ -45,14 +45,14 @@ def test_messages_go_both_ways_and_the_last_words_are_heard() -> None:
 
 @pytest.mark.logs("ended by itself with exit code")
 def test_a_child_that_dies_is_noticed() -> None:
-    child, _messages, exits = _start(ProcessBody("crash", bodies.crash))
+    child, _messages, exits = _start(ProcessSpec("crash", bodies.crash))
     child.send(Marked(1, "die"))
     assert exits.get(timeout=20) == -signal.SIGABRT
     child.stop(grace_s=1)
 
 
 def test_a_child_that_does_not_read_blocks_nobody_and_is_killed_in_the_end() -> None:
-    child, messages, _exits = _start(ProcessBody("deaf", bodies.deaf))
+    child, messages, _exits = _start(ProcessSpec("deaf", bodies.deaf))
     pid = messages.get(timeout=20)[0].stamp_ns
     accepted = 0
     while child.send(Marked(0, "x" * 1000)):
@@ -76,7 +76,7 @@ def many_open_files() -> Iterator[None]:
 
 @pytest.mark.usefixtures("many_open_files")
 def test_a_child_is_spoken_to_however_many_files_are_open() -> None:
-    child, messages, _exits = _start(ProcessBody("echo", bodies.echo))
+    child, messages, _exits = _start(ProcessSpec("echo", bodies.echo))
     assert child.send(Marked(1, "hello"))
     assert messages.get(timeout=20)[0] == Marked(1, "hello")
     child.stop(grace_s=10)
@@ -84,7 +84,7 @@ def test_a_child_is_spoken_to_however_many_files_are_open() -> None:
 
 def test_rings_are_attached_in_the_child() -> None:
     ring = FrameRing.create(max_frame_bytes=8 * 6 * 3)
-    child, messages, _exits = _start(ProcessBody("writer", bodies.write_frames, (3, RingToWrite(ring.name))))
+    child, messages, _exits = _start(ProcessSpec("writer", bodies.write_frames, (3, RingToWrite(ring.name))))
     refs = [messages.get(timeout=20)[0] for _ in range(3)]
     for number, ref in enumerate(refs):
         image = ring.read(ref)
@@ -95,7 +95,7 @@ def test_rings_are_attached_in_the_child() -> None:
 
 @pytest.mark.logs("ended by itself with exit code")
 def test_a_killed_child_is_noticed() -> None:
-    child, messages, exits = _start(ProcessBody("echo", bodies.echo))
+    child, messages, exits = _start(ProcessSpec("echo", bodies.echo))
     child.send(Marked(1, "up"))
     messages.get(timeout=20)
     assert child.pid is not None
@@ -107,7 +107,7 @@ def test_a_killed_child_is_noticed() -> None:
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks where Linux tells of processes")
 @pytest.mark.parametrize(("name", "title"), [("inference", "caris: people detection"), ("echo", "caris: echo")])
 def test_a_child_is_called_after_what_it_does(name: str, title: str) -> None:
-    child, messages, _exits = _start(ProcessBody(name, bodies.echo))
+    child, messages, _exits = _start(ProcessSpec(name, bodies.echo))
     child.send(Marked(1, "up"))
     messages.get(timeout=20)
     assert Path(f"/proc/{child.pid}/cmdline").read_bytes().rstrip(b"\0").decode() == title
@@ -117,7 +117,7 @@ def test_a_child_is_called_after_what_it_does(name: str, title: str) -> None:
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="sessions of processes are a matter of Unix")
 def test_a_child_has_a_session_of_its_own() -> None:
     """The processor is shared among sessions first: what a child computes is not taken from the window's share."""
-    child, messages, _exits = _start(ProcessBody("deaf", bodies.deaf))
+    child, messages, _exits = _start(ProcessSpec("deaf", bodies.deaf))
     try:
         pid = messages.get(timeout=20)[0].stamp_ns
         assert os.getsid(pid) == child.pid == pid
@@ -129,7 +129,7 @@ def test_a_child_has_a_session_of_its_own() -> None:
 @pytest.mark.parametrize("how", ["send_raw", "send_raw_waiting"])
 def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
     """The next file that is opened would get its number, and then the message."""
-    child, messages, exits = _start(ProcessBody("deaf", bodies.deaf))
+    child, messages, exits = _start(ProcessSpec("deaf", bodies.deaf))
     messages.get(timeout=20)
     sending, closed = threading.Event(), threading.Event()
     closed_meanwhile: list[bool] = []
@@ -161,7 +161,7 @@ def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.M
 
 
 def test_who_waits_for_room_is_let_go_when_the_child_is_gone() -> None:
-    child, messages, _ = _start(ProcessBody("deaf", bodies.deaf))
+    child, messages, _ = _start(ProcessSpec("deaf", bodies.deaf))
     messages.get(timeout=20)
     answers: queue.Queue[bool] = queue.Queue()
     sender = threading.Thread(target=lambda: answers.put(child.send_raw_waiting(bytes(8_000_000))))

@@ -12,8 +12,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.state import LiveState
 from tests.live import bodies
 
@@ -25,13 +25,13 @@ class Bench:
         self.owner = QObject()
         self.state = LiveState(self.owner)
         self.bus = Bus(self.state, self.owner)
-        self.children = Children(self.bus, self.owner)
+        self.children = ProcessManager(self.bus, self.owner)
         self.heard: list[str] = []
         self.unexpected: list[ChildProcess] = []
         self.bus.tap(lambda mark, _raw: self.heard.append(mark.label), (Marked,))
 
     def start(self, name: str) -> ChildProcess:
-        body = ProcessBody(name, getattr(bodies, name))
+        body = ProcessSpec(name, getattr(bodies, name))
         return self.children.start(body, ended=self.unexpected.append, heard=lambda _message: None)
 
 

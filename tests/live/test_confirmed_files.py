@@ -9,7 +9,7 @@ import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live import confirmed_files
-from caris_desktop.live.confirmed_files import ConfirmationNeeded, FileQuestion, accept, question_words
+from caris_desktop.live.confirmed_files import ConfirmationNeededError, FileQuestion, accept, question_words
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.file import load_scenario
 
@@ -39,7 +39,7 @@ controls:
 def asked(path: Path) -> FileQuestion | None:
     try:
         confirmed_files.check_scenario(load_scenario(path))
-    except ConfirmationNeeded as needed:
+    except ConfirmationNeededError as needed:
         return needed.question
     return None
 
@@ -145,7 +145,7 @@ def test_a_profile_lists_where_it_connects_and_which_variable_it_reads(tmp_path:
         encoding="utf-8",
     )
     profile = load_profile(str(path))
-    with pytest.raises(ConfirmationNeeded) as needed:
+    with pytest.raises(ConfirmationNeededError) as needed:
         confirmed_files.check_profile(profile, str(path))
     question = needed.value.question
     assert {(one.kind, one.text, one.place) for one in question.named} == {
@@ -158,7 +158,7 @@ def test_a_profile_lists_where_it_connects_and_which_variable_it_reads(tmp_path:
     accept(question)
     confirmed_files.check_profile(profile, str(path))
     (tmp_path / "ca.pem").write_text("another")
-    with pytest.raises(ConfirmationNeeded):
+    with pytest.raises(ConfirmationNeededError):
         confirmed_files.check_profile(profile, str(path))
 
 
@@ -180,7 +180,7 @@ def test_what_the_program_writes_for_the_user_keeps_the_answer(tmp_path: Path) -
     confirmed_files.carry(scenario, copy)
     assert asked(tmp_path / "own.yaml") is None
     more = load_scenario(written(tmp_path / "more.yaml", PLAIN + "robot: ws://elsewhere:9090\n"))
-    with pytest.raises(ConfirmationNeeded):
+    with pytest.raises(ConfirmationNeededError):
         confirmed_files.carry(scenario, more)
 
 

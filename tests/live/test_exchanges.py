@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.exchanges import MOST_SHOWN, MOST_UNDER_WAY, Exchanges
 from caris_desktop.live.model_client import ModelClient
@@ -206,7 +206,7 @@ def test_no_more_than_a_few_are_asked_at_once_and_the_oldest_answers_make_room(d
     desk.waits = True
     for _ in range(MOST_UNDER_WAY):
         desk.ask()
-    with pytest.raises(ToldFailure, match="kept in the field"):
+    with pytest.raises(UserFacingError, match="kept in the field"):
         desk.asking.prepare("One more?")
     desk.asking.cancel("enough")
     assert desk.shown.state == "ready"

@@ -29,7 +29,7 @@ from caris_desktop.live.gamepad_mapping import (
     trigger_value,
     with_rests,
 )
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.live.state import LiveState
 from tests.support.polling import wait_for
 from tests.support.virtual_gamepad import VirtualGamepad
@@ -69,21 +69,21 @@ def test_the_dead_zone_is_round_and_motion_begins_at_zero() -> None:
 def test_a_known_controller_drives_with_its_left_stick() -> None:
     mapping = xbox()
     assert stick_wish(mapping, REST) == AT_REST
-    assert stick_wish(mapping, with_axes(a1=-1.0)) == MotionWish(forward=0.6)
-    assert stick_wish(mapping, with_axes(a0=-1.0)) == MotionWish(turn=0.6)
-    assert stick_wish(mapping, with_axes(a3=1.0)) == MotionWish(pan=-1.0)
-    assert stick_wish(mapping, with_axes(a4=1.0)) == MotionWish(tilt=1.0)
+    assert stick_wish(mapping, with_axes(a1=-1.0)) == TeleopCommand(forward=0.6)
+    assert stick_wish(mapping, with_axes(a0=-1.0)) == TeleopCommand(turn=0.6)
+    assert stick_wish(mapping, with_axes(a3=1.0)) == TeleopCommand(pan=-1.0)
+    assert stick_wish(mapping, with_axes(a4=1.0)) == TeleopCommand(tilt=1.0)
     both = RawInputs(REST.axes, tuple(index in (4, 5) for index in range(11)), (0,))
     shoulder = RawInputs(REST.axes, tuple(index == 4 for index in range(11)), (0,))
-    assert stick_wish(mapping, shoulder) == MotionWish(left=0.6)
+    assert stick_wish(mapping, shoulder) == TeleopCommand(left=0.6)
     assert stick_wish(mapping, both) == AT_REST, "opposite ones cancel"
 
 
 def test_the_triggers_change_the_speed() -> None:
     mapping = xbox()
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=1.0)) == MotionWish(forward=1.0)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=0.0)) == MotionWish(forward=0.8)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a2=1.0)) == MotionWish(forward=0.25)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a5=1.0)) == TeleopCommand(forward=1.0)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a5=0.0)) == TeleopCommand(forward=0.8)
+    assert stick_wish(mapping, with_axes(a1=-1.0, a2=1.0)) == TeleopCommand(forward=0.25)
     silent = RawInputs((0.0, -1.0, None, 0.0, 0.0, None), REST.buttons, REST.hats)
     assert speed_share(mapping, silent) == 0.6, "a trigger that has not been heard of rests"
     assert trigger_value("+a2", RawInputs((0.0, 0.0, 0.5))) == 0.5
@@ -180,7 +180,7 @@ class Heard:
     """Everything that the gamepads say."""
 
     def __init__(self, gamepads: Gamepads) -> None:
-        self.moved: list[MotionWish] = []
+        self.moved: list[TeleopCommand] = []
         self.pressed: list[str] = []
         self.lost: list[str] = []
         gamepads.moved.connect(self.moved.append)
@@ -246,9 +246,9 @@ def test_a_stick_drives_and_a_button_stops(
     assert status.name == "Virtual Controller"
     assert [(event.connected, event.device) for event in published] == [(True, status.device)]
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=0.6)])
     pad.push(5, 1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=1.0)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=1.0)])
     pad.press(1)
     qtbot.waitUntil(lambda: heard.pressed == ["stop"])
     pad.push(1, 0.0)
@@ -285,7 +285,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     gamepads.mappings_changed.connect(kept.append)
     gamepads.set_mapping(gamepads.mapping.with_binding("photo", "b0"))
     pad.push(0, 1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(turn=-0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(turn=-0.6)])
     pad.unplug()
     qtbot.waitUntil(lambda: heard.lost == ["The gamepad was unplugged"] or heard.moved[-1] == AT_REST)
     qtbot.waitUntil(lambda: gamepads.device is None)
@@ -307,7 +307,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
 def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard: Heard, plug: Plug) -> None:
     pad = plug()
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=0.6)])
     time.sleep(0.4)  # the GUI thread hangs, the stick is held all the while
     qtbot.waitUntil(lambda: heard.lost == ["The program stalled"])
     moves = len(heard.moved)
@@ -317,7 +317,7 @@ def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard:
     pad.push(1, 0.0)
     qtbot.wait(60)
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[moves:] == [MotionWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[moves:] == [TeleopCommand(forward=0.6)])
 
 
 def test_a_gamepad_that_falls_silent_moves_nothing(
@@ -325,7 +325,7 @@ def test_a_gamepad_that_falls_silent_moves_nothing(
 ) -> None:
     pad = plug()
     pad.push(1, -1.0)
-    qtbot.waitUntil(lambda: heard.moved[-1:] == [MotionWish(forward=0.6)])
+    qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=0.6)])
     monkeypatch.setattr(gamepad_module, "_HEARTBEAT_NS", 10**12)
     gamepads.stop()
     gamepads._watch.start()

@@ -15,7 +15,7 @@ from PySide6.QtNetwork import QLocalSocket
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live import live_robots
-from caris_desktop.live.live_robots import LiveRobotHost, LiveRobots
+from caris_desktop.live.live_robots import LiveRobots, RobotConnections
 from caris_desktop.live.status import LinkStatus, LiveRobotsStatus
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
@@ -50,8 +50,8 @@ def console(qtbot: QtBot) -> FakeConsole:
 
 
 @pytest.fixture
-def host(console: FakeConsole, folder: Path) -> Iterator[LiveRobotHost]:
-    host = LiveRobotHost(console, folder)  # type: ignore[arg-type]
+def host(console: FakeConsole, folder: Path) -> Iterator[RobotConnections]:
+    host = RobotConnections(console, folder)  # type: ignore[arg-type]
     host.start()
     yield host
     host.shutdown()
@@ -74,7 +74,7 @@ def test_without_a_console_there_is_nothing_to_stop(qtbot: QtBot, replay: Replay
 
 
 def test_a_replay_knows_whose_robot_it_stops(
-    qtbot: QtBot, host: LiveRobotHost, replay: Replay, console: FakeConsole
+    qtbot: QtBot, host: RobotConnections, replay: Replay, console: FakeConsole
 ) -> None:
     qtbot.waitUntil(lambda: replay.status == LiveRobotsStatus(("Simulated robot",)))
     replay.robots.stop(pytest.fail)
@@ -91,7 +91,7 @@ def test_a_replay_knows_whose_robot_it_stops(
 def test_a_console_that_starts_later_is_found_and_one_that_ends_is_gone(
     qtbot: QtBot, folder: Path, replay: Replay, console: FakeConsole
 ) -> None:
-    host = LiveRobotHost(console, folder)  # type: ignore[arg-type]
+    host = RobotConnections(console, folder)  # type: ignore[arg-type]
     host.start()
     qtbot.waitUntil(lambda: replay.status.robots == ("Simulated robot",))
     host.shutdown()
@@ -103,7 +103,7 @@ def test_a_console_that_starts_later_is_found_and_one_that_ends_is_gone(
 
 
 def test_it_is_told_where_the_robot_is_out_of_reach(
-    qtbot: QtBot, host: LiveRobotHost, replay: Replay, console: FakeConsole
+    qtbot: QtBot, host: RobotConnections, replay: Replay, console: FakeConsole
 ) -> None:
     console.state.link.set(replace(console.state.link.value, state="lost"))
     qtbot.waitUntil(lambda: replay.status.robots == ("Simulated robot",))
@@ -160,14 +160,14 @@ def test_what_a_killed_console_left_is_swept_away_and_nobody_else_may_listen(
     left = socket.socket(socket.AF_UNIX)
     left.bind(str(folder / str(ended.pid)))
     left.close()
-    host = LiveRobotHost(console, folder)  # type: ignore[arg-type]
+    host = RobotConnections(console, folder)  # type: ignore[arg-type]
     host.start()
     assert [path.name for path in folder.iterdir()] == [str(os.getpid())]
     assert folder.stat().st_mode & 0o777 == 0o700
     host.shutdown()
 
 
-def test_only_stops_can_be_asked_for(qtbot: QtBot, folder: Path, host: LiveRobotHost, console: FakeConsole) -> None:
+def test_only_stops_can_be_asked_for(qtbot: QtBot, folder: Path, host: RobotConnections, console: FakeConsole) -> None:
     caller = QLocalSocket()
     caller.connectToServer(str(folder / str(os.getpid())))
     caller.write(b'{"do": "clear_emergency_stop"}\n{"do": ["stop"]}\n[]\n{{{\n' + b'{"do": "drive"}\n')
@@ -180,7 +180,7 @@ def test_only_stops_can_be_asked_for(qtbot: QtBot, folder: Path, host: LiveRobot
 
 def test_a_long_path_has_a_short_one(qtbot: QtBot, tmp_path: Path, console: FakeConsole) -> None:
     folder = tmp_path / ("long" * 40)
-    host = LiveRobotHost(console, folder)  # type: ignore[arg-type]
+    host = RobotConnections(console, folder)  # type: ignore[arg-type]
     host.start()
     replay = Replay(folder)
     qtbot.waitUntil(lambda: replay.status.robots == ("Simulated robot",))

@@ -13,8 +13,8 @@ from caris_desktop.app import bodies
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import MICROPHONE
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
@@ -38,9 +38,9 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
     state = LiveState(owner)
     bus, heard = Bus(state, owner), list[AudioChunk]()
     bus.tap(lambda chunk, _raw: heard.append(chunk), (AudioChunk,))
-    body = ProcessBody("microphone", bodies.microphone, (MICROPHONE,))
+    body = ProcessSpec("microphone", bodies.microphone, (MICROPHONE,))
     choice = MicrophoneChoice(body, lambda: "", lambda _name: None)
-    children = Children(bus, owner)
+    children = ProcessManager(bus, owner)
     microphone = LocalMicrophone(
         state.microphone, MICROPHONE, bus, children, choice, settled=lambda: None, parent=owner
     )

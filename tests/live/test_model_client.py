@@ -14,9 +14,9 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.events import ChatMessage, LlmExchange
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.told_again import told_again
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.told_again import retranslate
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 
@@ -146,7 +146,7 @@ def test_the_same_model_again_ends_nothing(talk: Talk, qtbot: QtBot) -> None:
 
 def test_without_a_model_nobody_is_asked(talk: Talk) -> None:
     talk.client.use_none("It is still starting.")
-    with pytest.raises(ToldFailure, match="It is still starting"):
+    with pytest.raises(UserFacingError, match="It is still starting"):
         talk.ask("Where?")
     assert not talk.client.answering and talk.published == []
 
@@ -161,12 +161,12 @@ def test_why_there_is_no_answer_is_english_in_the_record_and_has_its_words_apart
     server = tr("The language model server at {server}").format(server=_SERVER)
     broke, then = tr("{place} broke off.").format(place=server), tr("Use what is there, or ask again.")
     assert broke in tr(detail) and then in tr(detail)
-    assert then in tr(told_again(str.__str__(json.loads(json.dumps(detail))))), "in a replay"
+    assert then in tr(retranslate(str.__str__(json.loads(json.dumps(detail))))), "in a replay"
 
 
 @pytest.mark.usefixtures("trial_language")
 def test_why_it_is_still_waited_for_is_said_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
-    why = filled(QT_TR_NOOP("{what} It is asked again in {seconds} s."), what="Busy.", seconds=3)
+    why = localized(QT_TR_NOOP("{what} It is asked again in {seconds} s."), what="Busy.", seconds=3)
     asking = talk.ask("this waits")
     talk.client._waits.emit(asking.exchange_id, why)
     qtbot.waitUntil(lambda: bool(talk.waits))

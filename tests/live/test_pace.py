@@ -5,7 +5,7 @@ import time
 from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.pace import MOST_REST_S, UNHURRIED_S, PassPace, rest_after
+from caris_desktop.live.pace import MOST_REST_S, UNHURRIED_S, UiThrottle, rest_after
 
 
 def test_only_a_slow_pass_is_followed_by_a_rest() -> None:
@@ -15,7 +15,7 @@ def test_only_a_slow_pass_is_followed_by_a_rest() -> None:
 
 
 def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) -> None:
-    pace, order = PassPace(), []
+    pace, order = UiThrottle(), []
     pace.due.connect(lambda: order.append("due"))
     assert pace.may_begin()
     time.sleep(0.06)  # a pass that was slow
@@ -27,7 +27,7 @@ def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) 
 
 
 def test_passes_can_be_held_to_a_rate_and_let_go_again(qtbot: QtBot) -> None:
-    pace, due = PassPace(), []
+    pace, due = UiThrottle(), []
     pace.due.connect(lambda: due.append(time.monotonic()) if pace.may_begin() else None)
     pace.at_most_every(panels_s=0.15, picture_s=0.15)
     begun_s = time.monotonic()
@@ -40,7 +40,7 @@ def test_passes_can_be_held_to_a_rate_and_let_go_again(qtbot: QtBot) -> None:
 
 
 def test_the_panels_are_held_back_before_the_picture(qtbot: QtBot) -> None:
-    pace, passed = PassPace(), []
+    pace, passed = UiThrottle(), []
     pace.due.connect(lambda: passed.append(pace.may_begin(("panels",))))
     pace.at_most_every(panels_s=0.15, picture_s=0.0)
     assert pace.may_begin() == {"panels", "picture"}
@@ -51,7 +51,7 @@ def test_the_panels_are_held_back_before_the_picture(qtbot: QtBot) -> None:
 
 
 def test_both_are_held_back_for_a_time_and_come_then(qtbot: QtBot) -> None:
-    pace, due = PassPace(), []
+    pace, due = UiThrottle(), []
     pace.due.connect(lambda: due.append(time.monotonic()) if pace.may_begin() else None)
     pace.at_most_every(panels_s=0.05, picture_s=0.0)
     began_s = time.monotonic()
@@ -62,7 +62,7 @@ def test_both_are_held_back_for_a_time_and_come_then(qtbot: QtBot) -> None:
 
 
 def test_no_pass_begins_once_it_has_ended(qtbot: QtBot) -> None:
-    pace, due = PassPace(), []
+    pace, due = UiThrottle(), []
     pace.due.connect(lambda: due.append("due"))
     pace.at_most_every(panels_s=0.01, picture_s=0.01)
     assert pace.may_begin()

@@ -15,12 +15,12 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonRenamed, Problem
 from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.people.store import PeopleStore
 from tests.live import bodies
 
@@ -32,8 +32,8 @@ class Setup:
         self.portraits = Portraits()
         self.everybody: list[Any] = []
         self.worker = PerceptionWorker(
-            ProcessBody("inference", bodies.brightness, (RingsToRead((self.ring.name,)), "test")),
-            lambda: (Presence(), []),
+            ProcessSpec("inference", bodies.brightness, (RingsToRead((self.ring.name,)), "test")),
+            lambda: (PresenceTracker(), []),
             self.published.append,
             self.portraits,
         )
@@ -151,7 +151,7 @@ def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setu
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     first = setup.worker.child
     setup.worker.use_body(
-        ProcessBody("inference", bodies.brightness, (RingsToRead((setup.ring.name,)), "of another scenario"))
+        ProcessSpec("inference", bodies.brightness, (RingsToRead((setup.ring.name,)), "of another scenario"))
     )
     qtbot.waitUntil(lambda: setup.models[-1] == "brightness of another scenario", timeout=20_000)
     assert setup.worker.child is not first
@@ -198,7 +198,7 @@ def test_people_of_the_practice_stay_in_the_practice(qtbot: QtBot, setup: Setup,
     def names() -> set[str]:
         return {row.name for row in setup.everybody[-1]} if setup.everybody else set()
 
-    setup.worker._open_presence = lambda: (Presence(KnownPeople(PeopleStore(tmp_path / "people.sqlite"))), [])
+    setup.worker._open_presence = lambda: (PresenceTracker(KnownPeople(PeopleStore(tmp_path / "people.sqlite"))), [])
     for name, practice in (("Bo", True), ("Ada", False)):
         setup.worker.practise(practice)
         setup.rows.clear()

@@ -7,8 +7,8 @@ import pytest
 
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.translation import Filled, tr, use_translator
-from caris_desktop.live.preflight import Facts, Tick, automatic_checks, ticked_checks
+from caris_desktop.domain.translation import LocalizedText, tr, use_translator
+from caris_desktop.live.preflight import ChecklistItem, Facts, automatic_checks, ticked_checks
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -70,11 +70,11 @@ def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language()
     use_translator(lambda text, _meant, _number: f"<{text}>")
     try:
         assert automatic_checks(facts) == checks
-        assert all(tr(text) == f"<{text}>" or isinstance(text, Filled) for text in texts)
+        assert all(tr(text) == f"<{text}>" or isinstance(text, LocalizedText) for text in texts)
         assert {tr(checks[0].title), tr(checks[0].detail)} == {"<Robot is connected>", "<TIAGo is not connected.>"}
     finally:
         use_translator(None)
-    assert all(isinstance(text, Filled) for text in texts), "text and values apart, for whoever translates them"
+    assert all(isinstance(text, LocalizedText) for text in texts), "text and values apart, for whoever translates them"
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_the_scenarios_own_checks_are_ticked() -> None:
     signed, lights = ticked_checks(scenario, {})
     assert (signed.state, signed.manual, signed.asks_first) == ("not checked", True, True)
     assert (lights.title, lights.advice, lights.asks_first) == ("Lights on", "", True), "the last of a title counts"
-    ticked = ticked_checks(scenario, {signed.id: Tick(5, WIZARD)}, "The link was lost.", [lights.id])
+    ticked = ticked_checks(scenario, {signed.id: ChecklistItem(5, WIZARD)}, "The link was lost.", [lights.id])
     assert (ticked[0].state, ticked[0].actor, ticked[0].checked_ns, ticked[0].detail) == ("passed", WIZARD, 5, "")
     assert not ticked[0].asks_first
     assert ticked[1].detail == "The link was lost."

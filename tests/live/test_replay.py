@@ -24,7 +24,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live import coding_desk
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.playback_clock import PlaybackClock
-from caris_desktop.live.protocol_walk import ProtocolWalk
+from caris_desktop.live.protocol_walk import ProtocolRun
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status_tap import content_of
@@ -483,7 +483,7 @@ def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
 def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
     """As the console told it, at any moment and with the time that the step had taken by then."""
     steps = find_scenario("tour-guide").protocol.steps
-    walk = ProtocolWalk(steps)
+    walk = ProtocolRun(steps)
     values: list[Any] = []
     moves = {0.0: walk.start, 4.0: walk.next, 7.0: walk.skip, 9.0: walk.back}
     for at_s, move in moves.items():

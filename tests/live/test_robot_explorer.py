@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.wizard_console import RobotChoice
@@ -62,7 +62,7 @@ def test_a_robot_is_looked_at_listened_to_and_saved(qtbot: QtBot, explorer: Live
     assert (saved.name, saved.title) == ("lab-robot", "Lab robot")
     assert load_profile("lab-robot").scan == profile.scan
     again = save(qtbot, explorer, profile, "Lab robot")
-    assert isinstance(again, ToldFailure)
+    assert isinstance(again, UserFacingError)
     assert "already" in again.what
     assert [path.name for path in user_robots_dir().glob("*.yaml")] == ["lab-robot.yaml"]
 
@@ -79,7 +79,7 @@ def test_nobody_there_is_told_in_words(qtbot: QtBot, explorer: LiveRobotExplorer
     explorer.explore("ws://127.0.0.1:9", security=SecuritySettings(), progress=answers.progress, done=answers.done)
     qtbot.waitUntil(lambda: bool(answers.results), timeout=15_000)
     failure = answers.results[0]
-    assert isinstance(failure, ToldFailure)
+    assert isinstance(failure, UserFacingError)
     assert failure.what
     assert failure.advice
 

@@ -8,24 +8,26 @@ from PySide6.QtCore import QCoreApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.said_before import AT_MOST, SaidBefore, without_names
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 
 
 @pytest.fixture
-def slow_work(qtbot: QtBot) -> Iterator[SlowWork]:
-    work = SlowWork()
+def slow_work(qtbot: QtBot) -> Iterator[BackgroundWorker]:
+    work = BackgroundWorker()
     yield work
     work.finish(lambda _what, wait: wait())
 
 
-def settle(slow_work: SlowWork, qtbot: QtBot) -> None:
+def settle(slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     done: list[None] = []
     slow_work.do(lambda: None, done.append, pytest.fail)
     qtbot.waitUntil(lambda: bool(done))
 
 
-def run(path: Path, slow_work: SlowWork, qtbot: QtBot, *sentences: str, names: tuple[str, ...] = ()) -> list[str]:
+def run(
+    path: Path, slow_work: BackgroundWorker, qtbot: QtBot, *sentences: str, names: tuple[str, ...] = ()
+) -> list[str]:
     """One run of the program that says these; what it has at its end."""
     state = LiveState()
     said = SaidBefore(state, path, slow_work, lambda: names)
@@ -40,14 +42,14 @@ def run(path: Path, slow_work: SlowWork, qtbot: QtBot, *sentences: str, names: t
     return kept
 
 
-def test_the_next_session_has_what_was_typed_before(tmp_path: Path, slow_work: SlowWork, qtbot: QtBot) -> None:
+def test_the_next_session_has_what_was_typed_before(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     path = tmp_path / "said" / "a.jsonl"
     assert run(path, slow_work, qtbot, "One", "Zwei, schön", "One") == ["Zwei, schön", "One"]
     assert run(path, slow_work, qtbot, "Three") == ["Zwei, schön", "One", "Three"]
 
 
 def test_a_sentence_with_a_known_name_stays_for_this_run_only(
-    tmp_path: Path, slow_work: SlowWork, qtbot: QtBot
+    tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot
 ) -> None:
     path = tmp_path / "a.jsonl"
     run(path, slow_work, qtbot, "Is that you, Ada?", "Fine.")
@@ -62,7 +64,7 @@ def test_a_name_is_found_as_a_word_and_in_part() -> None:
     assert without_names(("Banana", "ANA!", "Dear Ms Torres"), ["Ana Torres"]) == ("Banana",)
 
 
-def test_only_the_newest_are_kept(tmp_path: Path, slow_work: SlowWork, qtbot: QtBot) -> None:
+def test_only_the_newest_are_kept(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text("".join(f'"{number}"\n' for number in range(AT_MOST + 20)))
     kept = run(path, slow_work, qtbot, "new")
@@ -70,7 +72,7 @@ def test_only_the_newest_are_kept(tmp_path: Path, slow_work: SlowWork, qtbot: Qt
 
 
 @pytest.mark.logs(r"said_before: ")
-def test_a_broken_file_costs_nothing_else(tmp_path: Path, slow_work: SlowWork, qtbot: QtBot) -> None:
+def test_a_broken_file_costs_nothing_else(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     path = tmp_path / "a.jsonl"
     path.write_bytes(b"\xff no json")
     assert run(path, slow_work, qtbot, "new") == ["new"]
@@ -78,7 +80,7 @@ def test_a_broken_file_costs_nothing_else(tmp_path: Path, slow_work: SlowWork, q
 
 
 def test_a_forgotten_name_is_not_written_by_the_next_sentence(
-    tmp_path: Path, slow_work: SlowWork, qtbot: QtBot
+    tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot
 ) -> None:
     path = tmp_path / "a.jsonl"
     known = ["Zoë Quillfeather", "Basil"]
@@ -101,7 +103,7 @@ def test_a_forgotten_name_is_not_written_by_the_next_sentence(
 
 
 def test_a_name_that_was_known_before_anything_was_said_is_not_written_after_it_was_forgotten(
-    tmp_path: Path, slow_work: SlowWork, qtbot: QtBot
+    tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot
 ) -> None:
     path = tmp_path / "a.jsonl"
     known = ["Zoë"]

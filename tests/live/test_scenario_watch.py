@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live import scenario_watch
 from caris_desktop.live.scenario_watch import ScenarioWatch
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 
 
 class AtOnce:
@@ -84,15 +84,15 @@ def test_a_file_that_is_away_for_a_moment_is_waited_for(watch: ScenarioWatch, fi
 
 
 @pytest.fixture
-def slow_work(qapp: QApplication) -> Iterator[SlowWork]:
+def slow_work(qapp: QApplication) -> Iterator[BackgroundWorker]:
     owner = QObject()
-    slow_work = SlowWork(owner)
+    slow_work = BackgroundWorker(owner)
     yield slow_work
     slow_work.finish(lambda _what, work: work())
 
 
 def test_an_editor_that_puts_another_file_in_its_place_is_noticed_each_time(
-    qtbot: QtBot, slow_work: SlowWork, file: Path, told: list[Path], monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, slow_work: BackgroundWorker, file: Path, told: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scenario_watch, "AT_REST_MS", 20)
     monkeypatch.setattr(scenario_watch, "LOOK_EVERY_MS", 20)

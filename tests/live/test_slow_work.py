@@ -8,15 +8,15 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.live.slow_work import BackgroundWorker
 from tests.support.slow_disk import SlowDisk
 
 
 class Bench:
     def __init__(self) -> None:
         self.owner = QObject()
-        self.work = SlowWork(self.owner)
+        self.work = BackgroundWorker(self.owner)
         self.disk = SlowDisk()
         self.told: list[object] = []
         self.threads: set[threading.Thread] = set()
@@ -47,7 +47,7 @@ def _raise(failure: Exception) -> object:
 def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: QtBot) -> None:
     bench.disk.hold()
     bench.ask(lambda: 1)
-    bench.ask(lambda: _raise(ToldFailure("The disk is full.", "Nothing is kept.", "Make room.")))
+    bench.ask(lambda: _raise(UserFacingError("The disk is full.", "Nothing is kept.", "Make room.")))
     bench.ask(lambda: threading.current_thread() is threading.main_thread())
     ticks: list[int] = []
     timer = QTimer(bench.owner, interval=1)

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import GoalChanged, Marked, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
     ControlStatus,
@@ -77,7 +77,7 @@ def _with_reason(kind: Any, why: str) -> Any:
 
 @pytest.mark.usefixtures("trial_language")
 def test_reasons_are_english_in_the_record_and_said_in_the_language_of_whoever_watches() -> None:
-    why = filled(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
+    why = localized(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
     state, shown = LiveState(), list[StatusShown]()
     tap = StatusTap(state, shown.append)
     reasoned = {name: value for name, kind in STATUS_TYPES.items() if (value := _with_reason(kind, why)) is not None}

@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import use_translator
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.children import Children, told_here
+from caris_desktop.live.children import ProcessManager, told_here
 from caris_desktop.live.state import LiveState
 
 GERMAN = {"The disk is full.": "Die Platte ist voll.", "Stop the recording.": "Die Aufnahme beenden."}
@@ -32,7 +32,7 @@ def test_a_problem_of_a_child_comes_onto_the_bus_translated() -> None:
     bus = Bus(LiveState())
     heard: list[object] = []
     bus.tap(lambda value, _raw: heard.append(value))
-    children = Children(bus)
+    children = ProcessManager(bus)
     children.pass_on(lambda _value: None, Problem(1, "error", "The disk is full.", "", ""), b"")
     children.close()
     assert [value.what for value in heard if isinstance(value, Problem)] == ["Die Platte ist voll."]

@@ -9,7 +9,7 @@ from caris_desktop.domain.people import LooksKind, PersonLooks
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.people.gallery import Vectors, unit
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import Presence, RecognitionSettings
+from caris_desktop.people.presence import PresenceTracker, RecognitionSettings
 from caris_desktop.people.store import PeopleStore
 
 FRAME_NS = 250_000_000
@@ -39,7 +39,7 @@ class Room:
         self.now_ns = 0
         self.morning = morning
         self.knowing = KnownPeople(store, now=self.now)
-        self.presence = Presence(self.knowing, confirm_frames=1, settings=settings)
+        self.presence = PresenceTracker(self.knowing, confirm_frames=1, settings=settings)
         self.events: list[Event] = []
         self._stray = stray
         self._chance = np.random.default_rng(5)

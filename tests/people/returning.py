@@ -14,10 +14,10 @@ from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.people import PersonLooks
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import Presence, RecognitionSettings
+from caris_desktop.people.presence import PresenceTracker, RecognitionSettings
 from caris_desktop.perception.appearance import AppearanceModel
 from caris_desktop.perception.following import overlaps, view_qualities
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.simulator.people import Visit
 from tests.support.walkers import FilmedFrame, TrueBox
@@ -105,7 +105,7 @@ def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight
     for number, frame in enumerate(frames):
         height_px, width_px = frame.image_bgr.shape[:2]
         ref = FrameRef(frame.stamp_ns, None, "front", "", 0, number, width_px, height_px)
-        boxes = perceiver.perceive(frame.image_bgr, Look(ref)).boxes
+        boxes = perceiver.perceive(frame.image_bgr, DetectionRequest(ref)).boxes
         looks = tuple(
             PersonLooks(
                 frame.stamp_ns, "front", box.track, "clothing", perceiver.looks_model, box.looks.astype(np.float32),
@@ -152,7 +152,7 @@ def recognised(
     everybody = frozenset(to_name)
     now_ns = 0
     knowing = KnownPeople(now=lambda: MORNING + timedelta(microseconds=now_ns / 1000.0))
-    presence = Presence(knowing, confirm_frames=1, settings=settings)
+    presence = PresenceTracker(knowing, confirm_frames=1, settings=settings)
     sights_of: dict[str, Counter[int]] = defaultdict(Counter)  # of each visit: as whom it was seen how often
     rows_of: dict[int, Counter[str]] = defaultdict(Counter)  # of each true visit: which row stood for it how often
     person_of: dict[int, int] = {}

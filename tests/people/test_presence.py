@@ -14,7 +14,7 @@ from caris_desktop.domain.people import PersonPortrait
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import PortraitsOf, Presence, RecognitionSettings
+from caris_desktop.people.presence import PortraitsOf, PresenceTracker, RecognitionSettings
 from caris_desktop.people.sealing import About
 from caris_desktop.people.store import PeopleStore, StoredPerson
 
@@ -26,7 +26,7 @@ def _seen(stamp_ns: int, *tracks: int) -> People:
     return People(stamp_ns, "front", stamp_ns // FRAME_NS, 640, 480, boxes, 8.0)
 
 
-def _watch(presence: Presence, frames: list[list[int]], *, start: int = 0) -> list[Event]:
+def _watch(presence: PresenceTracker, frames: list[list[int]], *, start: int = 0) -> list[Event]:
     """Frames at 10 Hz, each with its tracks; all events."""
     events = []
     for index, tracks in enumerate(frames, start):
@@ -43,7 +43,7 @@ def store(tmp_path: Path) -> Iterator[PeopleStore]:
 
 def test_who_is_seen_in_pictures_that_are_known_late_does_not_leave_before_the_next_one_is() -> None:
     """On a busy machine a look takes longer than it used to, and until it is known nobody knows better."""
-    presence, events, late_ns = Presence(), list[object](), 1_800_000_000
+    presence, events, late_ns = PresenceTracker(), list[object](), 1_800_000_000
     for index in range(12):
         taken_ns = index * 500_000_000
         events += presence.update(_seen(taken_ns, 1), taken_ns + late_ns)[1]
@@ -53,7 +53,7 @@ def test_who_is_seen_in_pictures_that_are_known_late_does_not_leave_before_the_n
 
 
 def test_a_track_becomes_a_person_in_its_third_frame(store: PeopleStore) -> None:
-    presence = Presence(KnownPeople(store))
+    presence = PresenceTracker(KnownPeople(store))
     assert _watch(presence, [[4], [4]]) == []
     assert presence.persons() == ()
     people, events = presence.update(_seen(2 * FRAME_NS, 4))
@@ -67,14 +67,14 @@ def test_a_track_becomes_a_person_in_its_third_frame(store: PeopleStore) -> None
 
 
 def test_an_unconfirmed_box_has_no_person(store: PeopleStore) -> None:
-    presence = Presence(KnownPeople(store))
+    presence = PresenceTracker(KnownPeople(store))
     people, _ = presence.update(_seen(0, 4))
     assert people.boxes[0].person_id == ""
     assert store.everybody() == ()
 
 
 def test_each_camera_has_people_of_its_own() -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     for index in range(6):
         camera = ("front", "rear")[index % 2]
         presence.update(replace(_seen(index * FRAME_NS, 1), camera=camera))
@@ -85,13 +85,13 @@ def test_each_camera_has_people_of_its_own() -> None:
 
 
 def test_a_flicker_is_nobody() -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     frames: list[list[int]] = [[1], *([[]] * 20), [1], *([[]] * 20), [1]]
     assert _watch(presence, frames) == []
 
 
 def test_empty_frames_empty_the_panel_within_two_seconds() -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     _watch(presence, [[1, 2]] * 5)
     assert len(presence.persons()) == 2
     events = _watch(presence, [[]] * 20, start=5)
@@ -101,7 +101,7 @@ def test_empty_frames_empty_the_panel_within_two_seconds() -> None:
 
 
 def test_people_leave_also_when_no_frames_arrive() -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     _watch(presence, [[1]] * 3)
     last_seen_ns = 2 * FRAME_NS
     assert presence.tick(last_seen_ns + 1_400_000_000) == []
@@ -112,7 +112,7 @@ def test_people_leave_also_when_no_frames_arrive() -> None:
 
 def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
     """A camera that a busy computer looks at every 1.7 s."""
-    presence = Presence()
+    presence = PresenceTracker()
     events: list[Event] = []
     for index in range(10):
         now_ns = index * 1_700_000_000
@@ -128,7 +128,7 @@ def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
 
 
 def test_a_track_that_returns_soon_is_the_same_person_at_once(store: PeopleStore) -> None:
-    presence = Presence(KnownPeople(store))
+    presence = PresenceTracker(KnownPeople(store))
     _watch(presence, [[7]] * 3 + [[]] * 20)
     (row,) = presence.persons(include_left=True)
     assert not row.here
@@ -143,7 +143,7 @@ def test_a_track_that_returns_soon_is_the_same_person_at_once(store: PeopleStore
 def test_a_track_that_returns_after_a_while_has_to_be_recognised_unless_nobody_is() -> None:
     """A tracker takes who is like somebody for that one; a name takes more than that."""
     for recognise, people in (("clothing", 2), ("nobody", 1)):
-        presence = Presence(settings=RecognitionSettings(recognise))  # type: ignore[arg-type]
+        presence = PresenceTracker(settings=RecognitionSettings(recognise))  # type: ignore[arg-type]
         _watch(presence, [[7]] * 3 + [[]] * 20)
         presence.do(NamePerson(presence.persons(include_left=True)[0].person_id, "Ada"), 5)
         _watch(presence, [[7]] * 3, start=60)
@@ -153,7 +153,7 @@ def test_a_track_that_returns_after_a_while_has_to_be_recognised_unless_nobody_i
 
 
 def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     _watch(presence, [[1]] * 3)
     (before,) = presence.persons()
     (event,) = presence.restart_tracks(3 * FRAME_NS)
@@ -165,7 +165,7 @@ def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
 
 
 def test_a_name_is_in_the_database_and_the_panel_but_not_in_the_event(store: PeopleStore) -> None:
-    presence = Presence(KnownPeople(store))
+    presence = PresenceTracker(KnownPeople(store))
     _watch(presence, [[1]] * 3)
     (row,) = presence.persons()
     events = presence.do(NamePerson(row.person_id, "  Ada   Lovelace "), 5)
@@ -177,7 +177,7 @@ def test_a_name_is_in_the_database_and_the_panel_but_not_in_the_event(store: Peo
 
 
 def test_naming_somebody_unknown_is_refused_in_words() -> None:
-    (event,) = Presence().do(NamePerson("p-unknown", "Ada"), 5)
+    (event,) = PresenceTracker().do(NamePerson("p-unknown", "Ada"), 5)
     assert isinstance(event, Problem)
 
 
@@ -195,7 +195,7 @@ class FullDisk(PeopleStore):
 
 
 def test_a_database_that_fails_costs_no_person_and_is_reported_once(tmp_path: Path) -> None:
-    presence = Presence(KnownPeople(FullDisk(tmp_path / "people.db")))
+    presence = PresenceTracker(KnownPeople(FullDisk(tmp_path / "people.db")))
     events = _watch(presence, [[1, 2]] * 3)
     assert [type(event) for event in events] == [PersonAppeared, Problem, PersonAppeared]
     row, _ = presence.persons()
@@ -207,7 +207,7 @@ def test_a_database_that_fails_costs_no_person_and_is_reported_once(tmp_path: Pa
 
 @given(st.lists(st.sets(st.integers(1, 4)), max_size=60))
 def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[set[int]]) -> None:
-    presence = Presence()
+    presence = PresenceTracker()
     here: set[str] = set()
     for index, tracks in enumerate(frames):
         people, events = presence.update(_seen(index * 5 * FRAME_NS, *tracks))
@@ -225,7 +225,7 @@ def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[s
 def test_of_whom_a_portrait_is_kept_follows_from_who_may_be_seen_in_pictures(
     store: PeopleStore, portraits: PortraitsOf, kept: list[int]
 ) -> None:
-    presence = Presence(KnownPeople(store))
+    presence = PresenceTracker(KnownPeople(store))
     presence.use_settings(RecognitionSettings(portraits=portraits), may_decide=True)
     _watch(presence, [[1, 2]] * 3)
     first, second = sorted(presence.persons(), key=lambda row: row.track)

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonLooks
-from caris_desktop.people.together import Likeness, Spot, Together, same_person
+from caris_desktop.people.together import CrossCameraMatcher, Likeness, Spot, same_person
 
 MS = 1_000_000
 FRONT, DESK = ("front", 1), ("desk", 1)
 
 
 def walk(
-    together: Together,
+    together: CrossCameraMatcher,
     track: tuple[str, int],
     *,
     from_m: tuple[float, float],
@@ -38,7 +38,7 @@ def looks(track: tuple[str, int], vector: NDArray[np.float32], *, model: str = "
 
 
 def test_who_walks_the_same_way_at_the_same_time_is_one_person() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), mps=(0.0, 1.2))
     walk(together, DESK, from_m=(2.0, 0.0), mps=(0.0, 1.2), every_ms=330, begin_ms=70, spread_m=0.3, off_m=0.25)
     assert together.verdict(FRONT, DESK) == "same"
@@ -47,7 +47,7 @@ def test_who_walks_the_same_way_at_the_same_time_is_one_person() -> None:
 
 
 def test_who_stands_elsewhere_is_somebody_else() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0))
     walk(together, DESK, from_m=(4.0, 1.0), spread_m=0.3)
     assert together.verdict(FRONT, DESK) == "different"
@@ -55,20 +55,20 @@ def test_who_stands_elsewhere_is_somebody_else() -> None:
 
 
 def test_two_of_one_camera_are_two_people_wherever_they_stand() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0))
     walk(together, ("front", 2), from_m=(2.1, 0.0))
     assert together.verdict(FRONT, ("front", 2)) == "different"
 
 
 def test_two_people_side_by_side_are_paired_rightly_or_not_at_all() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     for number, y_m in ((1, 0.0), (2, 0.9)):
         walk(together, ("front", number), from_m=(2.0, y_m))
         walk(together, ("desk", number), from_m=(2.0, y_m), spread_m=0.25, off_m=0.15)
     assert together.partners(("front", 1)) == (("desk", 1),)
     assert together.partners(("desk", 2)) == (("front", 2),)
-    close = Together()
+    close = CrossCameraMatcher()
     for number, y_m in ((1, 0.0), (2, 0.25)):
         walk(close, ("front", number), from_m=(2.0, y_m))
     walk(close, DESK, from_m=(2.0, 0.13), spread_m=0.3)
@@ -83,7 +83,7 @@ def test_two_people_side_by_side_are_paired_rightly_or_not_at_all() -> None:
 
 
 def test_places_that_were_never_of_the_same_moment_tell_nothing() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), until_ms=600)
     walk(together, DESK, from_m=(2.0, 0.0), begin_ms=1500, until_ms=2100)
     assert together.verdict(FRONT, DESK) == "unknown"
@@ -91,7 +91,7 @@ def test_places_that_were_never_of_the_same_moment_tell_nothing() -> None:
 
 
 def test_who_met_and_parted_is_two_people_again() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), until_ms=4000)
     walk(together, DESK, from_m=(2.0, 0.0), until_ms=1200)
     assert together.verdict(FRONT, DESK) != "different"
@@ -102,7 +102,7 @@ def test_who_met_and_parted_is_two_people_again() -> None:
 def test_without_places_only_very_similar_looks_tell_and_another_similar_one_forbids_it() -> None:
     rng = np.random.default_rng(2)
     coat = rng.normal(size=64)
-    together = Together()
+    together = CrossCameraMatcher()
     for track in (FRONT, DESK):
         together.see(track, 0)
     together.take_looks(looks(FRONT, coat))
@@ -116,7 +116,7 @@ def test_without_places_only_very_similar_looks_tell_and_another_similar_one_for
     for _ in range(3):
         together.take_looks(looks(("front", 2), coat + 0.2 * rng.normal(size=64)))
     assert together.partners(DESK) == (), "two in the same coat"
-    foreign = Together()
+    foreign = CrossCameraMatcher()
     for track in (FRONT, DESK):
         foreign.see(track, 0)
         for _ in range(4):
@@ -135,7 +135,7 @@ def test_clearly_other_clothes_in_the_same_place_are_not_joined() -> None:
 
 
 def test_nothing_grows() -> None:
-    together = Together()
+    together = CrossCameraMatcher()
     for number in range(500):
         walk(together, ("front", number), from_m=(0.0, 0.0), begin_ms=number * 400, until_ms=number * 400 + 300)
     assert together.verdict(("front", 0), ("desk", 0)) == "unknown"

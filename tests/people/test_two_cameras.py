@@ -12,7 +12,7 @@ from caris_desktop.domain.events import PersonAppeared, PersonIdentified, Person
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator
-from caris_desktop.people.presence import PersonRow, Presence
+from caris_desktop.people.presence import PersonRow, PresenceTracker
 from caris_desktop.simulator.camera_model import sees
 from caris_desktop.simulator.desk_camera import HEIGHT_M, STANDS_IN_MAP, TILT_RAD
 from caris_desktop.simulator.people import Visit as SimulatedVisit
@@ -64,7 +64,7 @@ def scan_of(people: list[tuple[float, float]], stamp_ns: int) -> LaserScan:
 class Scene:
     """Looks at people with both cameras in turn, as the console does: the one on show three times as often."""
 
-    def __init__(self, presence: Presence, *ways: Way) -> None:
+    def __init__(self, presence: PresenceTracker, *ways: Way) -> None:
         self.presence = presence
         self.ways = ways
         self.locator = PeopleLocator()
@@ -108,7 +108,7 @@ def standing(x_m: float, y_m: float) -> Way:
 
 
 def test_somebody_whom_both_cameras_see_is_one_row() -> None:
-    scene = Scene(Presence(), standing(4.0, 2.2))
+    scene = Scene(PresenceTracker(), standing(4.0, 2.2))
     (row,) = scene.play(4.0)
     assert set(row.cameras) == {"front", "desk"}, "both are perceived"
     assert min(scene.places_from.values()) >= 10
@@ -119,7 +119,7 @@ def test_somebody_whom_both_cameras_see_is_one_row() -> None:
 
 
 def test_who_walks_out_of_one_camera_stays_by_the_other_and_leaves_once() -> None:
-    scene = Scene(Presence(), lambda seconds: (4.0, 1.6) if seconds < 4.0 else (0.2, 2.0))
+    scene = Scene(PresenceTracker(), lambda seconds: (4.0, 1.6) if seconds < 4.0 else (0.2, 2.0))
     scene.play(3.5)
     (row,) = scene.play(0.4)
     (still,) = scene.play(1.0)
@@ -130,7 +130,7 @@ def test_who_walks_out_of_one_camera_stays_by_the_other_and_leaves_once() -> Non
 
 def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
     scene = Scene(
-        Presence(),
+        PresenceTracker(),
         lambda seconds: (3.0 + 0.25 * min(seconds, 8.0), 1.6 + 0.15 * min(seconds, 8.0)),
         lambda seconds: (5.0 - 0.25 * min(seconds, 8.0), 2.9 - 0.15 * min(seconds, 8.0)),
     )
@@ -144,9 +144,9 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
 
 
 def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene(Presence(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
+    scene = Scene(PresenceTracker(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
-        blind.setattr("caris_desktop.people.together.Together.take_spot", lambda *_: None)
+        blind.setattr("caris_desktop.people.together.CrossCameraMatcher.take_spot", lambda *_: None)
         assert len(scene.play(3.0)) == 2
     (row,) = scene.play(2.0)
     assert set(row.cameras) == {"front", "desk"}
@@ -158,7 +158,7 @@ def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.M
 
 
 def test_somebody_elsewhere_is_never_taken_for_them() -> None:
-    scene = Scene(Presence(), standing(4.0, 2.2), standing(4.4, 0.9))
+    scene = Scene(PresenceTracker(), standing(4.0, 2.2), standing(4.4, 0.9))
     for _ in range(5):
         rows = scene.play(1.0)
         assert len(rows) in (1, 2)

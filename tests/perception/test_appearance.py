@@ -12,7 +12,7 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.following import LOST_S
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.portraits import PortraitTaker
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 from tests.perception.networks import colours_of_places
@@ -82,8 +82,8 @@ def test_a_network_is_found_in_the_first_folder_that_has_one(tmp_path: Path) -> 
     assert find_appearance((first, second)) == first / "osnet_b.onnx"
 
 
-def look(stamp_s: float) -> Look:
-    return Look(FrameRef(round(stamp_s * 1e9), None, "front", "ring", 0, 1, 640, 480))
+def look(stamp_s: float) -> DetectionRequest:
+    return DetectionRequest(FrameRef(round(stamp_s * 1e9), None, "front", "ring", 0, 1, 640, 480))
 
 
 def test_who_comes_back_in_another_place_has_their_number_again(model: AppearanceModel) -> None:

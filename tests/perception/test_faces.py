@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.faces import FaceModel, FaceModelError, Faces, StudyFaces, face_of
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
 from tests.perception.networks import colours_of_places
 
@@ -98,10 +98,13 @@ def test_each_has_a_turn_and_nobody_more_than_two_a_second(network: Path) -> Non
 def test_no_face_is_looked_at_unless_the_scenario_says_so(network: Path) -> None:
     faces = StudyFaces(network)
     image = np.full((480, 640, 3), 128, np.uint8)
-    assert faces.taken(image, Look(frame()), [BOX], None) == []
-    assert len(faces.taken(image, Look(frame(), faces=True), [BOX], None)) == 1
-    assert faces.taken(image, Look(frame(9.0)), [BOX], None) == []
-    assert StudyFaces(network.with_name("none.onnx")).taken(image, Look(frame(), faces=True), [BOX], None) == []
+    assert faces.taken(image, DetectionRequest(frame()), [BOX], None) == []
+    assert len(faces.taken(image, DetectionRequest(frame(), faces=True), [BOX], None)) == 1
+    assert faces.taken(image, DetectionRequest(frame(9.0)), [BOX], None) == []
+    assert (
+        StudyFaces(network.with_name("none.onnx")).taken(image, DetectionRequest(frame(), faces=True), [BOX], None)
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,8 +124,8 @@ def test_a_network_that_cannot_be_meant_is_refused_once(
         (tmp_path / "face.onnx.sha256").write_text(f"{checksum}  face.onnx\n")
     faces, image = StudyFaces(path), np.zeros((480, 640, 3), np.uint8)
     with pytest.raises(FaceModelError, match=expected):
-        faces.taken(image, Look(frame(), faces=True), [BOX], None)
-    assert faces.taken(image, Look(frame(2.0), faces=True), [BOX], None) == []
+        faces.taken(image, DetectionRequest(frame(), faces=True), [BOX], None)
+    assert faces.taken(image, DetectionRequest(frame(2.0), faces=True), [BOX], None) == []
 
 
 def test_the_right_checksum_is_no_obstacle(network: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from caris_desktop.perception.following import LOST_S, SURE, Follower
+from caris_desktop.perception.following import LOST_S, SURE, CameraTracker
 from caris_desktop.perception.motion import Floats, overlaps
 from tests.perception.crowd import HEIGHT_PX, WIDTH_PX, Picture, filmed, idf1
 
@@ -16,7 +16,7 @@ def box(x: float, *, y: float = 200.0, height: float = 200.0) -> Floats:
 
 
 def numbers(
-    follower: Follower, boxes: list[Floats], stamp_s: float, *, confidence: float = 0.9, shift: float = 0.0
+    follower: CameraTracker, boxes: list[Floats], stamp_s: float, *, confidence: float = 0.9, shift: float = 0.0
 ) -> dict[int, int]:
     corners = np.array(boxes).reshape(-1, 4)
     followed = follower.follow(corners, np.full(len(boxes), confidence), stamp_s, shift_px=(shift, 0.0))
@@ -24,7 +24,7 @@ def numbers(
 
 
 def follow_all(pictures: list[Picture], *, turns_known: bool = True, looks: bool = False) -> list[dict[int, int]]:
-    follower = Follower()
+    follower = CameraTracker()
     answers = []
     for picture in pictures:
         followed = follower.follow(
@@ -45,14 +45,14 @@ def score(film: Callable[[int], list[Picture]], *, turns_known: bool = True, loo
 
 
 def test_somebody_who_walks_keeps_their_number_and_two_have_two() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     seen = [numbers(follower, [box(10.0 + 8 * step), box(400.0 - 8 * step)], 0.1 * step) for step in range(10)]
     assert seen[0] == {0: 1, 1: 2}
     assert all(each == seen[0] for each in seen)
 
 
 def test_who_begins_later_counts_from_the_second_picture_on() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(10.0), box(400.0)], 0.1) == {0: 1}
     assert numbers(follower, [box(10.0), box(402.0)], 0.2) == {0: 1, 1: 2}
@@ -60,24 +60,24 @@ def test_who_begins_later_counts_from_the_second_picture_on() -> None:
 
 @pytest.mark.parametrize("period_s", [0.7, 1.5, 2.5])
 def test_where_pictures_are_rare_people_count_too(period_s: float) -> None:
-    follower = Follower()
+    follower = CameraTracker()
     numbers(follower, [], 0.0)
     seen = [numbers(follower, [box(10.0 + 5 * step)], period_s * step) for step in range(1, 6)]
     assert seen == [{}, {0: 1}, {0: 1}, {0: 1}, {0: 1}]
 
 
 def test_a_box_that_is_hardly_one_continues_somebody_and_begins_nobody() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(12.0)], 0.1, confidence=SURE - 0.2) == {0: 1}
-    stranger = Follower()
+    stranger = CameraTracker()
     numbers(stranger, [box(10.0)], 0.0, confidence=SURE - 0.3)
     assert all(numbers(stranger, [box(10.0)], 0.1 * step, confidence=SURE - 0.3) == {} for step in range(1, 30))
 
 
 def test_poor_boxes_become_somebody_after_a_while_unless_another_covers_them() -> None:
     poor, person, legs = box(10.0), box(300.0), box(310.0, y=280.0, height=110.0)
-    follower = Follower()
+    follower = CameraTracker()
     corners, confidences = np.array([poor, person, legs]), np.array([0.37, 0.9, 0.4])
     seen = [[each.box for each in follower.follow(corners, confidences, 0.1 * step)] for step in range(15)]
     assert seen[0] == [1]
@@ -86,7 +86,7 @@ def test_poor_boxes_become_somebody_after_a_while_unless_another_covers_them() -
 
 @pytest.mark.parametrize("period_s", [0.04, 0.15, 0.4])
 def test_somebody_hidden_for_a_second_goes_on_where_they_would_be(period_s: float) -> None:
-    follower = Follower()
+    follower = CameraTracker()
     stamps = np.arange(0.0, 4.0, period_s)
     seen: list[dict[int, int]] = []
     for stamp_s in stamps.tolist():
@@ -96,7 +96,7 @@ def test_somebody_hidden_for_a_second_goes_on_where_they_would_be(period_s: floa
 
 
 def test_after_too_long_they_are_somebody_new_for_who_cannot_tell_by_looks() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     for step in range(1, 10):
         numbers(follower, [], 0.1 * LOST_S * step)
@@ -106,13 +106,13 @@ def test_after_too_long_they_are_somebody_new_for_who_cannot_tell_by_looks() -> 
 
 
 def test_who_is_where_they_were_before_a_pause_of_the_camera_is_the_same() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(12.0)], 4.0) == {0: 1}
 
 
 def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     looks = np.eye(4)
 
     def look(boxes: list[Floats], who: list[int], stamp_s: float) -> list[int]:
@@ -133,7 +133,7 @@ def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not(
 
 
 def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_seen_well() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     likenesses = np.eye(2)
 
     def seen(xs: list[float], who: list[int], stamp_s: float) -> list[int]:
@@ -151,7 +151,7 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
 
 
 def test_who_comes_in_where_somebody_has_just_left_does_not_go_on_as_them() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     likenesses = np.eye(2)
 
     def seen(x: float, who: int, stamp_s: float) -> list[int]:
@@ -175,7 +175,7 @@ def test_who_comes_in_where_somebody_has_just_left_does_not_go_on_as_them() -> N
 
 
 def test_looks_are_few_also_in_a_crowd() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     asked: list[int] = []
 
     def appearance_of(rows: Sequence[int]) -> Floats:
@@ -190,7 +190,7 @@ def test_looks_are_few_also_in_a_crowd() -> None:
 
 
 def test_a_turn_of_the_camera_is_no_walk_of_everybody() -> None:
-    follower = Follower()
+    follower = CameraTracker()
     people = [box(50.0), box(200.0), box(350.0)]
     numbers(follower, people, 0.0)
     turned = [each + np.array([150.0, 0.0, 150.0, 0.0]) for each in people]

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.people import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import FrameRef, People
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
 from caris_desktop.perception.inference import newest, rest_s, run_inference
-from caris_desktop.perception.inference_messages import FrameSkipped, InferenceFailed, InferenceReady, Look
+from caris_desktop.perception.inference_messages import DetectionRequest, FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.perception.weights import offline_package_weights
 from tests.perception.networks import colours_of_places
@@ -49,7 +49,7 @@ class RunningInference:
         self.told: list[Any] = []
         """What came between the last answers: how people look, after the answer that they are in."""
         self.child = ChildProcess(
-            ProcessBody("inference", run_inference, (RingsToRead((self.ring.name,)), settings)),
+            ProcessSpec("inference", run_inference, (RingsToRead((self.ring.name,)), settings)),
             on_message=lambda value, _raw: self._inbox.put(value),
             on_exit=lambda code: self._inbox.put(code),
         )
@@ -63,7 +63,7 @@ class RunningInference:
 
     def ask(self, image_bgr: NDArray[np.uint8], *, camera: str = "front", faces: bool = False) -> People:
         ref = self.write(image_bgr, camera=camera)
-        assert self.child.send(Look(ref, faces=faces))
+        assert self.child.send(DetectionRequest(ref, faces=faces))
         self.told = []
         while not isinstance(people := self.next(), People):
             self.told.append(people)
@@ -202,7 +202,7 @@ def test_a_picture_that_was_overwritten_meanwhile_is_skipped(
     lost = offline_inference.write(black)
     for _ in range(SLOT_COUNT):
         offline_inference.write(black)
-    assert offline_inference.child.send(Look(lost))
+    assert offline_inference.child.send(DetectionRequest(lost))
     while not isinstance(skipped := offline_inference.next(), FrameSkipped):
         assert isinstance(skipped, PersonPortrait | PersonLooks)
     assert skipped == FrameSkipped(lost.stamp_ns, "front", lost.sequence)
@@ -225,7 +225,7 @@ def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, co
         assert failed.problem.advice
         # It stays and takes frames, so that nobody mistakes it for a crash and starts it again.
         for _ in range(3):
-            assert running.child.send(Look(running.write(np.zeros((48, 64, 3), np.uint8))))
+            assert running.child.send(DetectionRequest(running.write(np.zeros((48, 64, 3), np.uint8))))
         assert psutil.pid_exists(running.child.pid or 0)
     finally:
         running.close()
@@ -256,7 +256,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
     weights, black = find_weights(folders=(Path(folder),)), np.zeros((480, 640, 3), np.uint8)
     detector = open_detector(weights, confidence=0.1, threads=1)
     tracker = PersonTracker(person_classes(detector, weights), tracker="botsort")
-    boxes = tracker.track(detector.detect(black), black, Look(_ref(1)))
+    boxes = tracker.track(detector.detect(black), black, DetectionRequest(_ref(1)))
     report.send((boxes, addresses, settings["sync"]))
 
 
@@ -302,8 +302,8 @@ def _ref(sequence: int) -> FrameRef:
 def test_only_the_newest_frame_that_waits_is_taken() -> None:
     ours, theirs = multiprocessing.Pipe()
     for sequence in (1, 2, 3):
-        ours.send(Look(_ref(sequence)))
-    assert newest(theirs) == Look(_ref(3))
+        ours.send(DetectionRequest(_ref(sequence)))
+    assert newest(theirs) == DetectionRequest(_ref(3))
     ours.close()
     with pytest.raises(EOFError):
         newest(theirs)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.backends.chosen import Chosen
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.inference_messages import Look
+from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.perception.tracker import PersonTracker
 
@@ -31,9 +31,9 @@ def perceiver(detector: Finds) -> Perceiver:
     return Perceiver(Chosen(detector, (0,), None), PersonTracker((0,), tracker="own"), "")
 
 
-def look(number: int, *, to_cover: bool) -> Look:
+def look(number: int, *, to_cover: bool) -> DetectionRequest:
     ref = FrameRef((number + 1) * 100_000_000, None, "front", "", 0, number, 640, 480)
-    return Look(ref, to_cover=to_cover)
+    return DetectionRequest(ref, to_cover=to_cover)
 
 
 def test_whoever_may_be_a_person_is_told_of_where_people_have_to_be_covered() -> None:

@@ -15,7 +15,7 @@ from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.perception import inference
 from caris_desktop.perception.backends import remote
 from caris_desktop.perception.inference import run_inference
-from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady, Look
+from caris_desktop.perception.inference_messages import DetectionRequest, DetectorAway, FrameSkipped, InferenceReady
 from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 from tests.perception.served import Serving, picture
 
@@ -51,7 +51,7 @@ class Running:
     def ask(self) -> None:
         self._number += 1
         stamp_ns = self._number * 100_000_000
-        self.connection.send(Look(FrameRef(stamp_ns, None, "front", "", 0, self._number, 160, 120)))
+        self.connection.send(DetectionRequest(FrameRef(stamp_ns, None, "front", "", 0, self._number, 160, 120)))
 
     def close(self) -> None:
         self.connection.close()

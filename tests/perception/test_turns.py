@@ -3,7 +3,13 @@
 from collections import Counter
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.turns import OTHERS_EVERY_NS, SILENT_AFTER_NS, TO_COVER_EVERY_NS, CameraTurns, LookRates
+from caris_desktop.perception.turns import (
+    OTHERS_EVERY_NS,
+    SILENT_AFTER_NS,
+    TO_COVER_EVERY_NS,
+    CameraRotation,
+    DetectionRate,
+)
 
 MS = 1_000_000
 
@@ -12,7 +18,7 @@ def frame(camera: str, sequence: int = 1) -> FrameRef:
     return FrameRef(sequence, None, camera, "ring", 0, sequence, 4, 3)
 
 
-def looks(turns: CameraTurns, cameras: tuple[str, ...], *, seconds: int, start_ns: int = 0) -> Counter[str]:
+def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, start_ns: int = 0) -> Counter[str]:
     """Each camera sends ten pictures a second, and a look takes no time."""
     looked: Counter[str] = Counter()
     for number in range(10 * seconds):
@@ -26,7 +32,7 @@ def looks(turns: CameraTurns, cameras: tuple[str, ...], *, seconds: int, start_n
 
 
 def test_one_camera_gets_every_look_and_its_newest_picture() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     assert looks(turns, ("front",), seconds=2) == {"front": 20}
     assert turns.take(now_ns=2000 * MS) is None
     assert turns.offer(frame("front", 50), now_ns=2000 * MS), "a look is due"
@@ -35,7 +41,7 @@ def test_one_camera_gets_every_look_and_its_newest_picture() -> None:
 
 
 def test_two_cameras_make_no_more_work_than_one() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     looked = looks(turns, ("front", "rear"), seconds=10)
     assert looked.total() <= 101
@@ -44,7 +50,7 @@ def test_two_cameras_make_no_more_work_than_one() -> None:
 
 
 def test_where_people_have_to_be_covered_the_other_camera_is_looked_at_as_often() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     turns.others_every_ns = TO_COVER_EVERY_NS
     looked = looks(turns, ("front", "rear"), seconds=10)
@@ -53,7 +59,7 @@ def test_where_people_have_to_be_covered_the_other_camera_is_looked_at_as_often(
 
 
 def test_each_of_several_others_has_its_turn() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     looked = looks(turns, ("front", "left", "right", "rear"), seconds=10)
     assert looked.total() <= 101
@@ -62,7 +68,7 @@ def test_each_of_several_others_has_its_turn() -> None:
 
 def test_a_slow_detector_sees_both_cameras() -> None:
     """Half a second for a look: both always wait."""
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     looked: Counter[str] = Counter()
     for number in range(20):
@@ -76,7 +82,7 @@ def test_a_slow_detector_sees_both_cameras() -> None:
 
 
 def test_the_camera_that_is_shown_leads_from_then_on() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     looks(turns, ("front", "rear"), seconds=2)
     turns.show("rear")
@@ -85,7 +91,7 @@ def test_the_camera_that_is_shown_leads_from_then_on() -> None:
 
 
 def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
     assert turns.take(now_ns=0) is not None
@@ -95,7 +101,7 @@ def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
 
 
 def test_what_is_forgotten_is_not_looked_at() -> None:
-    turns = CameraTurns()
+    turns = CameraRotation()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
     turns.forget()
@@ -105,7 +111,7 @@ def test_what_is_forgotten_is_not_looked_at() -> None:
 
 
 def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
-    turns, rates = CameraTurns(), LookRates()
+    turns, rates = CameraRotation(), DetectionRate()
     turns.show("front")
     for number in range(100):
         now_ns = number * 100 * MS

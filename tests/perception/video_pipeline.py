@@ -14,12 +14,12 @@ import psutil
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import CameraState, FrameRef, People
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.perception.cameras.camera_process import PlayVideo, run_camera
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.inference import run_inference
-from caris_desktop.perception.inference_messages import FrameSkipped, InferenceFailed, InferenceReady, Look
+from caris_desktop.perception.inference_messages import DetectionRequest, FrameSkipped, InferenceFailed, InferenceReady
 from caris_desktop.perception.inference_settings import InferenceSettings
 
 _PATIENCE_S = 60.0
@@ -43,11 +43,11 @@ def play(video: Path, settings: InferenceSettings) -> Playback:
     inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ring = FrameRing.create()
     inference = ChildProcess(
-        ProcessBody("inference", run_inference, (RingsToRead((ring.name,)), settings)),
+        ProcessSpec("inference", run_inference, (RingsToRead((ring.name,)), settings)),
         on_message=lambda value, _raw: inbox.put(value),
     )
     camera = ChildProcess(
-        ProcessBody("camera", run_camera, (parse_camera(str(video)), RingToWrite(ring.name))),
+        ProcessSpec("camera", run_camera, (parse_camera(str(video)), RingToWrite(ring.name))),
         on_message=lambda value, _raw: inbox.put(value),
         on_exit=lambda _code: None,
     )
@@ -86,7 +86,7 @@ def _collect(inbox: "queue.SimpleQueue[Any]", inference: ChildProcess, camera: C
                 latency_ms.append((clock.now_ns() - item.stamp_ns) / 1e6)
         elif isinstance(item, CameraState) and item.state == "ended":
             ended = True
-        if ready is not None and newest is not None and not busy and inference.send(Look(newest)):
+        if ready is not None and newest is not None and not busy and inference.send(DetectionRequest(newest)):
             newest, busy = None, True
     assert ready is not None, "the video ended before the detector was ready"
     return Playback(

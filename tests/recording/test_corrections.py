@@ -9,7 +9,7 @@ import pytest
 
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceOrigin
 from caris_desktop.recording.export import export_session
-from caris_desktop.recording.forgetting.sightings import Sightings
+from caris_desktop.recording.forgetting.sightings import PersonTracks
 from caris_desktop.recording.forgetting.speech import speech_in
 from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
 from caris_desktop.recording.session.responses import responses
@@ -130,7 +130,7 @@ def test_a_name_that_came_in_by_a_correction_is_forgotten(study: Path, tmp_path:
     """In the words, and what they themselves said is silenced, also where only the correction says that it was they."""
     copy = Path(shutil.copytree(study, tmp_path / "study"))
     session = open_session(copy / "sessions" / "s")
-    assert speech_in(session, frozenset({"p-7"}), Sightings({}, {}, [])).theirs == {"p1"}
+    assert speech_in(session, frozenset({"p-7"}), PersonTracks({}, {}, [])).theirs == {"p1"}
     forget_person(ForgetRequest(copy, ("p-7",), names=(NAME,), otherwise="redact"), lambda: None)
     left = [path for path in (copy / "sessions").rglob("*") if path.is_file() and NAME.encode() in path.read_bytes()]
     assert left == []

@@ -16,8 +16,8 @@ from PySide6.QtWidgets import QApplication, QLabel
 from caris_desktop.app.console_command import ConsoleRun
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import moves
-from caris_desktop.ui.bands import EmergencyBand
-from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.bands import EmergencyBanner
+from caris_desktop.ui.glance import StatusIndicators
 from tests.app.console_child import main
 from tests.app.safety_child import SafetyDriver
 
@@ -28,9 +28,9 @@ class StopsDriver(SafetyDriver):
         self._acted: tuple[int, int] = (0, 0)
         self._contradictions: list[dict[str, object]] = []
         self._contradicts_since_ns = 0
-        self._signs = run.window.findChild(GlanceSigns)
+        self._signs = run.window.findChild(StatusIndicators)
         self._now = run.window.findChild(QLabel, "robot_now")
-        self._band = run.window.findChild(EmergencyBand)
+        self._band = run.window.findChild(EmergencyBanner)
 
     def _on_line(self, line: str) -> None:
         word, _, rest = line.partition(" ")

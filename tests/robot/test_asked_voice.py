@@ -223,7 +223,7 @@ class Web:
 
 
 def with_web(
-    web: Web, test: Callable[[asked_voice.AskedVoice, list[UtteranceChanged], str], Awaitable[None]], **told: Any
+    web: Web, test: Callable[[asked_voice.RequestSpeech, list[UtteranceChanged], str], Awaitable[None]], **told: Any
 ) -> None:
     """A voice by HTTP without a link, as it needs none."""
 
@@ -234,7 +234,7 @@ def with_web(
         events: list[UtteranceChanged] = []
         speech = SpeechInterface(web=spoken)
         no_link: Any = None
-        one = asked_voice.AskedVoice(
+        one = asked_voice.RequestSpeech(
             no_link,
             no_link,
             speech,
@@ -259,7 +259,7 @@ async def until(observe: Callable[[], Any]) -> None:
 def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
     web = Web()
 
-    async def test(one: asked_voice.AskedVoice, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: asked_voice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", 'Say "hi" & $value', recorded="Say"))
         await until(lambda: [event.state for event in events] == ["started", "finished"])
         assert {event.text for event in events} == {"Say"}
@@ -279,7 +279,7 @@ def test_over_http_a_failure_is_told_and_the_next_sentence_is_said(
     monkeypatch.setattr(asked_voice, "ANSWERS_WITHIN_S", 0.2)
     web = Web(status)
 
-    async def test(one: asked_voice.AskedVoice, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: asked_voice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: events)
         assert (events[0].state, detail in events[0].detail) == ("failed", True), events
@@ -294,7 +294,7 @@ def test_over_http_nobody_there_is_told_and_silence_is_asked_for(monkeypatch: py
     monkeypatch.setattr(asked_voice, "estimated_duration_s", lambda *_: 60.0)
     web = Web()
 
-    async def test(one: asked_voice.AskedVoice, events: list[UtteranceChanged], _: str) -> None:
+    async def test(one: asked_voice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: [event.state for event in events] == ["started"])
         assert one.silence("wizard:b")
@@ -304,7 +304,7 @@ def test_over_http_nobody_there_is_told_and_silence_is_asked_for(monkeypatch: py
     with_web(web, test, url="ROBOT/speak", body={"text": "$value"}, stop="ROBOT/hush")
     assert web.asked[1] == ("POST", "/hush", None)
 
-    async def nobody(one: asked_voice.AskedVoice, events: list[UtteranceChanged], _: str) -> None:
+    async def nobody(one: asked_voice.RequestSpeech, events: list[UtteranceChanged], _: str) -> None:
         one.say(Say(now_ns(), "u1", "Hello"))
         await until(lambda: events)
         assert "cannot be reached" in events[0].detail

@@ -11,7 +11,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Response
 
 from caris_desktop.domain.pictures import picture_size
-from caris_desktop.domain.translation import Filled
+from caris_desktop.domain.translation import LocalizedText
 from caris_desktop.robot.explore import (
     _DESCRIPTIONS,
     ExploreError,
@@ -257,12 +257,15 @@ def test_a_simulator_s_clock_is_noticed() -> None:
 
 def in_words(detail: str) -> str:
     """The text that is looked up for the wizard, and what is put into it."""
-    if not isinstance(detail, Filled):
+    if not isinstance(detail, LocalizedText):
         return f"<{detail}>"
     return " ".join(
         [
             f"<{detail.template}>",
-            *(f"{name}={in_words(said) if isinstance(said, Filled) else said}" for name, said in detail.values.items()),
+            *(
+                f"{name}={in_words(said) if isinstance(said, LocalizedText) else said}"
+                for name, said in detail.values.items()
+            ),
         ]
     )
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.robot.footprint import Footprint, convex_hull, transformed
-from caris_desktop.robot.guard import CRAWL_MPS, MEMORY_S, GuardLimit, GuardNews, ObstacleGuard
+from caris_desktop.robot.guard import CRAWL_MPS, MEMORY_S, GuardChangeDetector, GuardLimit, ObstacleGuard
 from caris_desktop.robot.profile import FloorOutline, GuardSettings, MotionLimits, RobotProfile, TopicSource
 from tests.support.yardstick import in_yardsticks
 
@@ -408,7 +408,7 @@ def test_something_that_is_pushed_into_the_robot_is_not_its_own() -> None:
 
 
 def test_changes_for_the_worse_are_told_at_once_and_noise_is_not_told() -> None:
-    news = GuardNews()
+    news = GuardChangeDetector()
 
     def told(at_s: float, limit: GuardLimit) -> GuardChanged | None:
         return news.of(limit, at_s, stamp_ns=1)
@@ -425,7 +425,7 @@ def test_changes_for_the_worse_are_told_at_once_and_noise_is_not_told() -> None:
 
 
 def test_at_most_about_five_are_told_in_a_second() -> None:
-    news = GuardNews()
+    news = GuardChangeDetector()
     limits = [GuardLimit(0.5, "slowing", 2.0 - 0.03 * step) for step in range(60)]
     told = [news.of(limit, 0.033 * step, stamp_ns=step) for step, limit in enumerate(limits)]
     assert len([one for one in told if one is not None]) <= 11

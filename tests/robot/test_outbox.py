@@ -9,7 +9,7 @@ import pytest
 from caris_desktop.domain.events import CommandSent, Gap, LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
-from caris_desktop.robot.outbox import MOST_VALUES_PER_STREAM, Outbox, ProblemReporter
+from caris_desktop.robot.outbox import MOST_VALUES_PER_STREAM, ConsoleSender, ProblemReporter
 
 
 def drain(connection: Connection) -> list[Any]:
@@ -29,7 +29,7 @@ def command(number: int) -> CommandSent:
 
 def test_a_console_that_sleeps_blocks_nobody_loses_no_event_and_wakes_to_the_newest() -> None:
     ours, theirs = multiprocessing.Pipe()
-    outbox = Outbox(theirs)
+    outbox = ConsoleSender(theirs)
     # Far more than a pipe holds: a put that waited for the reader would wait for ever.
     for number in range(20_000):
         outbox.put(command(number))
@@ -46,7 +46,7 @@ def test_a_console_that_sleeps_blocks_nobody_loses_no_event_and_wakes_to_the_new
 
 def test_a_burst_passes_whole() -> None:
     ours, theirs = multiprocessing.Pipe()
-    outbox = Outbox(theirs)
+    outbox = ConsoleSender(theirs)
     for number in range(MOST_VALUES_PER_STREAM):
         outbox.put(pose(number))
     assert drain(ours) == [pose(number) for number in range(MOST_VALUES_PER_STREAM)]
@@ -56,7 +56,7 @@ def test_a_burst_passes_whole() -> None:
 def test_no_value_overtakes_the_event_that_voids_it() -> None:
     """Everything waits in one batch, as behind a console that was busy for a moment."""
     ours, theirs = multiprocessing.Pipe()
-    outbox = Outbox(theirs)
+    outbox = ConsoleSender(theirs)
     for number in range(20_000):
         outbox.put(command(number))  # fills the pipe
     lost, again = LinkChanged(2, "control", "lost", "ws://robot"), LinkChanged(4, "control", "connected", "ws://robot")
@@ -69,7 +69,7 @@ def test_no_value_overtakes_the_event_that_voids_it() -> None:
 
 def test_a_console_that_is_gone_does_not_hurt() -> None:
     ours, theirs = multiprocessing.Pipe()
-    outbox = Outbox(theirs)
+    outbox = ConsoleSender(theirs)
     ours.close()
     for number in range(100):
         outbox.put(command(number))
@@ -78,7 +78,7 @@ def test_a_console_that_is_gone_does_not_hurt() -> None:
 
 def test_only_what_the_stream_table_knows_is_taken() -> None:
     _, theirs = multiprocessing.Pipe()
-    outbox = Outbox(theirs)
+    outbox = ConsoleSender(theirs)
     with pytest.raises(KeyError):
         outbox.put("text")
     outbox.close(1.0)

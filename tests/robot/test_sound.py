@@ -10,7 +10,7 @@ import pytest
 from caris_desktop.domain import clock, commands
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.robot.outbox import Outbox
+from caris_desktop.robot.outbox import ConsoleSender
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
 from caris_desktop.ros.audio_messages import AudioForm, encode_audio_info
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
@@ -151,7 +151,7 @@ def test_a_console_that_sleeps_misses_no_sound_of_some_seconds() -> None:
             self.sent.append(value)
 
     pipe = Pipe()
-    outbox = Outbox(pipe)  # type: ignore[arg-type]
+    outbox = ConsoleSender(pipe)  # type: ignore[arg-type]
     with outbox._changed:  # the writer waits, as behind a full pipe
         for number in range(100):
             outbox.put(AudioChunk(number, "robot microphone", 16000, TONE[:, None]))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain.declared import Form
+from caris_desktop.domain.declared import ValueForm
 from caris_desktop.domain.declared_places import ABSENT, differences
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.shipped import layouts_dir
@@ -43,7 +43,7 @@ def document(text: str = SMALL) -> ScenarioDocument:
 
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_each_field_changes_its_own_lines_alone(
-    shipped: Path, sampled: Callable[[list[tuple[KeyPath, Form]]], list[tuple[KeyPath, Form]]]
+    shipped: Path, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
 ) -> None:
     text = shipped.read_text(encoding="utf-8")
     edit = ScenarioDocument(text, shipped)

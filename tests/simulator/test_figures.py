@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.simulator.figure_table import FIGURES
+from caris_desktop.simulator.figure_table import CHARACTERS
 from caris_desktop.simulator.figures import Appearance, draw
 from caris_desktop.simulator.floor_plan import START
 from caris_desktop.simulator.people import BadVisits, Crowd, Seen, Visit, read_visits, visits_by_chance
@@ -152,4 +152,4 @@ def test_filmed_people_are_where_their_boxes_say() -> None:
         assert (different & ~inside).mean() < 0.001
     again = list(film([Visit(8, 0.0, 3.0), Visit(12, 1.0, 3.0)], rate_hz=2.0))
     assert all(np.array_equal(a.image_bgr, b.image_bgr) for a, b in zip(frames, again, strict=True))
-    assert len(FIGURES) == PEOPLE >= 20
+    assert len(CHARACTERS) == PEOPLE >= 20

@@ -9,7 +9,7 @@ import pytest
 
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
-from caris_desktop.simulator.wardrobe import NoSuchDress, dress_named, dress_names
+from caris_desktop.simulator.wardrobe import UnknownRobotModel, dress_named, dress_names
 from tests.support.leftovers import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
@@ -193,10 +193,10 @@ def test_a_namespace_is_put_before_relative_names_only() -> None:
 
 def test_what_is_no_dress_is_refused_with_a_list() -> None:
     with pytest.raises(
-        NoSuchDress, match="generic, nao, pepper, tiago, tiago-base, turtlebot3, turtlebot3-humble, turtlebot4"
+        UnknownRobotModel, match="generic, nao, pepper, tiago, tiago-base, turtlebot3, turtlebot3-humble, turtlebot4"
     ):
         dress_named("r2d2")
-    with pytest.raises(NoSuchDress, match="ROS 2"):
+    with pytest.raises(UnknownRobotModel, match="ROS 2"):
         dress_named("turtlebot3", 1)
     assert dress_named("generic", 2).dialect is Dialect.ROS2
     assert dress_named("tiago", holonomic=True).body.base.left_mps > 0.0

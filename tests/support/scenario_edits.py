@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from caris_desktop.domain.declared import (
-    Form,
+    ValueForm,
     choices_of,
     form_of,
     groups_of,
@@ -41,12 +41,12 @@ def sampled(request: pytest.FixtureRequest) -> Callable[[Sequence[T]], Sequence[
     return lambda many: many[3 :: max(1, len(many) // 5)]
 
 
-def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, Form]]:
+def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, ValueForm]]:
     """Every single value that a file may hold as it is built now: those that it says, and those that it leaves out."""
     yield from _leaves(form_of(hint), data, ())
 
 
-def _leaves(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Form]]:
+def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, ValueForm]]:
     group = group_at(form, data)
     if group is not None:
         for key in keys_of(group):
@@ -65,12 +65,12 @@ def _leaves(form: Form, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, For
         yield path, form
 
 
-def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, Form]]:
+def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
     """Every leaf of the form but the version, which nobody chooses."""
     return [(path, form) for path, form in leaves(Scenario, document.data) if len(choices_of(form.kind)) != 1]
 
 
-def other_value(document: ScenarioDocument, path: KeyPath, form: Form) -> Any:
+def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> Any:
     """Something else that may stand there, with the rest of the file as it is; ABSENT where nothing may."""
     present = document.value(path)
     candidates = _names(document, form.rule.refers) if form.rule.refers else list(_candidates(form, present))
@@ -91,7 +91,7 @@ def _names(document: ScenarioDocument, refers: tuple[str, ...]) -> list[str]:
     return [entry[refers[-1]] for entry in document.value(refers[:-1]) or ()]
 
 
-def _candidates(form: Form, present: Any) -> Iterator[Any]:
+def _candidates(form: ValueForm, present: Any) -> Iterator[Any]:
     if is_group(form.kind) or groups_of(form.kind):
         yield blank_of(form)
         return
@@ -204,11 +204,11 @@ def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: K
         assert {start, end} <= may, (path, old[start:end])
 
 
-def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, Form]]:
+def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
     """Every list that the file may hold: those within entries too."""
-    found: dict[KeyPath, Form] = {}
+    found: dict[KeyPath, ValueForm] = {}
 
-    def look(path: KeyPath, form: Form) -> None:
+    def look(path: KeyPath, form: ValueForm) -> None:
         value = document.value(path) if path else document.data
         group = group_at(form, value)
         if group is not None:

@@ -99,12 +99,12 @@ AS_IT_IS: dict[str, dict[str, str]] = {
 
 _MARKS = ("tr", "QT_TR_NOOP")
 _LOGGED = ("critical", "debug", "error", "exception", "info", "log", "warning")
-_TOLD_ERRORS = ("MappingError", "ToldFailure")
+_TOLD_ERRORS = ("MappingError", "UserFacingError")
 """Raised with the sentence that the wizard reads; what other errors say stands in the log."""
 
 _TOLD_BY = {
     "AnnotationError", "BundleError", "CameraError", "ExportError", "NotFetched", "PeopleStoreError", "Problem",
-    "ProfileError", "ScenarioError", "SessionError", "ToldFailure", "UnreadableMediaError", "WeightsError",
+    "ProfileError", "ScenarioError", "SessionError", "UserFacingError", "UnreadableMediaError", "WeightsError",
 }  # fmt: skip
 """What carries sentences to the wizard out of any room, with whatever is derived of it."""
 
@@ -128,7 +128,7 @@ _SHOWN = {
     "addAction", "addItem", "addMenu", "addTab", "drawText", "insertItem", "setAccessibleDescription",
     "setAccessibleName", "setPlaceholderText", "setStatusTip", "setTabText", "setText", "setTitle", "setToolTip",
     "setWhatsThis", "setWindowTitle", "QLabel", "QPushButton", "QToolButton", "QCheckBox", "QRadioButton", "QGroupBox",
-    "ActionButton", "CutLabel",
+    "ActionButton", "ElidedLabel",
     "set_fact", "set_label", "set_text", "show_text", "show_title", "show_words",
 }  # fmt: skip
 """Functions that show their arguments: here a single small word is a text too."""

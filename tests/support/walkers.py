@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
-from caris_desktop.simulator.figure_table import FIGURES
+from caris_desktop.simulator.figure_table import CHARACTERS
 from caris_desktop.simulator.figures import Appearance, draw
 from caris_desktop.simulator.floor_plan import START
 from caris_desktop.simulator.people import Visit
 from caris_desktop.simulator.picture import Painter
 from caris_desktop.simulator.robot import ROBOT_FROM_CAMERA, View
 
-PEOPLE = len(FIGURES)
+PEOPLE = len(CHARACTERS)
 _Image = NDArray[np.uint8]
 _WALK_MPS, _STRIDE_M = 1.1, 1.3
 _IN_FROM_M = 4.5
@@ -197,7 +197,7 @@ def _drawn(figure: _Figure) -> tuple[int, int, _Image] | None:
     visit = figure.walk.visit
     levels = draw(Appearance(visit.person, visit.clothes), figure.facing_rad, figure.stride_rad)
     px_per_m = FOCAL_PX / figure.ahead_m
-    height_px = FIGURES[visit.person].height_m * px_per_m
+    height_px = CHARACTERS[visit.person].height_m * px_per_m
     level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
     scale = height_px / level.shape[0]
     left_px = (WIDTH_PX - 1) / 2.0 + figure.right_m * px_per_m - level.shape[1] * scale / 2.0

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.ui.problems import ProblemCard
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.floating_card import FloatingCard
 
@@ -227,7 +227,7 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
     if isinstance(widget, QComboBox):
         return _lacking_in_combo_box(widget)
     text = _text_of(widget)
-    if not text.strip() or isinstance(widget, CutLabel):
+    if not text.strip() or isinstance(widget, ElidedLabel):
         return None  # cut short on purpose, with the whole text in its tip
     room = widget.contentsRect()
     if isinstance(widget, QLabel) and widget.textFormat() is not Qt.TextFormat.RichText:

@@ -12,7 +12,7 @@ from caris_desktop.domain.intents import GoToStep
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.live.status import GoingOnStatus, LiveRobotsStatus, PracticeStatus
+from caris_desktop.live.status import CrashRecoveryStatus, LiveRobotsStatus, PracticeStatus
 from caris_desktop.robot.explore import Exploration
 from caris_desktop.robot.proposal import propose
 from caris_desktop.scenario.file import load_scenario
@@ -226,7 +226,7 @@ class EveryWindow:
         window._question.put_away()
         console.state.going_on.set(test_going_on_card.OFFERED)
         yield Seen("going on", self._card("going_on_card"))
-        console.state.going_on.set(GoingOnStatus())
+        console.state.going_on.set(CrashRecoveryStatus())
         console.state.practice.set(test_practice_strip.status_at(2))
         yield Seen("practice", window.practice)
         console.state.practice.set(PracticeStatus())

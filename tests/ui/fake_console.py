@@ -41,7 +41,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
     VoiceOutput,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
@@ -113,7 +113,7 @@ class FakeConsole:
         self.bytes_per_hour: float | None = None
         self.free: int | None = None
         self.disk_is_slow = False
-        self.told_failures: list[ToldFailure] = []
+        self.told_failures: list[UserFacingError] = []
         self._asked_of_disk: list[tuple[Callable[[], Any], Callable[[Any], None], Any]] = []
         self.inputs: tuple[str, ...] = ()
         self.input: str | None = None
@@ -154,7 +154,7 @@ class FakeConsole:
             self.calls.append(("protocol", intent))
             try:
                 self.protocol.handlers()[type(intent)](intent)
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 return failure.what
             return ""
         name = _METHODS.get(type(intent))
@@ -520,7 +520,10 @@ class FakeConsole:
         self.read_aside(lambda: BeforeRecording(self.suggested, self.bytes_per_hour, self.free), told)
 
     def read_aside(
-        self, read: Callable[[], Any], done: Callable[[Any], None], failed: Callable[[ToldFailure], None] | None = None
+        self,
+        read: Callable[[], Any],
+        done: Callable[[Any], None],
+        failed: Callable[[UserFacingError], None] | None = None,
     ) -> None:
         """At once, as from a disk that is quick; while ``disk_is_slow`` when ``answer_of_disk`` is called."""
         self._asked_of_disk.append((read, done, failed))
@@ -532,7 +535,7 @@ class FakeConsole:
             read, done, failed = self._asked_of_disk.pop(0)
             try:
                 found = read()
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 (failed or self.told_failures.append)(failure)
             else:
                 done(found)

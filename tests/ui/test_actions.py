@@ -24,7 +24,7 @@ from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.palette.quick_choices import QuickChoices
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
-from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.replay.timeline_acts import TimelineCommands
 from caris_desktop.ui.speak.queue_list import QueueList
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.theme import Theme
@@ -237,7 +237,7 @@ def test_a_row_gives_nothing_else_than_it_says(window: MainWindow) -> None:
 
 
 def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
-    table = {ACTIONS: MainWindow, REPLAY_ACTIONS: ReplayBar, TIMELINE_ACTIONS: TimelineActs}
+    table = {ACTIONS: MainWindow, REPLAY_ACTIONS: ReplayBar, TIMELINE_ACTIONS: TimelineCommands}
     own = {"Alarms": AlarmList, "Marks": Marking, "Protocol": ProtocolStrip, QUEUE_GROUP: QueueList}
     own |= dict.fromkeys(("Places", "Scenario", "People"), QuickChoices)
     for rows, handlers in table.items():

@@ -7,7 +7,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.live.status import DriveStatus, RecordingStatus
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import click, find
@@ -68,7 +68,7 @@ def test_nothing_closes_while_something_drives(quiet: MainWindow, console: FakeC
     assert not ask_to_close(quiet)
     QTest.keyRelease(field, Qt.Key.Key_W, ALT)
     QTest.keyRelease(field, Qt.Key.Key_Alt)
-    quiet.hold.motion.push_gamepad(MotionWish(forward=0.5))
+    quiet.hold.motion.push_gamepad(TeleopCommand(forward=0.5))
     assert not ask_to_close(quiet)
     quiet.hold.motion.push_gamepad(AT_REST)
     assert ask_to_close(quiet)

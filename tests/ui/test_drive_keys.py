@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import DriveEnded
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.motion_wish import MotionWish, merged
+from caris_desktop.live.motion_wish import TeleopCommand, merged
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui.actions import cap_text
@@ -108,10 +108,12 @@ def test_a_release_that_waited_for_a_screen_reader_was_the_last_that_did(
 
 
 def test_directions_add_up_and_opposites_cancel() -> None:
-    assert wish_of(("drive_forward", "turn_left")) == MotionWish(forward=1.0, turn=1.0)
-    assert wish_of(("drive_forward", "drive_back", "turn_right")) == MotionWish(turn=-1.0)
-    assert wish_of(()) == MotionWish()
-    assert merged((MotionWish(forward=1.0), MotionWish(forward=0.5, pan=-0.2))) == MotionWish(forward=1.0, pan=-0.2)
+    assert wish_of(("drive_forward", "turn_left")) == TeleopCommand(forward=1.0, turn=1.0)
+    assert wish_of(("drive_forward", "drive_back", "turn_right")) == TeleopCommand(turn=-1.0)
+    assert wish_of(()) == TeleopCommand()
+    assert merged((TeleopCommand(forward=1.0), TeleopCommand(forward=0.5, pan=-0.2))) == TeleopCommand(
+        forward=1.0, pan=-0.2
+    )
 
 
 @pytest.mark.panels()
@@ -358,13 +360,13 @@ def test_a_key_that_is_still_down_after_the_end_is_to_be_let_go(
 
 def test_an_arrow_and_a_stick_are_to_be_let_go_too(window: MainWindow, console: FakeConsole) -> None:
     window.hold.motion.hold_onscreen("turn_left")
-    window.hold.motion.push_onscreen("base", MotionWish(forward=0.5))
-    window.hold.motion.push_gamepad(MotionWish(forward=0.5))
+    window.hold.motion.push_onscreen("base", TeleopCommand(forward=0.5))
+    window.hold.motion.push_gamepad(TeleopCommand(forward=0.5))
     console.state.take(DriveEnded(clock.now_ns(), "The console stopped answering for a moment"))
     for let_go in (
         lambda: window.hold.motion.let_go_onscreen("turn_left"),
-        lambda: window.hold.motion.push_onscreen("base", MotionWish()),
-        lambda: window.hold.motion.push_gamepad(MotionWish()),
+        lambda: window.hold.motion.push_onscreen("base", TeleopCommand()),
+        lambda: window.hold.motion.push_gamepad(TeleopCommand()),
     ):
         assert window.hold.must_let_go
         let_go()
@@ -549,12 +551,12 @@ def test_alt_beside_a_drive_key_types_nothing(window: MainWindow, console: FakeC
 
 def test_sources_add_up_and_the_mover_is_named(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
     hold = window.hold
-    hold.motion.push_gamepad(MotionWish(forward=0.5))
+    hold.motion.push_gamepad(TeleopCommand(forward=0.5))
     QTest.keyPress(view, Qt.Key.Key_A)
-    hold.motion.push_onscreen("base", MotionWish(forward=0.8))
+    hold.motion.push_onscreen("base", TeleopCommand(forward=0.8))
     QTest.keyRelease(view, Qt.Key.Key_A)
-    hold.motion.push_gamepad(MotionWish())
-    hold.motion.push_onscreen("base", MotionWish())
+    hold.motion.push_gamepad(TeleopCommand())
+    hold.motion.push_onscreen("base", TeleopCommand())
     assert console.calls == [
         ("drive", (0.5, 0, 0, "gamepad")), ("drive", (0.5, 0, 1, "keyboard")), ("drive", (1, 0, 1, "onscreen")),
         ("drive", (1, 0, 0, "gamepad")), ("drive", (0.8, 0, 0, "onscreen")), ("release_drive", ""),
@@ -565,14 +567,14 @@ def test_a_stick_that_was_ended_has_to_come_to_rest(window: MainWindow, view: QW
     hold = window.hold
     for push in (hold.motion.push_gamepad, lambda wish: hold.motion.push_onscreen("base", wish)):
         console.calls.clear()
-        push(MotionWish(turn=0.4))
+        push(TeleopCommand(turn=0.4))
         hold.release_all("The window was minimised")
-        push(MotionWish(turn=0.5))
+        push(TeleopCommand(turn=0.5))
         assert console.calls[1:] == [("release_drive", "The window was minimised")]
-        push(MotionWish())
-        push(MotionWish(turn=0.5))
+        push(TeleopCommand())
+        push(TeleopCommand(turn=0.5))
         assert len(console.named("drive")) == 2
-        push(MotionWish())
+        push(TeleopCommand())
 
 
 def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot) -> None:

@@ -7,7 +7,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 
 ENTER, RETURN, UP, ESC = Qt.Key.Key_Enter, Qt.Key.Key_Return, Qt.Key.Key_Up, Qt.Key.Key_Escape
 
@@ -17,7 +17,7 @@ class Around(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.field = EnterField()
+        self.field = SubmitLineEdit()
         QVBoxLayout(self).addWidget(self.field)
         self.heard: list[int] = []
         for key in (ENTER, RETURN):

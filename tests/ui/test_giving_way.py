@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from tests.support.window_check import painted_by
 from tests.ui.conftest import find
 
@@ -35,7 +35,7 @@ def test_what_the_status_bar_leaves_out_is_in_its_tip(window: MainWindow) -> Non
 @pytest.mark.panels("video")
 def test_a_button_loses_its_words_before_the_title_is_cut(window: MainWindow) -> None:
     bar = window.dock_host.docks["video"].titleBarWidget()
-    photo, title = find(window, "photo_button"), bar.findChild(CutLabel)
+    photo, title = find(window, "photo_button"), bar.findChild(ElidedLabel)
     assert isinstance(photo, ActionButton) and title is not None
     for width_px, words, whole in ((600, True, True), (260, False, True), (150, False, False)):
         bar.setFixedWidth(width_px)

@@ -15,8 +15,8 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, RecordingStatus, SpeechStatus
 from caris_desktop.ui import words
-from caris_desktop.ui.bands import EmergencyBand
-from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.bands import EmergencyBanner
+from caris_desktop.ui.glance import StatusIndicators
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
@@ -35,8 +35,8 @@ def state() -> Iterator[LiveState]:
 
 
 @pytest.fixture
-def signs(qtbot: QtBot, theme: Theme, state: LiveState) -> GlanceSigns:
-    signs = GlanceSigns(theme, state)
+def signs(qtbot: QtBot, theme: Theme, state: LiveState) -> StatusIndicators:
+    signs = StatusIndicators(theme, state)
     qtbot.addWidget(signs)
     signs.show()
     return signs
@@ -53,15 +53,15 @@ def turn_all_on(state: LiveState) -> None:
     state.microphone.set(MicrophoneStatus("on"))
 
 
-def said(signs: GlanceSigns) -> list[str]:
+def said(signs: StatusIndicators) -> list[str]:
     return [sign.word for sign in signs.signs.values()]
 
 
-def picture(signs: GlanceSigns) -> QImage:
+def picture(signs: StatusIndicators) -> QImage:
     return signs.grab().toImage().convertToFormat(QImage.Format.Format_Grayscale8)
 
 
-def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: GlanceSigns, state: LiveState) -> None:
+def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: StatusIndicators, state: LiveState) -> None:
     assert said(signs)[0] == "Not known", "no odometry has come yet"
     drive(state, 0.0)
     assert said(signs) == ALL_OFF
@@ -80,7 +80,7 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
     state = LiveState(present=PresentClock(now_ns=lambda: now_ns))
     state.close()
     state.link.set(LinkStatus("connected"))
-    signs = GlanceSigns(theme, state)
+    signs = StatusIndicators(theme, state)
     qtbot.addWidget(signs)
     state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
     assert said(signs)[0] == "Still"
@@ -104,7 +104,7 @@ def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> N
     state = LiveState(present=PresentClock(now_ns=lambda: now_ns))
     state.close()
     state.link.set(LinkStatus("connected"))
-    signs = GlanceSigns(theme, state)
+    signs = StatusIndicators(theme, state)
     qtbot.addWidget(signs)
     state.drive.set(DriveStatus(True, "", movement="moving"))
     for forward_mps, word in ((0.3, "Moving"), (0.0, "Still"), (-0.03, "Moving"), (0.004, "Still"), (0.3, "Moving")):
@@ -117,7 +117,9 @@ def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> N
     assert said(signs)[0] == "Moving", "the last that is known of it"
 
 
-def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(signs: GlanceSigns, state: LiveState) -> None:
+def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(
+    signs: StatusIndicators, state: LiveState
+) -> None:
     drive(state, 0.0)
     state.drive.set(DriveStatus(True, "", movement="moving"))
     assert said(signs)[0] == "Moving"
@@ -125,7 +127,7 @@ def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(signs: Gla
     assert said(signs)[0] == "Still"
 
 
-def test_a_robot_without_odometry_is_never_said_to_stand(signs: GlanceSigns, state: LiveState) -> None:
+def test_a_robot_without_odometry_is_never_said_to_stand(signs: StatusIndicators, state: LiveState) -> None:
     assert said(signs)[0] == "Not known"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
     assert said(signs)[0] == "Moving", "as it was asked to"
@@ -133,7 +135,7 @@ def test_a_robot_without_odometry_is_never_said_to_stand(signs: GlanceSigns, sta
     assert (said(signs)[0], words.drive_line(state.drive.value)) == ("Not known", "Nothing commanded")
 
 
-def test_on_and_off_differ_without_colour_and_move_nothing(signs: GlanceSigns, state: LiveState) -> None:
+def test_on_and_off_differ_without_colour_and_move_nothing(signs: StatusIndicators, state: LiveState) -> None:
     drive(state, 0.0)
     width = signs.width()
     off = picture(signs)
@@ -170,7 +172,9 @@ def inked_px(image: QImage, left: int, right: int) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("choice", ["dark", "light"])
-def test_they_are_large_enough_for_two_metres(signs: GlanceSigns, state: LiveState, theme: Theme, choice: str) -> None:
+def test_they_are_large_enough_for_two_metres(
+    signs: StatusIndicators, state: LiveState, theme: Theme, choice: str
+) -> None:
     """A pixel of a common screen is 0.277 mm. An icon is made out from 5.5 mm on, a capital letter from 4.5 mm."""
     theme.set_choice("light" if choice == "light" else "dark")
     signs.resize(signs.width(), 34)
@@ -195,9 +199,9 @@ def test_nothing_is_painted_while_nothing_changes(
     qtbot: QtBot, theme: Theme, state: LiveState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     painted: list[int] = []
-    paint = GlanceSigns._paint_sign
-    monkeypatch.setattr(GlanceSigns, "_paint_sign", lambda self, *args: (painted.append(1), paint(self, *args)))
-    signs = GlanceSigns(theme, state)
+    paint = StatusIndicators._paint_sign
+    monkeypatch.setattr(StatusIndicators, "_paint_sign", lambda self, *args: (painted.append(1), paint(self, *args)))
+    signs = StatusIndicators(theme, state)
     qtbot.addWidget(signs)
     signs.show()
     qtbot.waitExposed(signs)
@@ -222,7 +226,7 @@ def test_they_stand_in_the_strip_beside_what_waits_for_the_wizard(
     QApplication.processEvents()
     assert signs.mapTo(window, signs.rect().topLeft()) == at
     band = find(window, "emergency_band")
-    assert isinstance(band, EmergencyBand)
+    assert isinstance(band, EmergencyBanner)
     assert signs.geometry().right() < band.geometry().left()
     needed = band.text.fontMetrics().horizontalAdvance(band.text.text())
     assert band.text.width() >= needed, "and the whole sentence of it"

@@ -9,7 +9,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.status import GoingOnStatus, LevelsStatus, RecordingStatus
+from caris_desktop.live.status import CrashRecoveryStatus, LevelsStatus, RecordingStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map import MapPanel
 from caris_desktop.ui.panels.people import PeoplePanel
@@ -20,7 +20,7 @@ from tests.ui.fake_console import FakeConsole
 pytestmark = pytest.mark.panels("people", "map", "session")
 
 P07 = TrialDetails(participant="P07", trial="2")
-OFFERED = GoingOnStatus("offered", "2026-11-22_10-00-00_P07", P07)
+OFFERED = CrashRecoveryStatus("offered", "2026-11-22_10-00-00_P07", P07)
 
 
 def test_it_is_offered_and_gone_on_with(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -30,7 +30,7 @@ def test_it_is_offered_and_gone_on_with(window: MainWindow, console: FakeConsole
     assert isinstance(text, QLabel) and "P07, trial 2" in text.text()
     click(qtbot, find(card, "going_on_yes"))
     assert console.named("GoOnWithTrial")
-    console.state.going_on.set(GoingOnStatus())
+    console.state.going_on.set(CrashRecoveryStatus())
     assert card.isHidden()
 
 
@@ -158,6 +158,6 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     assert pin != before, "the pin is hollow and its outline dashed"
     click(qtbot, confirm)
     assert console.named("ConfirmAsBefore") == [intents.ConfirmAsBefore("map")]
-    console.state.going_on.set(GoingOnStatus())
+    console.state.going_on.set(CrashRecoveryStatus())
     assert confirm.isHidden() and not panel.view.shown.unconfirmed
     assert ("Position not confirmed", "warning") not in panel.view.shown.chips

@@ -8,7 +8,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
@@ -21,13 +21,13 @@ LEFT = Qt.MouseButton.LeftButton
 
 def test_a_stick_is_proportional_beyond_its_dead_zone() -> None:
     assert stick_wish(0.05, 0.05, use="base", sideways=False) == AT_REST
-    assert stick_wish(0.0, 1.0, use="base", sideways=False) == MotionWish(forward=1.0)
-    assert stick_wish(1.0, 0.0, use="base", sideways=False) == MotionWish(turn=-1.0)
-    assert stick_wish(-1.0, 0.0, use="base", sideways=True) == MotionWish(left=1.0)
+    assert stick_wish(0.0, 1.0, use="base", sideways=False) == TeleopCommand(forward=1.0)
+    assert stick_wish(1.0, 0.0, use="base", sideways=False) == TeleopCommand(turn=-1.0)
+    assert stick_wish(-1.0, 0.0, use="base", sideways=True) == TeleopCommand(left=1.0)
     assert stick_wish(-1.0, -1.0, use="head", sideways=False).pan > 0
-    assert stick_wish(0.0, -1.0, use="head", sideways=False) == MotionWish(tilt=1.0)
+    assert stick_wish(0.0, -1.0, use="head", sideways=False) == TeleopCommand(tilt=1.0)
     half = stick_wish(0.0, 0.54, use="base", sideways=False)
-    assert half == MotionWish(forward=0.5)
+    assert half == TeleopCommand(forward=0.5)
 
 
 @pytest.fixture
@@ -40,25 +40,25 @@ def stick(qtbot: QtBot, theme: Theme) -> Joystick:
 
 
 @pytest.fixture
-def heard(stick: Joystick) -> list[MotionWish]:
-    wishes: list[MotionWish] = []
+def heard(stick: Joystick) -> list[TeleopCommand]:
+    wishes: list[TeleopCommand] = []
     stick.moved.connect(wishes.append)
     return wishes
 
 
-def test_it_springs_back_at_once(stick: Joystick, heard: list[MotionWish]) -> None:
+def test_it_springs_back_at_once(stick: Joystick, heard: list[TeleopCommand]) -> None:
     QTest.mousePress(stick, LEFT, pos=QPoint(100, 100))
     assert heard == []
     QTest.mouseMove(stick, QPoint(100, 0))
-    assert heard[-1] == MotionWish(forward=1.0)
+    assert heard[-1] == TeleopCommand(forward=1.0)
     QTest.mouseMove(stick, QPoint(100, -500))  # far beyond its edge it goes on
-    assert heard[-1] == MotionWish(forward=1.0)
+    assert heard[-1] == TeleopCommand(forward=1.0)
     QTest.mouseRelease(stick, LEFT, pos=QPoint(100, -500))
     assert heard[-1] == AT_REST
 
 
 @pytest.mark.parametrize("end", ["hide", "disable", "leave"])
-def test_it_ends_when_it_goes_away(stick: Joystick, heard: list[MotionWish], end: str) -> None:
+def test_it_ends_when_it_goes_away(stick: Joystick, heard: list[TeleopCommand], end: str) -> None:
     QTest.mousePress(stick, LEFT, pos=QPoint(40, 100))
     assert heard[-1].turn > 0
     if end == "hide":
@@ -74,13 +74,13 @@ def test_it_ends_when_it_goes_away(stick: Joystick, heard: list[MotionWish], end
     assert len(heard) == count
 
 
-def test_the_ring_moves_sideways_where_the_base_can(stick: Joystick, heard: list[MotionWish]) -> None:
+def test_the_ring_moves_sideways_where_the_base_can(stick: Joystick, heard: list[TeleopCommand]) -> None:
     QTest.mousePress(stick, LEFT, pos=QPoint(6, 100))
     assert heard[-1].turn > 0
     QTest.mouseRelease(stick, LEFT)
     stick.set_sideways(True)
     QTest.mousePress(stick, LEFT, pos=QPoint(6, 100))
-    assert heard[-1] == MotionWish(left=1.0)
+    assert heard[-1] == TeleopCommand(left=1.0)
     QTest.mouseRelease(stick, LEFT)
     QTest.mousePress(stick, LEFT, Qt.KeyboardModifier.ShiftModifier, QPoint(150, 100))
     assert heard[-1].left < 0
@@ -89,7 +89,7 @@ def test_the_ring_moves_sideways_where_the_base_can(stick: Joystick, heard: list
     assert heard[-1].turn < 0
 
 
-def test_a_finger_drives_and_a_second_one_does_not_take_over(stick: Joystick, heard: list[MotionWish]) -> None:
+def test_a_finger_drives_and_a_second_one_does_not_take_over(stick: Joystick, heard: list[TeleopCommand]) -> None:
     screen = QTest.createTouchDevice()
     top, bottom, middle = QPoint(100, 10), QPoint(100, 190), QPoint(100, 100)
     QTest.touchEvent(stick, screen).press(1, middle, stick).commit()

@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
-from caris_desktop.live.status import AssistantSetup, PartAlong
+from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.scenario.file import ScenarioError, parse_scenario
 from caris_desktop.scenario.model import PanelName, Scenario, TabNode
 from caris_desktop.scenario.panel_settings import (
@@ -31,7 +31,7 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
-PARTS = (PartAlong("conversation", "Conversation", 6, 124), PartAlong("notes", "Notes", 1, 1))
+PARTS = (ContextPartStatus("conversation", "Conversation", 6, 124), ContextPartStatus("notes", "Notes", 1, 1))
 
 
 def with_panels(*names: PanelName, path: str = "/layouts/set.yaml", **settings: Any) -> Scenario:

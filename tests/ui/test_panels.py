@@ -26,7 +26,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
-from caris_desktop.domain.translation import filled, tr
+from caris_desktop.domain.translation import localized, tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -802,7 +802,7 @@ def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, cons
 @pytest.mark.panels("session")
 @pytest.mark.usefixtures("trial_language")
 def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
-    why = filled("The disk failed: {why}.", why="EIO")
+    why = localized("The disk failed: {why}.", why="EIO")
     console.state.recording.set(RecordingStatus("failed", Path("/s"), detail=why))
     what = find(session(window), "session_what")
     assert isinstance(what, QLabel)
@@ -815,7 +815,7 @@ def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWind
 @pytest.mark.usefixtures("trial_language")
 def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
     """Statuses are English, as the record has them."""
-    why, state = filled("The file {file} is damaged.", file="a.onnx"), console.state
+    why, state = localized("The file {file} is damaged.", file="a.onnx"), console.state
     said = tr("The file {file} is damaged.").format(file="a.onnx")
     state.perception.set(PerceptionStatus("failed", detail=why))
     state.speech.set(SpeechStatus(ready=False, detail=why))

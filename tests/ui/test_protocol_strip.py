@@ -20,7 +20,7 @@ from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import Phrase
 from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.step_entries import step_entries
@@ -337,7 +337,7 @@ class Bare:
         self.window = QWidget()
         self.actions = Actions(self.window, self.console, self.window)
         self.actions.rebuild(scenario)
-        self.hold = HoldToDrive(self.console, self.actions, self.window)
+        self.hold = DriveInputFilter(self.console, self.actions, self.window)
         self.strip = ProtocolStrip(theme, self.console, self.actions, self.hold)
         self.strip.setParent(self.window)
         self.strip.resize(1366, 40)

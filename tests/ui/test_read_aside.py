@@ -5,7 +5,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMenu
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.scenario.library import ScenarioChoice
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.read_aside import Remembered
@@ -32,11 +32,11 @@ def test_what_was_read_last_is_there_at_once_and_is_read_anew() -> None:
 
 def test_what_cannot_be_read_leaves_what_was_known() -> None:
     console, owner = FakeConsole(samples.TOUR), QObject()
-    answers = [("one",), ToldFailure("The disk is gone.", "", ""), ("two",)]
+    answers = [("one",), UserFacingError("The disk is gone.", "", ""), ("two",)]
 
     def read() -> tuple[str, ...]:
         answer = answers.pop(0)
-        if isinstance(answer, ToldFailure):
+        if isinstance(answer, UserFacingError):
             raise answer
         return answer
 

@@ -17,7 +17,7 @@ from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIO
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.replay.replay_bar import RATES, ReplayTimes, ReplayTitle
-from caris_desktop.ui.replay.scrubber import MomentBubble
+from caris_desktop.ui.replay.scrubber import SeekPreview
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import click, find
 from tests.ui.fake_replay import STARTED_NS, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
@@ -196,7 +196,7 @@ def test_the_pointer_shows_a_picture_and_the_time_of_a_moment(
     scrubber = scene.bar.scrubber
     at_ns = STARTED_NS + 47_000_000_000
     QTest.mouseMove(scrubber, QPoint(round(scrubber.x_of(at_ns)), 16))
-    bubble = scene.findChild(MomentBubble)
+    bubble = scene.findChild(SeekPreview)
     assert bubble is not None
     qtbot.waitUntil(lambda: bubble.shown_picture is not None and not bubble.shown_picture.isNull())
     assert bubble.isVisible()
@@ -212,7 +212,7 @@ def test_the_bubble_has_names_where_the_record_has_ids(qtbot: QtBot, scene: Repl
     overview = replay.overview.value
     replay.overview.set(dataclasses.replace(overview, moments=(Moment("utterance", at_ns, "robot: Hello, {p-1}!"),)))
     QTest.mouseMove(scene.bar.scrubber, QPoint(round(scene.bar.scrubber.x_of(at_ns)), 16))
-    bubble = scene.findChild(MomentBubble)
+    bubble = scene.findChild(SeekPreview)
     assert bubble is not None
     qtbot.waitUntil(lambda: bubble.text == "robot: Hello, Luis!")
 
@@ -223,7 +223,7 @@ def test_without_video_the_bubble_is_the_time_alone(qtbot: QtBot, theme: Theme) 
     qtbot.addWidget(scene)
     scene.show()
     QTest.mouseMove(scene.bar.scrubber, QPoint(400, 16))
-    bubble = scene.findChild(MomentBubble)
+    bubble = scene.findChild(SeekPreview)
     assert bubble is not None
     assert bubble.isVisible()
     assert bubble.height() < 60

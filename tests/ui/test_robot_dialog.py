@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
@@ -17,7 +17,7 @@ from caris_desktop.robot.proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -165,7 +165,7 @@ def test_a_known_robot_gives_its_whole_profile_for_this_address(
     QTest.keyClick(dialog.start_from, Qt.Key.Key_Down)
     click(qtbot, find(dialog, "robot_check"))
     assert explorer.asked[-1] == ("read", "generic-ros1")
-    explorer.done(ToldFailure("The profile cannot be used.", "Line 3.", "Choose another."))
+    explorer.done(UserFacingError("The profile cannot be used.", "Line 3.", "Choose another."))
     assert "Line 3." in dialog.note_text
     click(qtbot, find(dialog, "robot_check"))
     assert dialog.note_text == "Reading its profile…", "the disk has not told yet"
@@ -198,7 +198,7 @@ def test_a_bare_name_or_number_is_asked_at_the_usual_port(
 def test_the_file_that_its_speeds_are_to_be_set_in_is_named(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
     find_it(dialog, explorer)
     assert "in the file" in dialog.note_text
-    told = dialog.findChild(CutLabel, "robot_file")
+    told = dialog.findChild(ElidedLabel, "robot_file")
     assert told is not None and not told.isVisible(), "it has no name yet"
     type_into(dialog, "robot_name", "Lab robot")
     assert told.isVisible() and str(user_robots_dir() / "lab-robot.yaml") in told.text()
@@ -209,11 +209,11 @@ def test_failures_are_words_and_nothing_is_lost(dialog: RobotDialog, explorer: M
     assert explorer.asked == []
     assert "is not a robot's address" in dialog.note_text
     look(dialog, explorer)
-    explorer.done(ToldFailure("Nothing answers at ws://lab-robot:9090.", "The robot was not asked.", "Check it."))
+    explorer.done(UserFacingError("Nothing answers at ws://lab-robot:9090.", "The robot was not asked.", "Check it."))
     assert dialog.note_text == "Nothing answers at ws://lab-robot:9090. The robot was not asked. Check it."
     assert dialog.address_field.text() == ADDRESS
     look(dialog, explorer)
-    explorer.done(ToldFailure("The certificate of lab-robot is not trusted.", "", "Name its file."))
+    explorer.done(UserFacingError("The certificate of lab-robot is not trusted.", "", "Name its file."))
     assert find(dialog, "robot_certificates").isVisible(), "there it can be named"
 
 

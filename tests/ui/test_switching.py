@@ -19,7 +19,7 @@ from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNod
 from caris_desktop.scenario.phrases import PhraseGroup
 from caris_desktop.ui import panel_board
 from caris_desktop.ui.event_words import CATEGORIES
-from caris_desktop.ui.layout.arrangement import Arrangement
+from caris_desktop.ui.layout.arrangement import DockLayout
 from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -435,7 +435,7 @@ def test_another_arrangement_before_all_are_made_leaves_out_what_lies_behind_in_
     window.board.show(arrangement)
     assert behind_in(window) == behind
     front = next(iter(behind))
-    window.board.show(Arrangement(PanelLeaf(front)))
+    window.board.show(DockLayout(PanelLeaf(front)))
     assert front in window.board.made_so_far
     assert window.board.whole
     window.board.show(arrangement)

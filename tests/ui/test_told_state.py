@@ -19,7 +19,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.joystick import Joystick
 from caris_desktop.ui.widgets.told_pictures import SeenLately
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import FakeReplay, open_scene, sample_coding, sample_overview
@@ -53,7 +53,7 @@ def test_nothing_is_asked_for_without_a_screen_reader(qtbot: QtBot) -> None:
     assert not QAccessible.isActive()
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
-    state = ToldState(widget, written.words)
+    state = ThrottledAccessibleDescription(widget, written.words)
     widget.show()
     for _ in range(20):
         state.changed()
@@ -64,7 +64,7 @@ def test_nothing_is_asked_for_without_a_screen_reader(qtbot: QtBot) -> None:
 def test_many_changes_are_told_at_once_and_then_once_more_for_the_last(qtbot: QtBot) -> None:
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
-    state = ToldState(widget, written.words)
+    state = ThrottledAccessibleDescription(widget, written.words)
     for _ in range(50):
         state.changed()
     assert (written.asked, told(widget)) == (1, "state 1")
@@ -76,7 +76,7 @@ def test_many_changes_are_told_at_once_and_then_once_more_for_the_last(qtbot: Qt
 def test_whoever_goes_there_hears_what_is_shown_now(qtbot: QtBot) -> None:
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
-    state = ToldState(widget, written.words, every_ms=60_000)
+    state = ThrottledAccessibleDescription(widget, written.words, every_ms=60_000)
     state.changed()
     state.changed()
     assert told(widget) == "state 1"

@@ -12,7 +12,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.status import AssistantSetup, PartAlong
+from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.people.presence import is_unnamed_label
 from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.file import load_scenario
@@ -57,7 +57,10 @@ class Spoken:
         scenarios = [load_scenario(layouts_dir() / f"{name}.yaml") for name in SCENARIOS]
         self.console = FakeConsole(scenarios[0], {one.path: one for one in scenarios if one.path is not None})
         samples.fill_console(self.console)
-        along = (PartAlong("history", "What is known of them", 2, 12), PartAlong("things", "Things in view", 1, 3))
+        along = (
+            ContextPartStatus("history", "What is known of them", 2, 12),
+            ContextPartStatus("things", "Things in view", 1, 3),
+        )
         self.console.state.assistant_setup.set(AssistantSetup(parts=along))
         said = [text for name in SAID for text in strings_of(SAMPLES.with_name(name)) if not is_unnamed_label(text)]
         robots = [load_profile(name) for name in shipped_profiles()]

@@ -34,7 +34,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraState
-from caris_desktop.domain.translation import filled, tr, use_translator
+from caris_desktop.domain.translation import localized, tr, use_translator
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import event_words, words
 from caris_desktop.ui.preflight import preflight_words
@@ -197,7 +197,7 @@ def test_a_session_says_what_it_was_for() -> None:
 
 
 def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_language() -> None:
-    why = filled("The server at {place} does not answer.", place="front door")
+    why = localized("The server at {place} does not answer.", place="front door")
     lost, ended = (CameraState(0, "front", state, why) for state in ("lost", "ended"))
     link = LinkStatus("lost", "Robot", "ws://there", why)
     for say in (

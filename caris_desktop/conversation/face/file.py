@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 import platformdirs
 
-from caris_desktop.domain.declared import NotInFile, Rule, data_of, value_from
+from caris_desktop.domain.declared import Excluded, FieldSpec, data_of, value_from
 from caris_desktop.domain.declared_check import problems, told
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.shipped import resources_dir
@@ -22,44 +22,50 @@ MAX_FILE_BYTES = 64 * 1024
 DEFAULT_FACE = "calm"
 _SHARE = "hundredths of the shorter side of the screen"
 
-_Colour = Annotated[str, Rule(pattern="^#[0-9a-fA-F]{6}$", allowed="a colour as #rrggbb.")]
+_Colour = Annotated[str, FieldSpec(pattern="^#[0-9a-fA-F]{6}$", allowed="a colour as #rrggbb.")]
 
 
 @dataclass(frozen=True, slots=True)
 class Eyes:
     """Two rounded shapes, the middle of each `apart`/2 from the middle of the face."""
 
-    width: Annotated[float, Rule("Of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
-    height: Annotated[float, Rule("Of one eye that is open.", unit=_SHARE, at_least=2, at_most=60)] = 22.0
+    width: Annotated[float, FieldSpec("Of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
+    height: Annotated[float, FieldSpec("Of one eye that is open.", unit=_SHARE, at_least=2, at_most=60)] = 22.0
     apart: Annotated[
-        float, Rule("From the middle of one to that of the other.", unit=_SHARE, at_least=5, at_most=90)
+        float, FieldSpec("From the middle of one to that of the other.", unit=_SHARE, at_least=5, at_most=90)
     ] = 34.0
-    above: Annotated[float, Rule("How far above the middle of the face.", unit=_SHARE, at_least=-30, at_most=45)] = 12.0
-    roundness: Annotated[float, Rule("1: as round as can be; 0: with corners.", at_least=0, at_most=1)] = 1.0
+    above: Annotated[
+        float, FieldSpec("How far above the middle of the face.", unit=_SHARE, at_least=-30, at_most=45)
+    ] = 12.0
+    roundness: Annotated[float, FieldSpec("1: as round as can be; 0: with corners.", at_least=0, at_most=1)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Mouth:
     """One stroke, which opens while the robot speaks."""
 
-    width: Annotated[float, Rule("From corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
-    stroke: Annotated[float, Rule("How thick its line is.", unit=_SHARE, at_least=0.5, at_most=10)] = 2.4
-    below: Annotated[float, Rule("How far below the middle of the face.", unit=_SHARE, at_least=-10, at_most=45)] = 20.0
+    width: Annotated[float, FieldSpec("From corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
+    stroke: Annotated[float, FieldSpec("How thick its line is.", unit=_SHARE, at_least=0.5, at_most=10)] = 2.4
+    below: Annotated[
+        float, FieldSpec("How far below the middle of the face.", unit=_SHARE, at_least=-10, at_most=45)
+    ] = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
     """How the face looks with one expression."""
 
-    name: Annotated[str, Rule("What it is called; each name once.", shortest=1, longest=30)]
-    eyes_open: Annotated[float, Rule("0: closed, 1: open, more: wide open.", at_least=0, at_most=1.4)] = 1.0
+    name: Annotated[str, FieldSpec("What it is called; each name once.", shortest=1, longest=30)]
+    eyes_open: Annotated[float, FieldSpec("0: closed, 1: open, more: wide open.", at_least=0, at_most=1.4)] = 1.0
     lids_deg: Annotated[
         float,
-        Rule("How the upper lids slant: above 0 worried, below 0 stern.", unit="degrees", at_least=-30, at_most=30),
+        FieldSpec(
+            "How the upper lids slant: above 0 worried, below 0 stern.", unit="degrees", at_least=-30, at_most=30
+        ),
     ] = 0.0
-    smile: Annotated[float, Rule("1: a broad smile, -1: the corners hang.", at_least=-1, at_most=1)] = 0.3
-    mouth_open: Annotated[float, Rule("How far the mouth is open at rest.", at_least=0, at_most=1)] = 0.0
-    look_up: Annotated[float, Rule("Where the eyes look at rest: 1 up, -1 down.", at_least=-1, at_most=1)] = 0.0
+    smile: Annotated[float, FieldSpec("1: a broad smile, -1: the corners hang.", at_least=-1, at_most=1)] = 0.3
+    mouth_open: Annotated[float, FieldSpec("How far the mouth is open at rest.", at_least=0, at_most=1)] = 0.0
+    look_up: Annotated[float, FieldSpec("Where the eyes look at rest: 1 up, -1 down.", at_least=-1, at_most=1)] = 0.0
 
 
 _USUAL_EXPRESSIONS = (
@@ -75,27 +81,27 @@ _USUAL_EXPRESSIONS = (
 class Face:
     """A face. The first of its expressions is the one that it begins with."""
 
-    title: Annotated[str, Rule("How the wizard finds it.", shortest=1, longest=60)]
-    background: Annotated[_Colour, Rule("Behind everything.")] = "#10151c"
-    ink: Annotated[_Colour, Rule("Eyes and mouth.")] = "#bfe3ff"
-    words: Annotated[_Colour, Rule("Captions.")] = "#9fc4e6"
+    title: Annotated[str, FieldSpec("How the wizard finds it.", shortest=1, longest=60)]
+    background: Annotated[_Colour, FieldSpec("Behind everything.")] = "#10151c"
+    ink: Annotated[_Colour, FieldSpec("Eyes and mouth.")] = "#bfe3ff"
+    words: Annotated[_Colour, FieldSpec("Captions.")] = "#9fc4e6"
     eyes: Eyes = field(default_factory=Eyes)
     mouth: Mouth = field(default_factory=Mouth)
     blink_every_s: Annotated[
-        float, Rule("How often it blinks, more or less; 0: never.", unit="seconds", at_least=0, at_most=60)
+        float, FieldSpec("How often it blinks, more or less; 0: never.", unit="seconds", at_least=0, at_most=60)
     ] = 4.0
     expressions: Annotated[
-        tuple[Expression, ...], Rule("On Ctrl+Shift+F1 to Ctrl+Shift+F8 in this order.", shortest=1, longest=8)
+        tuple[Expression, ...], FieldSpec("On Ctrl+Shift+F1 to Ctrl+Shift+F8 in this order.", shortest=1, longest=8)
     ] = _USUAL_EXPRESSIONS
-    name: Annotated[str, NotInFile()] = ""
-    version: Annotated[Literal[1], Rule("Version of this file format.", wanted=True, order=-1)] = 1
+    name: Annotated[str, Excluded()] = ""
+    version: Annotated[Literal[1], FieldSpec("Version of this file format.", wanted=True, order=-1)] = 1
 
     def expression(self, name: str) -> Expression:
         """Expression of this name, or the first one."""
         return next((one for one in self.expressions if one.name == name), self.expressions[0])
 
 
-class FaceError(ToldFailure):
+class FaceError(UserFacingError):
     """Unusable face file."""
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import HeardTurn, Stretch
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.turn_words import with_words
 from caris_desktop.conversation.listening.turns import TurnTaking
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
@@ -59,7 +59,7 @@ class Voices(Protocol):
         """Probability of voice in the next window."""
 
 
-class Ear:
+class SpeechSegmenter:
     """``tell`` receives reports to the console; ``turn_over`` estimates the probability that a turn's sound is
     complete.
     """
@@ -71,7 +71,7 @@ class Ear:
         voices: Voices,
         *,
         canceller: EchoCanceller,
-        own_words: OwnWords,
+        own_words: RobotSpeechFilter,
         turn_over: Callable[[NDArray[np.float32]], float] | None,
         tell: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
     ) -> None:

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.value_class import dataclass
 
 
-class NoEngine(ToldFailure):
+class NoEngineError(UserFacingError):
     """No engine is available, and a retry would not help."""
 
 
-class EngineAway(ToldFailure):
+class EngineUnavailableError(UserFacingError):
     """The engine did not answer; a retry may succeed."""
 
 
@@ -35,7 +35,7 @@ class Engine(Protocol):
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
         """Transcribe ``sound``: 16 kHz, mono. ``before`` is the preceding text. ``careful``: possibly the final pass,
-        worth more time. ``voice_s``: end of known voice in the sound. Raises EngineAway.
+        worth more time. ``voice_s``: end of known voice in the sound. Raises EngineUnavailableError.
         """
 
     def close(self) -> None:

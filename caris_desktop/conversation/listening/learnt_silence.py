@@ -12,7 +12,7 @@ _BEYOND = 1.15
 _PEOPLE_AT_MOST, _TURNS_AT_MOST = 50, 30
 
 
-class LearntSilence:
+class EndpointDelayModel:
     """Delay of one person: a high quantile of their pauses, robust against single long ones, with typical pauses as a
     prior.
     """
@@ -46,7 +46,7 @@ class SilenceOfPeople:
     """
 
     def __init__(self) -> None:
-        self._people: OrderedDict[str, LearntSilence] = OrderedDict()
+        self._people: OrderedDict[str, EndpointDelayModel] = OrderedDict()
         self._turns: OrderedDict[str, list[float]] = OrderedDict()
         self._speaker_of: OrderedDict[str, str] = OrderedDict()
         self.speaker = ""
@@ -75,8 +75,8 @@ class SilenceOfPeople:
         """Delay for the present speaker."""
         return self._of(self.speaker).seconds
 
-    def _of(self, person_id: str) -> LearntSilence:
-        silence = self._people.setdefault(person_id, LearntSilence())
+    def _of(self, person_id: str) -> EndpointDelayModel:
+        silence = self._people.setdefault(person_id, EndpointDelayModel())
         self._people.move_to_end(person_id)
         while len(self._people) > _PEOPLE_AT_MOST:
             self._people.popitem(last=False)

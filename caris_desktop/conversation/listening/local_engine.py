@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.conversation.listening.engine import HeardText, NoEngine
+from caris_desktop.conversation.listening.engine import HeardText, NoEngineError
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, expected_of
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _RATE_HZ = 16_000
 _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
@@ -31,7 +31,7 @@ class LocalEngine:
     every_s = 0.5
 
     def __init__(self, settings: RecogniserSettings) -> None:
-        """Load the model. Raises NoEngine."""
+        """Load the model. Raises NoEngineError."""
         folder = find_recogniser(settings)
         try:
             for path in sorted(folder.iterdir()):
@@ -39,16 +39,16 @@ class LocalEngine:
                     check_file(path)
             self._model = _open(str(folder), settings.threads)
         except ImportError as error:
-            raise NoEngine(
+            raise NoEngineError(
                 QT_TR_NOOP("The speech recogniser is not installed."),
                 _NO_TEXT,
                 QT_TR_NOOP("Run: pip install faster-whisper"),
             ) from error
         except WrongChecksum as error:
-            raise NoEngine(str(error), _NO_TEXT, GET_WEIGHTS_ANEW) from error
+            raise NoEngineError(str(error), _NO_TEXT, GET_WEIGHTS_ANEW) from error
         except (RuntimeError, ValueError, OSError) as error:
-            raise NoEngine(
-                filled(
+            raise NoEngineError(
+                localized(
                     QT_TR_NOOP("The speech recogniser {name} cannot be loaded ({error})."),
                     name=folder.name,
                     error=error,
@@ -61,8 +61,8 @@ class LocalEngine:
         usual = folder.name == "model" and not settings.model
         self.model = f"{OFFLINE_PACKAGE} (tiny.en)" if usual else folder.name
         if settings.language not in (self.language, ""):
-            raise NoEngine(
-                filled(
+            raise NoEngineError(
+                localized(
                     QT_TR_NOOP(
                         "The speech recogniser {model} knows English only, and the scenario's language is another."
                     ),

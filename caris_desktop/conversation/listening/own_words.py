@@ -91,7 +91,7 @@ class _Saying:
         return self.started_ns + round(sum(len(word) + 1 for word in self.words) * _SECONDS_A_LETTER * 1e9)
 
 
-class OwnWords:
+class RobotSpeechFilter:
     """The robot's utterances, from its events, and the words of them that one microphone heard."""
 
     def __init__(self) -> None:

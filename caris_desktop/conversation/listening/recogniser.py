@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.echo import EchoCanceller
-from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.engine import NoEngineError
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.messages import (
     EndTurns,
@@ -22,7 +22,7 @@ from caris_desktop.conversation.listening.messages import (
     SpokenBy,
     UseSilence,
 )
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.signal_watch import SignalWatch
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
@@ -30,12 +30,12 @@ from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity,
 from caris_desktop.conversation.listening.words_thread import WordsHeard, WordsReady, WordsThread
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum
 from caris_desktop.domain.priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
 _LOOK_EVERY_S = 0.02
@@ -59,16 +59,16 @@ class _Recogniser:
     def __init__(self, connection: Connection, settings: RecogniserSettings) -> None:
         self._connection = connection
         self._bounds = SilenceBounds()
-        self._own_words = OwnWords()
+        self._own_words = RobotSpeechFilter()
         self._silence = SilenceOfPeople()
         self._signal = SignalWatch()
         self._turn_model: TurnModel | None = None
         self._words = WordsThread(settings)
-        self._ears: dict[str, Ear] = {}
+        self._ears: dict[str, SpeechSegmenter] = {}
         self._turns: list[TurnTaking] = []
         self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
         self._ready: RecogniserReady | None = None
-        self._asked: Ear | None = None
+        self._asked: SpeechSegmenter | None = None
         self._every_s = 0.5
         self._not_before_s = 0.0
         self._away = ""
@@ -82,10 +82,12 @@ class _Recogniser:
             self._turn_model = TurnModel.find()
         except NoVoiceActivity as error:
             self._fail(
-                NoEngine(filled(QT_TR_NOOP("{error}."), error=error), no_text, QT_TR_NOOP("Install it with pip."))
+                NoEngineError(
+                    localized(QT_TR_NOOP("{error}."), error=error), no_text, QT_TR_NOOP("Install it with pip.")
+                )
             )
         except WrongChecksum as error:
-            self._fail(NoEngine(str(error), no_text, GET_WEIGHTS_ANEW))
+            self._fail(NoEngineError(str(error), no_text, GET_WEIGHTS_ANEW))
         try:
             while True:
                 while self._connection.poll(_LOOK_EVERY_S):
@@ -143,14 +145,14 @@ class _Recogniser:
         self._ask()
         ear.judge()
 
-    def _new_ear(self, source: str) -> Ear:
+    def _new_ear(self, source: str) -> SpeechSegmenter:
         canceller = EchoCanceller()
         for sound in self._played:
             canceller.play(sound)
         # The wizard's pauses must not affect the participants' delay.
         turns = TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds)
         self._turns.append(turns)
-        return Ear(
+        return SpeechSegmenter(
             source,
             turns,
             VoiceActivity(),
@@ -191,7 +193,7 @@ class _Recogniser:
                     )
                     self._ready = RecogniserReady(ready.model, ready.language, ready.load_s, detail)
                     self._connection.send(self._ready)
-                case NoEngine() as failure:
+                case NoEngineError() as failure:
                     self._fail(failure)
                 case WordsHeard() as heard:
                     self._take_words(heard)
@@ -209,14 +211,14 @@ class _Recogniser:
             ear.take(heard.stretch, heard.text)
         self._ask()
 
-    def _fail(self, failure: ToldFailure) -> None:
+    def _fail(self, failure: UserFacingError) -> None:
         self._connection.send(RecogniserFailed(_problem(failure)))
         # A restart would fail again; the console closes the connection.
         while True:
             self._connection.recv()
 
 
-def _problem(failure: ToldFailure) -> Problem:
+def _problem(failure: UserFacingError) -> Problem:
     return Problem(clock.now_ns(), "warning", failure.what, failure.meaning, failure.advice, until="transcription")
 
 
@@ -224,7 +226,7 @@ def _silent(source: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        filled(QT_TR_NOOP("Nothing at all is heard from the {source}."), source=source),
+        localized(QT_TR_NOOP("Nothing at all is heard from the {source}."), source=source),
         QT_TR_NOOP("What the participant says there is neither heard nor turned into text."),
         QT_TR_NOOP("Look whether it is muted or switched off, or choose another one."),
         until="quiet",

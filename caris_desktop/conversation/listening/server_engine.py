@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.conversation.listening.engine import EngineAway, HeardText, NoEngine
+from caris_desktop.conversation.listening.engine import EngineUnavailableError, HeardText, NoEngineError
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.plausible import is_nothing
 from caris_desktop.conversation.models.connection import api_key, connected, send
@@ -25,7 +25,7 @@ from caris_desktop.conversation.models.stream import object_in, small_body
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 KEY_NAME = "CARIS_TRANSCRIPTION_KEY"
 SERVER_NAME = "CARIS_TRANSCRIPTION_SERVER"
@@ -46,16 +46,16 @@ class ServerEngine:
     every_s = 2.0  # a growing turn is sent repeatedly, and some servers charge by the minute
 
     def __init__(self, settings: RecogniserSettings) -> None:
-        """Sends nothing. Raises NoEngine."""
+        """Sends nothing. Raises NoEngineError."""
         if not settings.server:
-            raise NoEngine(
+            raise NoEngineError(
                 QT_TR_NOOP("The scenario does not say which server turns speech into text."),
                 _NO_TEXT,
                 QT_TR_NOOP("Set listening.server."),
             )
         if not is_encrypted_or_local(settings.server):
-            raise NoEngine(
-                filled(
+            raise NoEngineError(
+                localized(
                     QT_TR_NOOP("What participants say is not sent to {server}, where others could read it on the way."),
                     server=without_credentials(settings.server),
                 ),
@@ -74,7 +74,7 @@ class ServerEngine:
             self._key = self._runner.run(self._check())
         except LanguageModelError as error:
             self.close()
-            raise NoEngine(error.what, _NO_TEXT, error.advice) from error
+            raise NoEngineError(error.what, _NO_TEXT, error.advice) from error
 
     def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
         """See Engine."""
@@ -157,8 +157,8 @@ class ServerEngine:
             raise httpx.DecodingError("the answer has no end")
         return response.status_code, body
 
-    def _away(self, what: str, advice: str, **values: object) -> EngineAway:
-        return EngineAway(filled(what, server=self._endpoint.server, **values), _NO_TEXT, advice)
+    def _away(self, what: str, advice: str, **values: object) -> EngineUnavailableError:
+        return EngineUnavailableError(localized(what, server=self._endpoint.server, **values), _NO_TEXT, advice)
 
 
 def _key_names(server: str) -> tuple[str, ...]:
@@ -216,7 +216,7 @@ def _reason(body: bytes, key: str | None) -> str:
 def _advice(status: int) -> str:
     match status:
         case 401 | 403:
-            return filled(
+            return localized(
                 QT_TR_NOOP(
                     "Set {name} to a key that this server takes and {server_name} to its address, before starting the "
                     "console."

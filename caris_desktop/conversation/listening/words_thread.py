@@ -6,7 +6,7 @@ import queue
 import threading
 import time
 
-from caris_desktop.conversation.listening.engine import Engine, EngineAway, HeardText, NoEngine
+from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, HeardText, NoEngineError
 from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.domain.value_class import dataclass
@@ -33,14 +33,14 @@ class WordsHeard:
     stretch: Stretch
     text: HeardText | None
     took_s: float
-    away: EngineAway | None = None
+    away: EngineUnavailableError | None = None
 
 
 class WordsThread:
-    """One interval at a time. ``news`` has WordsReady, or a final NoEngine, and a WordsHeard per request."""
+    """One interval at a time. ``news`` has WordsReady, or a final NoEngineError, and a WordsHeard per request."""
 
     def __init__(self, settings: RecogniserSettings) -> None:
-        self.news: queue.SimpleQueue[WordsReady | NoEngine | WordsHeard] = queue.SimpleQueue()
+        self.news: queue.SimpleQueue[WordsReady | NoEngineError | WordsHeard] = queue.SimpleQueue()
         self._asked: queue.SimpleQueue[Stretch | None] = queue.SimpleQueue()
         self._settings = settings
         self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
@@ -62,7 +62,7 @@ class WordsThread:
         began_s = time.monotonic()
         try:
             engine: Engine = open_engine(self._settings)
-        except NoEngine as error:
+        except NoEngineError as error:
             self.news.put(error)
             return
         self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
@@ -74,7 +74,7 @@ class WordsThread:
         began_s, text, away = time.monotonic(), None, None
         try:
             text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
-        except EngineAway as error:
+        except EngineUnavailableError as error:
             away = error
         except Exception:
             _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
@@ -82,7 +82,7 @@ class WordsThread:
 
 
 def open_engine(settings: RecogniserSettings) -> Engine:
-    """Open the engine; takes seconds, with a download minutes. Raises NoEngine."""
+    """Open the engine; takes seconds, with a download minutes. Raises NoEngineError."""
     if settings.engine == "server":
         from caris_desktop.conversation.listening.server_engine import ServerEngine
 

@@ -22,7 +22,7 @@ from caris_desktop.conversation.models.stream import check_type, documents, obje
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ async def stream_chat(
                 raise _with_time(again) from again
             _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
             told_wait(
-                filled(
+                localized(
                     QT_TR_NOOP("{what} It is asked again in {seconds} s."),
                     what=again.failure.what,
                     seconds=max(1, round(wait_s)),
@@ -195,7 +195,7 @@ def _with_time(again: _TryAgainError) -> LanguageModelError:
     return LanguageModelError(
         failure.what,
         failure.meaning,
-        filled(QT_TR_NOOP("It asks to be left alone for {seconds} s: ask again then."), seconds=f"{told_s:.0f}"),
+        localized(QT_TR_NOOP("It asks to be left alone for {seconds} s: ask again then."), seconds=f"{told_s:.0f}"),
     )
 
 

@@ -18,7 +18,7 @@ from caris_desktop.conversation.models.stream import small_object
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, is_loopback_host
 from caris_desktop.domain.certificates import as_on_every_python
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 if TYPE_CHECKING:
     import httpx
@@ -39,7 +39,7 @@ def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
 
 def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        filled(
+        localized(
             QT_TR_NOOP("{place} is not on this computer, and this scenario permits only models that are."),
             place=endpoint.place,
         ),
@@ -104,7 +104,7 @@ async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
         raise bad_address(endpoint.base_url, QT_TR_NOOP("the endpoint")) from error
     except (ImportError, ValueError) as error:
         raise LanguageModelError(
-            filled(
+            localized(
                 QT_TR_NOOP("The proxy settings of this computer cannot be used ({error})."), error=shortened(str(error))
             ),
             QT_TR_NOOP("The assistant cannot answer."),
@@ -188,7 +188,7 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
             if endpoint.provider == "gemini"
             else QT_TR_NOOP("OpenAI answers only with a key, and there is none."),
             QT_TR_NOOP("The assistant cannot answer."),
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "Set the environment variable {name} before starting the console, keep the key in the system"
                     " keyring (keyring set {service} {name}), or choose another model."
@@ -199,15 +199,19 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
         )
     if key and not (key.isascii() and key.isprintable()):
         raise LanguageModelError(
-            filled(QT_TR_NOOP("The key in {name} has characters that no key has."), name=name),
+            localized(QT_TR_NOOP("The key in {name} has characters that no key has."), name=name),
             QT_TR_NOOP("The assistant cannot answer."),
-            filled(QT_TR_NOOP("Set {name} again, without line breaks or quotation marks."), name=name),
+            localized(QT_TR_NOOP("Set {name} again, without line breaks or quotation marks."), name=name),
         )
     if key and not is_encrypted_or_local(endpoint.base_url):
         raise LanguageModelError(
-            filled(QT_TR_NOOP("The key in {name} would go unencrypted to {place}."), name=name, place=endpoint.place),
+            localized(
+                QT_TR_NOOP("The key in {name} would go unencrypted to {place}."), name=name, place=endpoint.place
+            ),
             QT_TR_NOOP("Nothing was sent."),
-            filled(QT_TR_NOOP("Give the server an https:// address, or remove {name} if it needs no key."), name=name),
+            localized(
+                QT_TR_NOOP("Give the server an https:// address, or remove {name} if it needs no key."), name=name
+            ),
         )
     return key or None
 

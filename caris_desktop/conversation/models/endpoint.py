@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
@@ -48,10 +48,10 @@ class ModelEndpoint:
             case "embedded":
                 return QT_TR_NOOP("The embedded language model")
             case "ollama":
-                return filled(QT_TR_NOOP("Ollama at {server}"), server=self.server)
+                return localized(QT_TR_NOOP("Ollama at {server}"), server=self.server)
             case "gemini":
-                return filled(QT_TR_NOOP("Gemini at {server}"), server=self.server)
-        return filled(QT_TR_NOOP("The language model server at {server}"), server=self.server)
+                return localized(QT_TR_NOOP("Gemini at {server}"), server=self.server)
+        return localized(QT_TR_NOOP("The language model server at {server}"), server=self.server)
 
     @property
     def is_openai(self) -> bool:
@@ -104,7 +104,7 @@ def resolve_endpoint(
         url = _checked_url(base_url, "GOOGLE_GEMINI_BASE_URL")
         return ModelEndpoint("gemini", url, name.removeprefix("models/"), KEYED_BY["gemini"])
     raise LanguageModelError(
-        filled(QT_TR_NOOP("“{model}” names no language model."), model=shortened(model)),
+        localized(QT_TR_NOOP("“{model}” names no language model."), model=shortened(model)),
         QT_TR_NOOP("The assistant cannot answer in this scenario."),
         QT_TR_NOOP("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
     )
@@ -138,7 +138,7 @@ def bad_address(url: str, source: str) -> LanguageModelError:
     return LanguageModelError(
         f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",
         QT_TR_NOOP("The assistant cannot answer."),
-        filled(QT_TR_NOOP("Correct {source}; keys do not belong into the address."), source=source),
+        localized(QT_TR_NOOP("Correct {source}; keys do not belong into the address."), source=source),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.certificates import why_refused
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 
 if TYPE_CHECKING:
     import httpx
@@ -30,10 +30,10 @@ def unusable(endpoint: ModelEndpoint, why: str) -> UnusableError:
 
 def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        filled(
+        localized(
             QT_TR_NOOP("{place} sent something that is no answer: {why}."),
             place=endpoint.place,
-            why=why if isinstance(why, Filled) else shortened(why),
+            why=why if isinstance(why, LocalizedText) else shortened(why),
         ),
         _HALF,
         QT_TR_NOOP("Check that the address belongs to a language model server."),
@@ -42,7 +42,7 @@ def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
 
 def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
-        filled(QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(why, 60)),
+        localized(QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(why, 60)),
         _HALF,
         QT_TR_NOOP("Ask in other words, take something out of what goes along, or choose another model."),
     )
@@ -50,7 +50,7 @@ def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
 
 def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        filled(QT_TR_NOOP("{place} broke off."), place=endpoint.place),
+        localized(QT_TR_NOOP("{place} broke off."), place=endpoint.place),
         QT_TR_NOOP("The answer is incomplete."),
         QT_TR_NOOP("Use what is there, or ask again."),
     )
@@ -61,7 +61,7 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     for the next one.
     """
     return LanguageModelError(
-        filled(QT_TR_NOOP("{place} ended its answer before the first word."), place=endpoint.place),
+        localized(QT_TR_NOOP("{place} ended its answer before the first word."), place=endpoint.place),
         _NO_ANSWER,
         QT_TR_NOOP(
             "Ask again when no other question is under way; if it happens again, shorten the question or what goes"
@@ -79,7 +79,7 @@ def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float 
     else:
         what = QT_TR_NOOP("{place} reasoned and gave no answer.")
     return LanguageModelError(
-        filled(what, place=endpoint.place, seconds=f"{seconds:g}" if seconds is not None else ""),
+        localized(what, place=endpoint.place, seconds=f"{seconds:g}" if seconds is not None else ""),
         _NO_ANSWER,
         QT_TR_NOOP("Choose a model that does not reason, or switch its reasoning off at the server."),
     )
@@ -88,7 +88,7 @@ def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float 
 def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -> LanguageModelError:
     if answer_started:
         return LanguageModelError(
-            filled(
+            localized(
                 QT_TR_NOOP("{place} fell silent for {seconds} s in the middle of the answer."),
                 place=endpoint.place,
                 seconds=f"{seconds:g}",
@@ -97,7 +97,7 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
             QT_TR_NOOP("Use what is there, or ask again."),
         )
     return LanguageModelError(
-        filled(
+        localized(
             QT_TR_NOOP("{place} did not begin to answer within {seconds} s."),
             place=endpoint.place,
             seconds=f"{seconds:g}",
@@ -130,7 +130,7 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
     if message.get("error"):
         _log.warning("%s reported an error in the stream", endpoint.place)
         raise LanguageModelError(
-            filled(
+            localized(
                 QT_TR_NOOP("{place} stopped with an error: {error}"),
                 place=endpoint.place,
                 error=without(key, error_in(message)),
@@ -148,18 +148,18 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         return LanguageModelError(
-            filled(QT_TR_NOOP("{place} refused access{said}."), place=place, said=said),
+            localized(QT_TR_NOOP("{place} refused access{said}."), place=place, said=said),
             _NO_ANSWER,
-            filled(QT_TR_NOOP("Check {where}."), where=where),
+            localized(QT_TR_NOOP("Check {where}."), where=where),
         )
     if status == 404:
         advice = (
-            filled(QT_TR_NOOP("Run “ollama pull {model}”, or choose another model."), model=endpoint.model)
+            localized(QT_TR_NOOP("Run “ollama pull {model}”, or choose another model."), model=endpoint.model)
             if endpoint.provider == "ollama"
             else QT_TR_NOOP("Check the model's name and the server's address.")
         )
         return LanguageModelError(
-            filled(
+            localized(
                 QT_TR_NOOP("{place} does not know the model {model}{said}."),
                 place=place,
                 model=endpoint.model,
@@ -170,19 +170,21 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         )
     if status == 429:
         return LanguageModelError(
-            filled(QT_TR_NOOP("{place} takes no more questions now{said}."), place=place, said=said),
+            localized(QT_TR_NOOP("{place} takes no more questions now{said}."), place=place, said=said),
             _NO_ANSWER,
             QT_TR_NOOP("Wait a little, then ask again."),
         )
     if status >= 500:
         return LanguageModelError(
-            filled(QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=said),
+            localized(
+                QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=said
+            ),
             _NO_ANSWER,
             QT_TR_NOOP("Ask again in a moment."),
         )
     if 300 <= status < 400:
         return LanguageModelError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{place} sends the question on to another address (HTTP status {status}), which is not followed."
                 ),
@@ -193,7 +195,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
             QT_TR_NOOP("Give the model's own address."),
         )
     return LanguageModelError(
-        filled(
+        localized(
             QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."),
             place=place,
             status=status,
@@ -227,7 +229,7 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     if (refused := tls_error(error)) is not None:
         why, _ = why_refused(refused, place, None)
         return LanguageModelError(
-            filled(QT_TR_NOOP("{place} cannot prove who it is. {why}"), place=place, why=joined(why)),
+            localized(QT_TR_NOOP("{place} cannot prove who it is. {why}"), place=place, why=joined(why)),
             QT_TR_NOOP("Nothing was sent to it."),
             QT_TR_NOOP(
                 "Check the address and this computer's clock; a server of the lab needs a certificate that this"
@@ -241,11 +243,11 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
             "gemini": QT_TR_NOOP("Check the network."),
             "embedded": QT_TR_NOOP("It is restarted by opening the scenario again."),
         }[endpoint.provider]
-        return LanguageModelError(filled(QT_TR_NOOP("{place} cannot be reached."), place=place), _NO_ANSWER, advice)
+        return LanguageModelError(localized(QT_TR_NOOP("{place} cannot be reached."), place=place), _NO_ANSWER, advice)
     if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and answer_started:
         return broke_off(endpoint)
     return LanguageModelError(
-        filled(QT_TR_NOOP("The connection to {place} failed."), place=place),
+        localized(QT_TR_NOOP("The connection to {place} failed."), place=place),
         _NO_ANSWER,
         QT_TR_NOOP("Ask again; check the network."),
     )

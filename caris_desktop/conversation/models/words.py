@@ -2,10 +2,10 @@
 
 import unicodedata
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 
 
-class LanguageModelError(ToldFailure):
+class LanguageModelError(UserFacingError):
     """A language model did not answer."""
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from caris_desktop.domain import intents
 from caris_desktop.domain.controls import RobotControl
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 Range = tuple[float, float]
@@ -154,14 +154,14 @@ def _json_in(answer: str) -> Any:
 def _go_to(place: Any, offer: Offer) -> Proposed:
     if not isinstance(place, str) or place not in offer.places:
         raise NotOfferedError(f"{_told(place)} is no place of this scenario")
-    return Proposed(intents.GoToPlace(place), filled(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
+    return Proposed(intents.GoToPlace(place), localized(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
 
 
 def _look(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
     for angle, (lowest, highest) in ((pan_deg, offer.pan_deg), (tilt_deg, offer.tilt_deg)):
         if not _is_number(angle) or not lowest <= angle <= highest:
             raise NotOfferedError(f"the head does not turn to {_told(angle)} degrees")
-    words = filled(
+    words = localized(
         _LOOKS[_way(pan_deg, "left", "right"), _way(tilt_deg, "down", "up")],
         pan=f"{abs(pan_deg):.0f}",
         tilt=f"{abs(tilt_deg):.0f}",
@@ -194,7 +194,7 @@ def _use(name: Any, value: Any, offer: Offer) -> Proposed:
         case "button":
             value, words = True, control.title
         case "toggle" if isinstance(value, bool):
-            words = filled(QT_TR_NOOP("{title}: on") if value else QT_TR_NOOP("{title}: off"), title=control.title)
+            words = localized(QT_TR_NOOP("{title}: on") if value else QT_TR_NOOP("{title}: off"), title=control.title)
         case "slider" if _is_number(value) and control.lowest <= value <= control.highest:
             value, words = float(value), f"{control.title}: {value:g} {control.unit}".rstrip()
         case "choice":

@@ -64,7 +64,7 @@ class Follower(Protocol):
     def tell(self, event: SuggestionChanged) -> None: ...
 
 
-class Rounds:
+class SuggestionCycle:
     """Replies of one conversation. ``acts_after_ns`` is the countdown after which the first is said without a key, None
     for never.
     """

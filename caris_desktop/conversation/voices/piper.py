@@ -16,7 +16,7 @@ from caris_desktop.conversation.voices.sound import RenderingStoppedError, Sampl
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import check_file, packaged_file, read_checked
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _THREADS = 2
 _FIRST_PIECE_FRAMES = 16
@@ -54,7 +54,7 @@ class PiperVoice:
         own = _NETWORKS_OF_PIPER.get("ar" if config.espeak_voice == "ar" else config.phoneme_type.value)
         if own is None:
             raise NoSuchVoiceError(
-                filled(
+                localized(
                     QT_TR_NOOP("the voice {name} needs more than its two files, which would be fetched and run"),
                     name=files.name,
                 )

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from caris_desktop.conversation.voices.sound import (
-    GrowingSound,
-    KeptSounds,
     RenderingStoppedError,
     Samples,
+    SoundCache,
     Stop,
+    StreamingBuffer,
     Voice,
     trimmed,
     words_of,
@@ -37,13 +37,13 @@ class _Making:
         self.stop = Stop()
         self.parts: list[Samples] = []
         self._telling = threading.Lock()
-        self._listener: tuple[GrowingSound, Told] | None = None
+        self._listener: tuple[StreamingBuffer, Told] | None = None
 
     @property
     def is_heard(self) -> bool:
         return self._listener is not None
 
-    def hear(self, sound: GrowingSound, told: Told) -> None:
+    def hear(self, sound: StreamingBuffer, told: Told) -> None:
         """Send the ready parts at once, and others as they come. Before `finish`."""
         with self._telling:
             for part in self.parts:
@@ -67,7 +67,7 @@ class Rendering:
 
     def __init__(self, voice: Voice, *, kept_at_most_bytes: int = KEPT_AT_MOST_BYTES) -> None:
         self._voice = voice
-        self._kept = KeptSounds(kept_at_most_bytes)
+        self._kept = SoundCache(kept_at_most_bytes)
         self._changed = threading.Condition()
         self._wanted: _Making | None = None
         self._making: _Making | None = None
@@ -77,7 +77,7 @@ class Rendering:
         self._tuned: tuple[float, float] | None = None
         self._ended = False
 
-    def say(self, text: str, sound: GrowingSound, told: Told) -> None:
+    def say(self, text: str, sound: StreamingBuffer, told: Told) -> None:
         """Render now into ``sound``; ``told(frame, samples)`` is called with each part as it is ready.
 
         Advance rendering pauses until this is complete; if it is rendering this text, it is continued.

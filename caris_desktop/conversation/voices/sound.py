@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import Filled
+from caris_desktop.domain.translation import LocalizedText
 
 Samples = NDArray[np.int16]
 """Signed 16 bit, one channel."""
@@ -20,7 +20,7 @@ _SILENCE_KEPT_S = 0.005
 def words_of(error: Exception) -> str:
     """Error text in one line."""
     told = str(error)
-    return told if isinstance(told, Filled) else " ".join(told.split()) or type(error).__name__
+    return told if isinstance(told, LocalizedText) else " ".join(told.split()) or type(error).__name__
 
 
 class RenderingStoppedError(Exception):
@@ -117,7 +117,7 @@ def _least_of(whole: Samples) -> int:
     return max(1, round(int(np.abs(whole.astype(np.int32)).max(initial=0)) * 0.005))
 
 
-class GrowingSound:
+class StreamingBuffer:
     """Streaming buffer: synthesis appends, the audio device reads; any thread.
 
     Frames count from the start. On an underrun silence is played, and later audio is delayed. ``changed`` is called
@@ -178,7 +178,7 @@ class GrowingSound:
             self.position = 0
 
 
-class KeptSounds:
+class SoundCache:
     """Audio cache by text, limited in bytes: texts likely to be needed, and the latest."""
 
     def __init__(self, at_most_bytes: int) -> None:

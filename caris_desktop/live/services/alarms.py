@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
 from caris_desktop.live.preflight import no_answer_advice
@@ -83,7 +83,7 @@ class AlarmsService(Service):
 
     def dismiss(self, asked: intents.DismissAlarm) -> None:
         if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That is still wrong, or it is over already."), tr("Nothing was changed."),
                 tr("What ends by itself leaves the list when it is over."), severity="warning",
             )  # fmt: skip

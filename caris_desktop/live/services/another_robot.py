@@ -14,20 +14,20 @@ from caris_desktop.live.services.drive import DriveService
 from caris_desktop.live.services.people import PeopleService
 from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 
 
 class AnotherRobotService(Service):
     """Connects the robot requested last; finding and leaving one may take a while.
 
-    ``by_name`` reads files in a background thread and raises ToldFailure. ``simulated`` starts the simulated robot if
-    necessary and connects it for the actor once ready; raises ToldFailure on failure.
+    ``by_name`` reads files in a background thread and raises UserFacingError. ``simulated`` starts the simulated robot if
+    necessary and connects it for the actor once ready; raises UserFacingError on failure.
     """
 
     def __init__(
         self,
         bus: Bus,
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         *,
         by_name: Callable[[str], RobotConnection],
         simulated: Callable[[Actor], None],
@@ -65,7 +65,7 @@ class AnotherRobotService(Service):
         """Connect the robot returned by ``find``, unless another one is requested meanwhile. A robot given at program
         start counts as the wizard's choice.
 
-        ``find`` runs in a background thread; its ToldFailure is reported (``until`` as in Problem).
+        ``find`` runs in a background thread; its UserFacingError is reported (``until`` as in Problem).
         """
         asked = self._asked = object()
 

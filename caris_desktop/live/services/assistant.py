@@ -15,15 +15,15 @@ from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_me
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor, cancelled_by
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.assistant_context import AssistantContext
-from caris_desktop.live.assistant_setup import Setup, most_characters
+from caris_desktop.live.assistant_setup import AssistantSetupState, most_characters
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children, told_here
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager, told_here
 from caris_desktop.live.exchanges import Exchanges
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
@@ -38,15 +38,15 @@ EMBEDDED = "embedded"
 _COUNT_EVERY_MS = 1000
 MOST_PICTURES = 4
 Setting = Literal["model", "role", "style", "system_prompt", "notes", "reset"]
-ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[[ToldFailure], None]], None]
-"""Reads images of these names as JPEG, scaled for a model, in a background thread. Raises ToldFailure."""
+ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[[UserFacingError], None]], None]
+"""Reads images of these names as JPEG, scaled for a model, in a background thread. Raises UserFacingError."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssistantParts:
     """``server`` runs the embedded model. ``resolve_endpoint(model, address)`` raises LanguageModelError."""
 
-    server: ProcessBody
+    server: ProcessSpec
     stream_chat: StreamChat
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
     list_models: ListModels
@@ -59,7 +59,7 @@ class AssistantService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
+        children: ProcessManager,
         parts: AssistantParts,
         *,
         asyncio_thread: AsyncioThread,
@@ -74,7 +74,7 @@ class AssistantService(Service):
         self._parts = parts
         self._speech = speech
         self._scenario = scenario
-        self._setup = Setup(scenario.assistant)
+        self._setup = AssistantSetupState(scenario.assistant)
         self._context = AssistantContext(state)
         self.client = ModelClient(asyncio_thread, parts.stream_chat, bus.publish, self)
         self._exchanges = Exchanges(state, self.client, bus.publish, self)
@@ -113,7 +113,7 @@ class AssistantService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         if scenario.assistant != self._scenario.assistant:
-            self._setup = Setup(scenario.assistant)
+            self._setup = AssistantSetupState(scenario.assistant)
         self._scenario = scenario
         if self._started:
             self._begin()
@@ -158,34 +158,34 @@ class AssistantService(Service):
         self._read_pictures = read
 
     def check_picture(self) -> None:
-        """Raise ToldFailure if a question cannot include images."""
+        """Raise UserFacingError if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture stays where it is.")
         if self._setup.model == EMBEDDED:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The language model of this program cannot see pictures."), meaning,
                 tr("Choose a model that can, in a scenario with assistant.pictures."), severity="warning",
             )  # fmt: skip
         if not self._scenario.assistant.pictures:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This scenario gives no pictures to a language model."), meaning,
                 tr("Set assistant.pictures in the scenario where participants agreed to it."), severity="warning",
             )  # fmt: skip
 
     def ask(self, asked: intents.Ask) -> None:
-        """Ask a question. Raises ToldFailure if refused; later failures are shown in its row."""
+        """Ask a question. Raises UserFacingError if refused; later failures are shown in its row."""
         question = asked.question.strip()
         if not question:
             return
         too_long = characters_too_long(question)
         if too_long:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
                 tr("The assistant was not asked; half a question would get an answer to something else."),
                 tr("Ask in {most} characters at most.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
                 severity="warning",
             )
         if len(asked.pictures) > MOST_PICTURES:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("More than {most} pictures cannot go with a question.").format(most=MOST_PICTURES),
                 tr("The assistant was not asked."), tr("Leave some out."), severity="warning",
             )  # fmt: skip
@@ -199,7 +199,7 @@ class AssistantService(Service):
                     lambda jpegs: self._send(exchange_id, question, asked, jpegs),
                     lambda failure: self._exchanges.fail(exchange_id, joined((failure.what, failure.advice))),
                 )
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 self._exchanges.fail(exchange_id, joined((failure.what, failure.advice)))
         else:
             self._send(exchange_id, question, asked, [])
@@ -235,7 +235,7 @@ class AssistantService(Service):
 
     def _choose(self, asked: intents.ChooseModel) -> None:
         if asked.model not in (choice.model for choice in self._offered()):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That language model cannot be chosen here."),
                 tr("{model} stays the one that is asked.").format(model=self.client.model or self._setup.model),
                 tr("Add it to assistant.models of the scenario, or start its server."),
@@ -257,7 +257,7 @@ class AssistantService(Service):
         text = asked.text.strip()
         most = most_characters(asked.kind)
         if len(text) > most:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
                 tr("The assistant is asked as before."),
                 tr("Say it in {most} characters.").format(most=f"{most:,}"),
@@ -268,7 +268,7 @@ class AssistantService(Service):
 
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This scenario has no role of that name.")
                 if kind == "role"
                 else tr("This scenario has no style of that name."),

@@ -9,16 +9,16 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
@@ -37,7 +37,7 @@ class OwnCamera:
     """
 
     name: str
-    body: ProcessBody
+    body: ProcessSpec
     model: CameraModel | None = None
 
 
@@ -49,7 +49,7 @@ class WantedCameras:
 
     own: tuple[OwnCamera, ...] = ()
     of_robot: tuple[str, ...] | None = None
-    failures: tuple[ToldFailure, ...] = ()
+    failures: tuple[UserFacingError, ...] = ()
 
     def among(self, cameras: tuple[CameraTopic, ...]) -> tuple[CameraTopic, ...]:
         """Requested cameras of the robot. One with the name of a local camera is renamed, because frames are identified
@@ -78,9 +78,9 @@ class CamerasService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
+        children: ProcessManager,
         wanted_by: Callable[[Scenario], WantedCameras],
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         *,
         frames: FrameRings,
         parent: QObject,

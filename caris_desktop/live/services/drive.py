@@ -23,8 +23,8 @@ from caris_desktop.domain.events import (
     StopRequested,
 )
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.ports import RobotPort, TellProblem
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.ports import ReportProblem, RobotPort
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.state import LiveState, LiveStream
 from caris_desktop.robot.profile import MotionLimits, RobotProfile
@@ -51,7 +51,7 @@ class DriveService(Service):
         parent: QObject | None = None,
         *,
         publish: Callable[[Event], None],
-        problem: TellProblem,
+        problem: ReportProblem,
     ) -> None:
         super().__init__(parent)
         self._state = state
@@ -362,9 +362,9 @@ def _missing(what: str, stream: LiveStream) -> str:
     age_s = stream.age_s()
     if age_s is None:
         never = QT_TR_NOOP("no fresh {stream}") if stream.arrivals else QT_TR_NOOP("no {stream} yet")
-        return filled(never, stream=what)
+        return localized(never, stream=what)
     late = stream.arrives_late
     seconds = age_s if late else stream.silent_s() or 0.0
     age = f"{seconds:.1f}" if seconds < 10.0 else f"{seconds:.0f}"
     said = QT_TR_NOOP("{stream} arrives {age} s old") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
-    return filled(said, stream=what, age=age)
+    return localized(said, stream=what, age=age)

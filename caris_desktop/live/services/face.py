@@ -17,7 +17,7 @@ from caris_desktop.conversation.face.motion import FaceMotion, SpokenLoudness, l
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.ports import FrameReader
@@ -26,9 +26,9 @@ from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing, PlayedSound
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.model import Scenario
@@ -57,7 +57,7 @@ class FaceService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         asyncio_thread: AsyncioThread,
         *,
         frames: FrameReader,
@@ -170,7 +170,7 @@ class FaceService(Service):
         motion = self._motion_or_raise()
         status: FaceStatus = self._state.face.value
         if asked.expression not in status.expressions:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This face has no expression “{expression}”.").format(expression=asked.expression),
                 tr("It stays as it is."),
                 tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
@@ -184,11 +184,11 @@ class FaceService(Service):
         self._motion_or_raise()
         text = " ".join(asked.text.split())
         if asked.what == "text" and not text:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("There is nothing to show."), tr("The face stays."), tr("Write a text first."), severity="warning"
             )
         if asked.what == "live" and not self._live_permitted:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This scenario does not show people what the robot sees."), tr("The face stays."),
                 tr("Set face.live_picture in the scenario where that is wanted."), severity="warning",
             )  # fmt: skip
@@ -202,7 +202,7 @@ class FaceService(Service):
     def _show_photo(self, file_name: str, actor: Actor) -> None:
         photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
         if photo is None or not self._photos_permitted:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That photo is not at hand."),
                 tr("The face stays."),
                 tr("Choose one of the Photos panel."),
@@ -223,12 +223,12 @@ class FaceService(Service):
 
     def _motion_or_raise(self) -> FaceMotion:
         if self._motion is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."), severity="warning"
             )
         return self._motion
 
-    def _tell(self, failure: ToldFailure) -> None:
+    def _tell(self, failure: UserFacingError) -> None:
         self._bus.answer(failure)
         if self._face is None and isinstance(failure, FaceError) and self._wanted != DEFAULT_FACE:
             self._use(DEFAULT_FACE, CONSOLE)
@@ -278,7 +278,7 @@ class FaceService(Service):
     def _tell_not_served(self, what: str) -> None:
         self._close_page()
         self._bus.answer(
-            ToldFailure(
+            UserFacingError(
                 what,
                 tr("The face's window on this computer works."),
                 tr("Try again, or use the window."),
@@ -412,7 +412,7 @@ class FacePageProcess:
         from caris_desktop.conversation.face.page import run_face_page
 
         self._asyncio = asyncio_thread
-        body = ProcessBody("face page", run_face_page, (network,))
+        body = ProcessSpec("face page", run_face_page, (network,))
         self._child = ChildProcess(body, on_message=on_message, on_exit=on_exit)
         self._newest: Drawing | bytes | NDArray[np.uint8] | None = None
         self._delivering = False

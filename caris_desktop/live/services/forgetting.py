@@ -10,11 +10,11 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, PersonForgotten
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.forgetting import ForgettingEnded, ForgettingProgress
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.services.recording import ACTIVE
@@ -35,8 +35,8 @@ class ForgettingService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
-        body_of: Callable[[str], ProcessBody],
+        children: ProcessManager,
+        body_of: Callable[[str], ProcessSpec],
         *,
         then: Callable[[intents.ForgetPerson], None],
         parent: QObject,
@@ -70,14 +70,14 @@ class ForgettingService(Service):
 
     def _forget(self, asked: intents.ForgetPerson) -> None:
         if self._child is not None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("Somebody is being forgotten already."),
                 tr("The other person is not forgotten yet."),
                 tr("Ask again once that is done."),
                 severity="warning",
             )
         if self._state.recording.value.state in ACTIVE:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("A session is being recorded."),
                 tr("The person is not forgotten yet: what is being written cannot be changed."),
                 tr("End the recording, then ask again."),
@@ -134,7 +134,7 @@ class ForgettingService(Service):
         """Erase in-memory data after the database."""
         try:
             self._then(self._asked)
-        except ToldFailure:
+        except UserFacingError:
             # Without perception nothing is in memory.
             self._bus.publish(PersonForgotten(clock.now_ns(), self._asked.person_id, self._asked.actor))
 

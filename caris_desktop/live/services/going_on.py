@@ -10,16 +10,16 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.robot import RobotService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import IN_SESSION, GoingOnStatus, RecordingStatus
+from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, RecordingStatus
 from caris_desktop.scenario.model import Scenario
 from caris_desktop.study import unfinished
 from caris_desktop.study.unfinished import UnfinishedTrial
@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class GoingOnParts:
+class CrashRecoveryAdapters:
     """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
     thread, empty if unavailable.
     """
@@ -41,7 +41,7 @@ class GoingOnParts:
     details: Callable[[Path], TrialDetails]
 
 
-class GoingOnService(Service):
+class CrashRecoveryService(Service):
     """Maintains ``state.going_on``.
 
     After a crash nothing is assumed: the emergency stop is latched, and pose, people, recording and consents need
@@ -52,8 +52,8 @@ class GoingOnService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        parts: GoingOnParts,
-        slow_work: SlowWork,
+        parts: CrashRecoveryAdapters,
+        slow_work: BackgroundWorker,
         *,
         robot: RobotService,
         do: Callable[[intents.Intent], str],
@@ -94,7 +94,7 @@ class GoingOnService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._scenario, scenario
-        status: GoingOnStatus = self._state.going_on.value
+        status: CrashRecoveryStatus = self._state.going_on.value
         if status.state in ("unconfirmed", "confirmed") and (before is None or _keeps(before) != _keeps(scenario)):
             # The confirmation was given for another scenario.
             left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
@@ -144,7 +144,7 @@ class GoingOnService(Service):
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("recording", "paused"):
             if self._kept is None:
-                self._state.going_on.set(GoingOnStatus())
+                self._state.going_on.set(CrashRecoveryStatus())
                 self._keep()
         elif status.state in ("idle", "failed") and self._kept is not None:
             self._kept = None
@@ -155,7 +155,7 @@ class GoingOnService(Service):
     def _over(self) -> None:
         """The resumed trial was recorded."""
         self._resumed, self._confirmed, self.step = None, [], ""
-        self._state.going_on.set(GoingOnStatus())
+        self._state.going_on.set(CrashRecoveryStatus())
 
     def _on_changed(self, _value: object) -> None:
         if self._kept is not None and not self._soon.isActive():
@@ -188,16 +188,16 @@ class GoingOnService(Service):
         if found is None:
             return
         self._offered, details = found
-        self._state.going_on.set(GoingOnStatus("offered", self._offered.session.name, details))
+        self._state.going_on.set(CrashRecoveryStatus("offered", self._offered.session.name, details))
 
     def _go_on(self, asked: intents.GoOnWithTrial) -> None:
         trial, status = self._offered, self._state.going_on.value
         if trial is None or status.state != "offered":
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("There is no trial to go on with."), tr("Nothing was changed."), tr("Start a recording.")
             )
         if self._state.recording.value.state in IN_SESSION:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("A recording is under way: the trial that broke off cannot go on in it."),
                 tr("Nothing was changed."), tr("End the recording first."),
             )  # fmt: skip
@@ -226,11 +226,11 @@ class GoingOnService(Service):
 
     def _leave(self, asked: intents.LeaveTrial) -> None:
         self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
-        self._state.going_on.set(GoingOnStatus())
+        self._state.going_on.set(CrashRecoveryStatus())
         _log.info("the trial is not gone on with, says %s", asked.actor)
 
     def _confirm(self, asked: intents.ConfirmAsBefore) -> None:
-        status: GoingOnStatus = self._state.going_on.value
+        status: CrashRecoveryStatus = self._state.going_on.value
         if asked.what not in status.unconfirmed:
             return
         if asked.person_id:
@@ -274,11 +274,11 @@ def _told(work: Callable[[], T]) -> Callable[[], T]:
         try:
             return work()
         except OSError as error:
-            raise ToldFailure(tr("A trial that breaks off cannot be offered again."), str(error), "") from error
+            raise UserFacingError(tr("A trial that breaks off cannot be offered again."), str(error), "") from error
 
     return run
 
 
-def _tell(failure: ToldFailure) -> None:
+def _tell(failure: UserFacingError) -> None:
     # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -117,7 +117,7 @@ class _Measure:
         return self.counts < self._limits.in_time
 
 
-class LoadSteps:
+class LoadLevels:
     """Level from GUI thread delay, frame age and detection time. Times in ns of one clock."""
 
     def __init__(self) -> None:
@@ -166,7 +166,7 @@ class LoadSteps:
             measure.forget()
 
 
-class GovernorService(Service):
+class LoadSheddingService(Service):
     """Measures the load, reduces deferrable work, and maintains ``state.load``."""
 
     def __init__(
@@ -185,7 +185,7 @@ class GovernorService(Service):
         self._people = people
         self._models = models
         self._now_ns = now_ns
-        self._steps = LoadSteps()
+        self._steps = LoadLevels()
         self._due_ns = 0
         self._frame_age_ms: float | None = None
         self._detection_ms, self._detected_ns = 0.0, 0

@@ -26,8 +26,8 @@ from caris_desktop.domain.sound import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children, told_here
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager, told_here
 from caris_desktop.live.listening_feed import ListeningFeed
 from caris_desktop.live.service import Follows, Restarts, Service
 from caris_desktop.live.state import LiveState
@@ -48,8 +48,8 @@ class ListeningService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
-        body: Callable[[Scenario], ProcessBody],
+        children: ProcessManager,
+        body: Callable[[Scenario], ProcessSpec],
         *,
         parent: QObject,
     ) -> None:
@@ -58,7 +58,7 @@ class ListeningService(Service):
         self._bus = bus
         self._children = children
         self._body_of = body
-        self._wanted: ProcessBody | None = None
+        self._wanted: ProcessSpec | None = None
         self._child: ChildProcess | None = None
         self._feed: ListeningFeed | None = None
         self._to_recogniser: ListeningFeed | None = None

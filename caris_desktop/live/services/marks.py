@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, Marked
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
@@ -99,7 +99,7 @@ class MarksService(Service):
     def add_note(self, asked: intents.AddNote) -> None:
         text = _written(asked.text)
         if self._state.recording.value.state != "recording":
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The note was not kept."), tr("Nothing is being recorded now, so it would be in no session."),
                 tr("Start or continue the recording, then press Enter again."), severity="warning",
             )  # fmt: skip
@@ -128,7 +128,7 @@ class MarksService(Service):
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)
         if mark is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That note is not of this session."), tr("Nothing was changed."),
                 tr("Change it in the session in which it was written."), severity="warning",
             )  # fmt: skip
@@ -159,7 +159,7 @@ def _moment_ns(mark: Marked) -> int:
 def _written(text: str) -> str:
     text = " ".join(text.split())
     if not text:
-        raise ToldFailure(
+        raise UserFacingError(
             tr("A note needs words."),
             tr("The note stays as it was."),
             tr("Remove it if it is not wanted."),

@@ -14,8 +14,8 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess
-from caris_desktop.live.children import Children
-from caris_desktop.live.distant_ear import DistantEar, ear_of
+from caris_desktop.live.children import ProcessManager
+from caris_desktop.live.distant_ear import RemoteMicrophone, ear_of
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
@@ -42,7 +42,7 @@ class MicrophoneService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
+        children: ProcessManager,
         parts: MicrophoneParts,
         *,
         to_robot: Callable[[ListenToRobot], object],
@@ -55,7 +55,7 @@ class MicrophoneService(Service):
         self._problem = bus.problem
         self._to_robot = to_robot
         self._hear_camera = hear_camera
-        self._distant = DistantEar(state.microphone, bus, settled=self._on_settled, parent=self)
+        self._distant = RemoteMicrophone(state.microphone, bus, settled=self._on_settled, parent=self)
         self._participant = LocalMicrophone(
             state.microphone, MICROPHONE, bus, children, parts.participant, settled=self._on_settled, parent=self
         )

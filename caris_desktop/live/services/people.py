@@ -10,19 +10,19 @@ from PySide6.QtCore import QObject, Qt, QThread
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.events import Event, PersonAttended, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import GoingOnStatus, PerceptionStatus, PracticeStatus
+from caris_desktop.live.status import CrashRecoveryStatus, PerceptionStatus, PracticeStatus
 from caris_desktop.people.decisions import PeopleIntent
-from caris_desktop.people.presence import HistoryEvent, PortraitsOf, Presence, RecognitionSettings
+from caris_desktop.people.presence import HistoryEvent, PortraitsOf, PresenceTracker, RecognitionSettings
 from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.model import BlurWho, Scenario
@@ -39,9 +39,9 @@ _PORTRAITS: dict[BlurWho, PortraitsOf] = {
 class PeopleParts:
     """``inference`` is None without perception; ``as_told`` adapts it to a scenario."""
 
-    inference: ProcessBody | None
-    open_presence: Callable[[], tuple[Presence, list[Event]]]
-    as_told: Callable[[ProcessBody, Scenario], ProcessBody] = lambda body, _scenario: body
+    inference: ProcessSpec | None
+    open_presence: Callable[[], tuple[PresenceTracker, list[Event]]]
+    as_told: Callable[[ProcessSpec, Scenario], ProcessSpec] = lambda body, _scenario: body
 
 
 class PeopleService(Service):
@@ -108,7 +108,7 @@ class PeopleService(Service):
             self._worker.recognise(self._recognition, may_decide=names)
             self._worker.look_to_cover(self._cover)
 
-    def _placed(self, body: ProcessBody) -> ProcessBody:
+    def _placed(self, body: ProcessSpec) -> ProcessSpec:
         return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
 
     def processes(self) -> dict[str, ChildProcess]:
@@ -182,9 +182,9 @@ class PeopleService(Service):
             worker.offer_evidence(value)
 
     def decide(self, asked: PeopleIntent) -> None:
-        """Run a decision in the perception thread. Raises ToldFailure without perception."""
+        """Run a decision in the perception thread. Raises UserFacingError without perception."""
         if self._worker is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("People are not looked for here."),
                 tr("Nothing about them was changed."),
                 tr("Start with people detection."),
@@ -218,7 +218,7 @@ class PeopleService(Service):
         if self._worker is not None:
             self._worker.show_camera(name)
 
-    def _on_going_on_changed(self, status: GoingOnStatus) -> None:
+    def _on_going_on_changed(self, status: CrashRecoveryStatus) -> None:
         if self._worker is not None:
             self._worker.ask_consents_again("consent" in status.unconfirmed)
 

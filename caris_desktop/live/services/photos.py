@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
@@ -19,7 +19,7 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
 from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.shown_frames import ShownFrames
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (
@@ -72,7 +72,7 @@ class PhotosService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         recording: RecordingService,
         assistant: AssistantService,
         *,
@@ -204,7 +204,7 @@ class PhotosService(Service):
         cleaned = (" ".join(tag.replace(",", " ").split()) for tag in asked.tags)
         tags = tuple(dict.fromkeys(tag for tag in cleaned if tag))
         if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The photo was not tagged."),
                 tr("It has the tags that it had."),
                 tr("Give it {most} tags at most, each of up to {longest} characters.").format(
@@ -232,7 +232,7 @@ class PhotosService(Service):
     def _restore(self, asked: intents.RestorePhoto) -> None:
         kept = self._kept.get(asked.file_name)
         if kept is None or not kept.entry.deleted:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("There is no deleted photo to bring back."),
                 tr("What was deleted goes for good when its session ends."),
                 tr("Take another one if it is needed."),
@@ -250,7 +250,7 @@ class PhotosService(Service):
 
     def _ask(self, asked: intents.AskAboutPhoto) -> None:
         if not self._permitted:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This scenario takes no photos."),
                 tr("The assistant was not asked."),
                 tr("Ask without a photo."),
@@ -261,7 +261,7 @@ class PhotosService(Service):
         self._assistant.ask(intents.Ask(question, pictures=(kept.entry.file_name,), actor=asked.actor))
 
     def _read_for_model(
-        self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[ToldFailure], None]
+        self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[UserFacingError], None]
     ) -> None:
         """Read images for a question, as ``ReadPictures``."""
         readers = [self._reader_for_model(name) for name in names]
@@ -276,7 +276,7 @@ class PhotosService(Service):
         if stream.freshness == "fresh":
             image_bgr = self._frames.read_to_give(stream.value)
         if image_bgr is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That camera shows no picture now."), tr("The assistant was not asked."),
                 tr("Ask without the picture."),
                 severity="warning",
@@ -286,7 +286,7 @@ class PhotosService(Service):
     def _found(self, file_name: str) -> _Kept:
         kept = self._kept.get(file_name)
         if kept is None or kept.entry.deleted:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("There is no such photo."), tr("It was deleted, or another session runs."),
                 tr("Choose another one."),
                 severity="warning",
@@ -296,7 +296,7 @@ class PhotosService(Service):
     def _changeable(self, file_name: str, if_not: str) -> _Kept:
         kept = self._found(file_name)
         if not kept.entry.changeable:
-            raise ToldFailure(
+            raise UserFacingError(
                 if_not,
                 tr("Its session has ended, and its checksums stand for every file."),
                 tr("Note it in the session's annotations."),
@@ -310,7 +310,7 @@ class PhotosService(Service):
                 work()
             except (OSError, PhotoFileError) as error:
                 _log.exception("a photo")
-                raise ToldFailure(
+                raise UserFacingError(
                     what,
                     tr("Its file cannot be changed ({error}).").format(error=error),
                     tr("Make room on its disk, or make the study's folder writable, then try again."),
@@ -324,18 +324,18 @@ class PhotosService(Service):
 
 
 def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:
-    """Entry with its images. Raises ToldFailure."""
+    """Entry with its images. Raises UserFacingError."""
     large, small = _pictures(folder / entry.file_name, PREVIEW_PX, THUMBNAIL_PX)
     return replace(entry, preview_jpeg=large, thumbnail_jpeg=small)
 
 
 def _pictures(path: Path, *most_px: int) -> list[bytes]:
-    """Images as from ``photo_file``. Raises ToldFailure."""
+    """Images as from ``photo_file``. Raises UserFacingError."""
     try:
         return previews(path, *most_px)
     except (OSError, PhotoFileError) as error:
         what = tr("{name} cannot be read ({error}).").format(name=path.name, error=error)
-        raise ToldFailure(
+        raise UserFacingError(
             tr("A photo cannot be shown."),
             what,
             tr("It is left as it is. See whether another program shows its file."),
@@ -352,6 +352,6 @@ def _earlier(study: Path, file_name: str) -> PhotoEntry | None:
         tags = tuple(tag for tag in texts.get(TAGS, "").split(", ") if tag)
         people = tuple(texts.get(PEOPLE, "").split())
         return _with_pictures(PhotoEntry(file_name, utc_ns, texts.get(CAMERA, ""), people, None, tags), study)
-    except (OSError, PhotoFileError, ToldFailure):
+    except (OSError, PhotoFileError, UserFacingError):
         _log.warning("%s is passed over", path, exc_info=True)
         return None

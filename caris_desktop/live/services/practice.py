@@ -22,7 +22,7 @@ from caris_desktop.domain.events import (
     SuggestionChanged,
     UtteranceChanged,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
@@ -48,7 +48,7 @@ _WATCHED = (
 
 @dataclass(frozen=True, slots=True)
 class PracticeParts:
-    """``robot`` connects the simulated robot for the actor once ready, and raises ToldFailure; ``cut_link`` interrupts
+    """``robot`` connects the simulated robot for the actor once ready, and raises UserFacingError; ``cut_link`` interrupts
     its link for this many seconds.
     """
 
@@ -106,7 +106,7 @@ class PracticeService(Service):
         if self._state.practice.value.state in ("preparing", "running"):
             return
         if self._state.recording.value.state in IN_SESSION:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The practice cannot begin: a recording is running."),
                 tr("It goes on."),
                 tr("Stop the recording first."),

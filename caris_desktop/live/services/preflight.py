@@ -7,12 +7,12 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import Event, LinkChanged, PreflightChecked, RobotChosen, SessionEnded
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.streams import streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.preflight import Facts, Tick, automatic_checks, ticked_checks
+from caris_desktop.live.preflight import ChecklistItem, Facts, automatic_checks, ticked_checks
 from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.scenario.model import Scenario
@@ -35,7 +35,7 @@ class PreflightService(Service):
         self,
         state: LiveState,
         publish: Callable[[Event], None],
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         *,
         disk: Callable[[Scenario], Disk],
         microphone_chosen: Callable[[], bool],
@@ -50,7 +50,7 @@ class PreflightService(Service):
         self._microphone_chosen = microphone_chosen
         self._scenario: Scenario | None = None
         self._disk: Disk = (None, None)
-        self._ticks: dict[str, Tick] = {}
+        self._ticks: dict[str, ChecklistItem] = {}
         self._why_open = ""
         self._taken_back: frozenset[str] = frozenset()
         self._loud = False
@@ -165,12 +165,12 @@ class PreflightService(Service):
     def _tick(self, asked: intents.TickCheck) -> None:
         check = next((one for one in self._state.preflight.value if one.id == asked.check_id and one.manual), None)
         if check is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("There is no such check to tick."), tr("Nothing was changed."), tr("Look at the list of checks.")
             )
         now_ns = clock.now_ns()
         if asked.done:
-            self._ticks[check.id] = Tick(now_ns, asked.actor)
+            self._ticks[check.id] = ChecklistItem(now_ns, asked.actor)
         else:
             self._ticks.pop(check.id, None)
         self._publish(

@@ -12,7 +12,7 @@ from caris_desktop.conversation.suggestions.rounds import Round
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
@@ -81,7 +81,7 @@ class ProposalsService(Service):
                 on_text=lambda _text: None,
                 on_end=lambda exchange: self._on_answer(begun, offer, exchange),
             )
-        except ToldFailure:
+        except UserFacingError:
             self._asking = None  # a missing model is reported with the replies
 
     def drop(self, why: str) -> None:
@@ -128,7 +128,7 @@ class ProposalsService(Service):
         card = self._proposals.answered(asked.proposal_id, clock.now_ns())
         if card is None:
             self._show()
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That proposal is not there any more."), tr("Nothing was done."),
                 tr("Do it yourself if it is still wanted."),
                 severity="info",

@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Event, ProtocolEnded, ProtocolOpened, StepEntered, StepTicked
-from caris_desktop.live.protocol_walk import ProtocolWalk
+from caris_desktop.live.protocol_walk import ProtocolRun
 from caris_desktop.live.service import Handlers, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.model import Scenario
@@ -28,7 +28,7 @@ class ProtocolService(Service):
         self._state = state
         self._publish = publish
         self._scenario: Scenario | None = None
-        self._walk = ProtocolWalk()
+        self._walk = ProtocolRun()
         self._entered: StepEntered | None = None
         self._in_session = False
         # Events during a pause, missing in the record; None without a pause.
@@ -49,7 +49,7 @@ class ProtocolService(Service):
         steps, known = scenario.protocol.steps, () if before is None else before.protocol.steps
         another = before is None or not known or (scenario.title != before.title and scenario.path != before.path)
         if another:
-            self._walk = ProtocolWalk()
+            self._walk = ProtocolRun()
             self._walk.pause(self._since_pause is not None, clock.now_ns())
         self._walk.follow(steps)
         if steps != known:
@@ -64,7 +64,7 @@ class ProtocolService(Service):
         """Begin a session, at this step of a resumed trial if the protocol still has it."""
         self._in_session, self._since_pause = True, None
         if self._walk.has(step_id):
-            self._walk = ProtocolWalk(self._walk.steps)
+            self._walk = ProtocolRun(self._walk.steps)
             self._tell(self._walk.choose(step_id, clock.now_ns(), actor))
         else:
             self._begin(actor)
@@ -87,7 +87,7 @@ class ProtocolService(Service):
         """Reset after a session; no effect without one."""
         if self._in_session:
             self._in_session, self._since_pause = False, None
-            self._walk = ProtocolWalk(self._walk.steps)
+            self._walk = ProtocolRun(self._walk.steps)
             self._show()
 
     # Internals
@@ -95,7 +95,7 @@ class ProtocolService(Service):
     def _begin(self, actor: Actor, *, shown: bool = True) -> None:
         """Restart the protocol, unless the wizard starts it by hand and may have done so."""
         if self._scenario is not None and self._scenario.protocol.begins == "with_recording":
-            self._walk = ProtocolWalk(self._scenario.protocol.steps)
+            self._walk = ProtocolRun(self._scenario.protocol.steps)
             self._walk.pause(self._since_pause is not None, clock.now_ns())
             if self._walk.steps:
                 self._tell(self._walk.start(clock.now_ns(), actor), shown=shown)

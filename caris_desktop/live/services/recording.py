@@ -11,17 +11,17 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, Event, Problem
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.domain.streams import STREAMS_OF_LINK, streams_voided_by
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingsToRead
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.recorder_feed import RecorderFeed
 from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.people.presence import PersonRow
@@ -52,9 +52,9 @@ class RecordingService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
-        body: ProcessBody,
-        slow_work: SlowWork,
+        children: ProcessManager,
+        body: ProcessSpec,
+        slow_work: BackgroundWorker,
         *,
         rings: RingsToRead,
         parent: QObject,
@@ -160,13 +160,13 @@ class RecordingService(Service):
     ) -> None:
         """Create the folder of the announced session and record into it; ``refused`` is called on failure.
 
-        ``new_session`` raises ToldFailure in English, for the record; ``tr`` localises it.
+        ``new_session`` raises UserFacingError in English, for the record; ``tr`` localises it.
         """
         if not self._feed.holds or self._making_folder:
             return
         self._making_folder = True
 
-        def failed(failure: ToldFailure) -> None:
+        def failed(failure: UserFacingError) -> None:
             self._making_folder = self._audio = False
             self._feed.drop()
             self._state.recording.set(replace(self._state.recording.value, state="failed", detail=failure.what))
@@ -347,16 +347,16 @@ class RecordingService(Service):
 
 
 def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, SessionHeader]:
-    """Create a session folder. Raises ToldFailure."""
+    """Create a session folder. Raises UserFacingError."""
     try:
         return new_session()
-    except ToldFailure:
+    except UserFacingError:
         raise
     except Exception as error:
         _log.exception("a session was not begun")
-        raise ToldFailure(
+        raise UserFacingError(
             QT_TR_NOOP("The folder of the session could not be made."),
-            filled(QT_TR_NOOP("Nothing is recorded ({error})."), error=f"{type(error).__name__}: {error}"),
+            localized(QT_TR_NOOP("Nothing is recorded ({error})."), error=f"{type(error).__name__}: {error}"),
             QT_TR_NOOP("Start recording again; the log has the details."),
         ) from error
 

@@ -42,17 +42,17 @@ from caris_desktop.domain.events import (
     RobotChosen,
     TrafficMeasured,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.ports import TellProblem
+from caris_desktop.domain.ports import ReportProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.services.cameras import WantedCameras
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
@@ -77,14 +77,14 @@ class RobotConnection:
     """Robot connection; the bodies are the link processes' entry points.
 
     ``settle`` is set while the ROS version is unknown: it queries the robot and returns the final connection, or raises
-    ToldFailure without an answer.
+    UserFacingError without an answer.
     """
 
     name: str
     address: str
     profile: RobotProfile
-    control: ProcessBody
-    media: ProcessBody | None
+    control: ProcessSpec
+    media: ProcessSpec | None
     settle: Callable[[], Coroutine[Any, Any, "RobotConnection"]] | None = None
 
 
@@ -98,12 +98,12 @@ class RobotService(Service):
         state: LiveState,
         ring: FrameRing,
         *,
-        new_child: Callable[[ProcessBody], ChildProcess],
+        new_child: Callable[[ProcessSpec], ChildProcess],
         publish: Callable[[Any], None],
-        problem: TellProblem,
+        problem: ReportProblem,
         before_goal: Callable[[], None],
         wanted_cameras: Callable[[Scenario], WantedCameras],
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         asyncio_thread: AsyncioThread,
         parent: QObject | None = None,
     ) -> None:
@@ -238,7 +238,7 @@ class RobotService(Service):
         while True:
             try:
                 settled = await settle()
-            except ToldFailure as refusal:
+            except UserFacingError as refusal:
                 if not told:
                     told = True
                     self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="connected")
@@ -368,7 +368,7 @@ class RobotService(Service):
         for camera in cameras:
             self._state.forget_camera(camera.name)
 
-    def _tell_failure(self, failure: ToldFailure) -> None:
+    def _tell_failure(self, failure: UserFacingError) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
     # Robot messages

@@ -11,15 +11,15 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
 from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.confirmed_files import ConfirmationNeeded, accept
+from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
 from caris_desktop.live.scenario_watch import ScenarioWatch
 from caris_desktop.live.service import Handlers, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
@@ -49,7 +49,7 @@ class Imported:
 class LayoutFiles(Protocol):
     """Saving of dock layouts in scenario files, with the former layout for a reset.
 
-    ``save`` and ``reset`` access files in a background thread and raise ToldFailure; all else is called in the GUI
+    ``save`` and ``reset`` access files in a background thread and raise UserFacingError; all else is called in the GUI
     thread.
     """
 
@@ -71,7 +71,7 @@ class LayoutFiles(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
-    """``load`` and all saving functions raise ToldFailure; ``text`` is the recorded text of a scenario. ``save_text``
+    """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario. ``save_text``
     gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
     ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and ``conflicts``
     lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not saved.
@@ -105,7 +105,7 @@ class ScenarioService(Service):
         bus: Bus,
         parts: ScenarioParts,
         scenario: Scenario,
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         *,
         apply: Callable[[Scenario], None],
         parent: QObject,
@@ -154,7 +154,7 @@ class ScenarioService(Service):
 
     def _layouts(self) -> LayoutFiles:
         if self._parts.layouts is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The panel layout was not saved."),
                 tr("Nothing is saved in this run."),
                 tr("Start the console by itself, without a rehearsal, and save it there."),
@@ -196,7 +196,7 @@ class ScenarioService(Service):
     def _rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None], actor: Actor) -> None:
         """Write the scenario with ``write``, notify ``written``, and open the result.
 
-        ``write`` runs in a background thread and raises ToldFailure.
+        ``write`` runs in a background thread and raises UserFacingError.
         """
 
         def work() -> tuple[Path, Filed]:
@@ -224,10 +224,10 @@ class ScenarioService(Service):
         def work() -> Filed:
             try:
                 return self._load(path)
-            except ConfirmationNeeded:
+            except ConfirmationNeededError:
                 raise
-            except ToldFailure as failure:
-                raise ToldFailure(
+            except UserFacingError as failure:
+                raise UserFacingError(
                     tr("The scenario file was changed, and what it says now cannot be used."),
                     failure.meaning,
                     tr("What was in force stays so. Correct the file: it is read again by itself."),
@@ -261,7 +261,7 @@ class ScenarioService(Service):
             try:
                 accept(question)
             except OSError as error:
-                raise ToldFailure(
+                raise UserFacingError(
                     tr("Your answer could not be kept."),
                     tr("“{title}” is not used ({why}).").format(title=question.title, why=error.strerror or error),
                     tr("Make room, or make your settings writable, and open it again."),
@@ -272,7 +272,7 @@ class ScenarioService(Service):
     def _save(self, asked: intents.SaveScenario) -> None:
         in_session = self._state.recording.value.state in IN_SESSION
 
-        def work() -> tuple[SavedScenario, Filed | ConfirmationNeeded | None]:
+        def work() -> tuple[SavedScenario, Filed | ConfirmationNeededError | None]:
             text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
             concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
             if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
@@ -282,18 +282,18 @@ class ScenarioService(Service):
             sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
             try:
                 return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
-            except ConfirmationNeeded as needed:
+            except ConfirmationNeededError as needed:
                 return SavedScenario(asked.path, text, sha256), needed
 
-        def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeeded | None]) -> None:
+        def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeededError | None]) -> None:
             saved, filed = outcome
             self._state.saved_scenario.set_anew(saved)
-            if isinstance(filed, ConfirmationNeeded):
+            if isinstance(filed, ConfirmationNeededError):
                 self._bus.answer(filed)
             elif filed is not None:
                 self._use(filed, asked.actor)
 
-        def failed(failure: ToldFailure) -> None:
+        def failed(failure: UserFacingError) -> None:
             taken = isinstance(failure.__cause__, OtherFileError)
             self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
             self._bus.answer(failure)

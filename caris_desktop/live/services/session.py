@@ -9,13 +9,13 @@ from PySide6.QtCore import QObject
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, PersonAppeared
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant import AssistantService
-from caris_desktop.live.services.going_on import GoingOnService
+from caris_desktop.live.services.going_on import CrashRecoveryService
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.services.microphone import MicrophoneService
 from caris_desktop.live.services.preflight import PreflightService
@@ -24,7 +24,7 @@ from caris_desktop.live.services.recording import RecordingService
 from caris_desktop.live.services.robot import RobotConnection, RobotService
 from caris_desktop.live.services.scenario import ScenarioService
 from caris_desktop.live.services.suggestions import SuggestionsService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
@@ -35,7 +35,7 @@ from caris_desktop.scenario.model import Scenario
 @dataclass(frozen=True, slots=True)
 class SessionParts:
     """All but ``photo_file`` access files, in a background thread; ``new_session`` creates the folder, and raises
-    ToldFailure in English.
+    UserFacingError in English.
     """
 
     suggested_details: Callable[[], TrialDetails]
@@ -51,7 +51,7 @@ class SessionParts:
 
 
 @dataclass(frozen=True, slots=True)
-class Concerned:
+class SessionServices:
     """Services involved in a session."""
 
     recording: RecordingService
@@ -62,7 +62,7 @@ class Concerned:
     suggestions: SuggestionsService
     robot: RobotService
     scenario: ScenarioService
-    going_on: GoingOnService
+    going_on: CrashRecoveryService
     preflight: PreflightService
 
 
@@ -70,7 +70,12 @@ class SessionService(Service):
     """Starts, pauses and ends sessions, and takes photos."""
 
     def __init__(
-        self, state: LiveState, parts: SessionParts, slow_work: SlowWork, concerned: Concerned, parent: QObject
+        self,
+        state: LiveState,
+        parts: SessionParts,
+        slow_work: BackgroundWorker,
+        concerned: SessionServices,
+        parent: QObject,
     ) -> None:
         super().__init__(parent)
         self._state = state
@@ -120,7 +125,7 @@ class SessionService(Service):
         """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
         waits = self._with.preflight.waits_for()
         if waits:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The recording did not start. Not ready: {checks}.").format(
                     checks=", ".join(tr(check.title) for check in waits)
                 ),

@@ -6,15 +6,15 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ANSWER, LinkChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
-from caris_desktop.live.own_voice import Outlet, OwnVoice
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager
+from caris_desktop.live.own_voice import Outlet, PushToTalkVoice
 from caris_desktop.live.playback import Playback
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.services.microphone import MicrophoneService
@@ -35,8 +35,8 @@ _HEARING = "hearing"
 class SoundParts:
     """Playback of the robot's audio to the wizard, and of the wizard's voice to the participant."""
 
-    hearing: ProcessBody
-    own_voice: ProcessBody
+    hearing: ProcessSpec
+    own_voice: ProcessSpec
 
 
 class SoundService(Service):
@@ -50,7 +50,7 @@ class SoundService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        children: Children,
+        children: ProcessManager,
         parts: SoundParts,
         *,
         microphones: MicrophoneService,
@@ -67,7 +67,7 @@ class SoundService(Service):
         self._started = False
         self._hears = False
         self._hearing = Playback(parts.hearing, children, ended=self._on_hearing_ended, parent=self)
-        self._voice = OwnVoice(
+        self._voice = PushToTalkVoice(
             state, bus, children, parts.own_voice, to_robot=robot.send_sound, over=self._on_voice_over, parent=self
         )
         self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
@@ -140,7 +140,7 @@ class SoundService(Service):
         if scenario is None or self._state.sound.value.talking:
             return
         if self._microphones.wizards_choice is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("You have no microphone."), tr("Nobody hears you."), tr("Choose one in the menu of the window."),
                 severity="warning",
             )  # fmt: skip
@@ -210,7 +210,7 @@ class SoundService(Service):
     def _hear_robot(self, asked: intents.HearRobot) -> None:
         scenario = self._scenario
         if asked.on and (scenario is None or not scenario.sound.hear):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("In this scenario the wizard does not hear along."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
                 severity="warning",

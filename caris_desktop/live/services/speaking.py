@@ -10,7 +10,7 @@ from caris_desktop.conversation.placeholders import NAME, Words, filled, missing
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import PersonForgotten, PersonRenamed, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.domain.translation import tr
@@ -19,7 +19,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.filling import given_words, name_of, words_now
 from caris_desktop.live.said_before import SaidBefore
 from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AskedGap
@@ -38,7 +38,7 @@ class SpeakingService(Service):
         bus: Bus,
         queue: SpeechQueue,
         said_before: Path,
-        slow_work: SlowWork,
+        slow_work: BackgroundWorker,
         *,
         do: Callable[[Intent], str],
         parent: QObject,
@@ -180,8 +180,8 @@ class SpeakingService(Service):
             self._do(intents.UseControl(asked.gesture, True, actor=actor))
 
 
-def _said_already() -> ToldFailure:
-    return ToldFailure(
+def _said_already() -> UserFacingError:
+    return UserFacingError(
         tr("That is being said already, or was."),
         tr("It stays as it was."),
         tr("Silence interrupts it."),
@@ -189,6 +189,6 @@ def _said_already() -> ToldFailure:
     )
 
 
-def _nobody_knows(gap: str) -> ToldFailure:
+def _nobody_knows(gap: str) -> UserFacingError:
     who = tr("Nobody here has a name.") if gap == NAME else tr("There are no words for {{{gap}}}.").format(gap=gap)
-    return ToldFailure(who, tr("It was not said."), tr("Write it out, without braces."), severity="info")
+    return UserFacingError(who, tr("It was not said."), tr("Write it out, without braces."), severity="info")

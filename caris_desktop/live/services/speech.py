@@ -24,10 +24,10 @@ from caris_desktop.domain.commands import Say, Silence
 from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.both_voices import BothVoices
+from caris_desktop.live.both_voices import DualSpeechOutput
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children, told_here
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager, told_here
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
@@ -70,7 +70,14 @@ class SpeechService(Service):
     """Runs this computer's voice, and the queue in front of both."""
 
     def __init__(
-        self, state: LiveState, bus: Bus, children: Children, body: ProcessBody, *, robot: RobotPort, parent: QObject
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        body: ProcessSpec,
+        *,
+        robot: RobotPort,
+        parent: QObject,
     ) -> None:
         super().__init__(parent)
         self._state = state
@@ -90,7 +97,7 @@ class SpeechService(Service):
         voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(state, robot), "computer": _Computer(self)}
         self._permitted = True
         self._started = self._stopped = False
-        self._both = voices["both"] = BothVoices(dict(voices), self._report_both)
+        self._both = voices["both"] = DualSpeechOutput(dict(voices), self._report_both)
         self.queue = SpeechQueue(state, voices, bus.publish, self)
         self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
         self._soon.timeout.connect(self._prepare)

@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, Qt, QTimer
 from caris_desktop.conversation.suggestions import prompt
 from caris_desktop.conversation.suggestions.filler import FillerWait
 from caris_desktop.conversation.suggestions.replies import fit_to_say, replies_in, same_words
-from caris_desktop.conversation.suggestions.rounds import Round, Rounds, Suggested
+from caris_desktop.conversation.suggestions.rounds import Round, Suggested, SuggestionCycle
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain import clock, intents, person_marks
 from caris_desktop.domain.actor import CONSOLE, Actor
@@ -25,7 +25,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceCorrected,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
@@ -82,7 +82,7 @@ class SuggestionsService(Service):
         self._scenario = scenario
         self._used: Scenario | None = None
         self._doing = ""
-        self._rounds = Rounds(self, lambda: f"s-{secrets.token_hex(4)}")
+        self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
         self._filler = FillerWait()
         self._asked: _Asked | None = None
         self._asking: Asking | None = None
@@ -199,7 +199,7 @@ class SuggestionsService(Service):
                 on_text=lambda written: self._on_text(begun, written),
                 on_end=lambda exchange: self._on_end(asked, exchange),
             )
-        except ToldFailure as failure:
+        except UserFacingError as failure:
             self._detail = failure.advice or failure.what
 
     def _read_ahead(self) -> None:
@@ -334,7 +334,7 @@ class SuggestionsService(Service):
         card = self._rounds.card(asked.suggestion_id, clock.now_ns())
         if card is None or card.rank != asked.rank:
             self._show()
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That suggestion is not there any more."), tr("Nothing was said."),
                 tr("Read those that are there now, or type what to say."), severity="info",
             )  # fmt: skip
@@ -356,7 +356,7 @@ class SuggestionsService(Service):
         try:
             spoken = person_marks.with_names(said, names.__getitem__)
         except KeyError:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("The name in that suggestion is not known any more."), tr("Nothing was said."),
                 tr("Say another one, or type what to say."), severity="warning",
             ) from None  # fmt: skip
@@ -375,7 +375,7 @@ class SuggestionsService(Service):
     def _set_level(self, asked: intents.SetLevel) -> None:
         highest = self._scenario.highest_level(asked.function)
         if asked.level not in levels_up_to(highest):
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("This scenario does not let the assistant do more than “{highest}” for {function}.").format(
                     highest=highest, function=asked.function
                 ),

@@ -5,7 +5,7 @@ from PySide6.QtCore import QObject
 from caris_desktop.conversation.transcript import Transcript, UtteranceReport
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import SessionStarted, UtteranceChanged, UtteranceCorrected
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
@@ -37,7 +37,7 @@ class TranscriptService(Service):
 
     def _correct(self, asked: intents.CorrectUtterance) -> None:
         if self._transcript.turn(asked.utterance_id) is None:
-            raise ToldFailure(
+            raise UserFacingError(
                 tr("That utterance is not of this session."), tr("Nothing was corrected."),
                 tr("Correct it in the session in which it was said."), severity="warning",
             )  # fmt: skip

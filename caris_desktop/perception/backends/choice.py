@@ -24,7 +24,7 @@ from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import WrongChecksum, check_file
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.network import NetworkDetector
@@ -116,7 +116,7 @@ def _openers(
             try:
                 export_onnx(weights, export, threads=threads)
             except ModelExportError as error:
-                raise WeightsError(filled(QT_TR_NOOP("it cannot be exported ({error})"), error=error)) from error
+                raise WeightsError(localized(QT_TR_NOOP("it cannot be exported ({error})"), error=error)) from error
         return export
 
     suffix = weights.path.suffix.lower()

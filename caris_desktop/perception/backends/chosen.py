@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.address import is_loopback, without_credentials
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.choice import open_fastest
 from caris_desktop.perception.detector import Detector, person_classes
@@ -38,11 +38,11 @@ def open_chosen(
     """
     if settings.server and not settings.other_computers and not is_loopback(settings.server):
         raise WeightsError(
-            filled(
+            localized(
                 QT_TR_NOOP("This scenario permits no models on other computers, and names {server} to detect people"),
                 server=without_credentials(settings.server),
             ),
-            advice=filled(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models in it")),
+            advice=localized(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models in it")),
         )
     if settings.server:
         from caris_desktop.perception.backends.remote import RemoteDetector
@@ -50,7 +50,7 @@ def open_chosen(
         remote = RemoteDetector(settings.server, confidence=confidence)
         if not remote.people:
             raise WeightsError(
-                filled(QT_TR_NOOP("The detector at {server} does not detect people"), server=settings.server),
+                localized(QT_TR_NOOP("The detector at {server} does not detect people"), server=settings.server),
                 advice=QT_TR_NOOP("Start the server there with a detector that has a class named person"),
             )
         return Chosen(remote, remote.people, None)

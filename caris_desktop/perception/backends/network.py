@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
 from caris_desktop.perception.backends.pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
@@ -110,12 +110,12 @@ class NetworkDetector:
         form: Form | None = "undecoded" if facts.undecoded else None
         if facts.undecoded and (class_count is None or output.shape[1:2] != (4 * BINS + class_count,)):
             raise UnknownFormError(
-                filled(QT_TR_NOOP("its output of shape {shape} does not fit its classes"), shape=output.shape)
+                localized(QT_TR_NOOP("its output of shape {shape} does not fit its classes"), shape=output.shape)
             )
         form = form or form_of(output.shape, size, class_count=class_count, keypoint_values=facts.keypoint_values)
         if form is None:
             raise UnknownFormError(
-                filled(QT_TR_NOOP("its output of shape {shape} is not that of a known detector"), shape=output.shape)
+                localized(QT_TR_NOOP("its output of shape {shape} is not that of a known detector"), shape=output.shape)
             )
         self._read = reader(form, keypoint_values=facts.keypoint_values)
         self._centred = form != "yolox"

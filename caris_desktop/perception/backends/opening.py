@@ -3,7 +3,7 @@
 import logging
 
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
 from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 from caris_desktop.perception.detector import Detector
@@ -41,7 +41,7 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
     except UnknownFormError as error:
         if network is None or not network.facts.class_names:
             raise WeightsError(
-                filled(
+                localized(
                     QT_TR_NOOP("The file {name} is no detector that the console understands: {error}"),
                     name=weights.path.name,
                     error=error,
@@ -73,7 +73,7 @@ def _network(weights: Weights, *, confidence: float, threads: int, device: Devic
 
         if not openvino.is_installed():
             raise WeightsError(
-                filled(
+                localized(
                     QT_TR_NOOP("The detector {name} needs OpenVINO, which is not installed"), name=weights.path.name
                 ),
                 searched=(str(weights.path),),
@@ -95,7 +95,7 @@ def _by_ultralytics(weights: Weights, *, confidence: float, threads: int, device
 def _unreadable(weights: Weights) -> WeightsError:
     log.exception("could not load %s", weights.path)
     return WeightsError(
-        filled(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
+        localized(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
         searched=(str(weights.path),),
         advice=QT_TR_NOOP("Replace the file by an intact YOLO detector; the log has the details"),
     )

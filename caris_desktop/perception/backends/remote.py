@@ -30,7 +30,7 @@ from caris_desktop.domain.certificates import (
     why_refused,
 )
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 
 log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ class RemoteDetector:
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             self.close()
             raise DetectorAwayError(
-                filled(QT_TR_NOOP("What {shown} answers cannot be understood"), shown=self._shown)
+                localized(QT_TR_NOOP("What {shown} answers cannot be understood"), shown=self._shown)
             ) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
         limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
@@ -117,7 +117,7 @@ class RemoteDetector:
         address = urlsplit(self._address)
         if address.scheme == "ws" and not is_loopback(self._address):
             raise DetectorAwayError(
-                filled(
+                localized(
                     QT_TR_NOOP("Pictures are not sent to {shown} where anybody can read them: it needs wss://"),
                     shown=self._shown,
                 )
@@ -147,20 +147,22 @@ class RemoteDetector:
                 if refused
                 else QT_TR_NOOP("{shown} is no server of perception")
             )
-            told_to = filled(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
+            told_to = localized(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
             raise DetectorAwayError(told_to) from error
         except OtherCertificateError as error:
             other = QT_TR_NOOP("{shown} has another certificate than the one that was confirmed")
-            raise DetectorAwayError(filled(other, shown=self._shown)) from error
+            raise DetectorAwayError(localized(other, shown=self._shown)) from error
         except ssl.SSLError as error:
             raise DetectorAwayError(_not_proven(error, address, self._shown)) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
-            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
         except (KeyError, TypeError, ValueError) as error:
             self.close()
             raise DetectorAwayError(
-                filled(QT_TR_NOOP("{shown} is no server of perception, or one of another version"), shown=self._shown)
+                localized(
+                    QT_TR_NOOP("{shown} is no server of perception, or one of another version"), shown=self._shown
+                )
             ) from error
         log.info("people are looked for by %s at %s", hello["label"], self._shown)
         return hello
@@ -168,12 +170,12 @@ class RemoteDetector:
     def _connect_again(self) -> None:
         now_s = self._monotonic_s()
         if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown))
         self._tried_s = now_s
         hello = self._connect()
         if tuple(hello["class_names"]) != self.class_names:
             self.close()
-            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} has another detector by now"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} has another detector by now"), shown=self._shown))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection
@@ -185,7 +187,7 @@ class RemoteDetector:
             # A late answer would be mistaken for that to the next image.
             self.close()
             self._tried_s = self._monotonic_s()
-            raise DetectorAwayError(filled(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
         return dict(answer)
 
 
@@ -196,7 +198,7 @@ def _trusted(host: str, port: int) -> ssl.SSLContext:
         return confirmed_context(confirmed, host, port) if confirmed else client_context()
     except ValueError as error:
         unknown = QT_TR_NOOP("{variable} holds no SHA-256 fingerprint")
-        raise DetectorAwayError(filled(unknown, variable=FINGERPRINT_VARIABLE)) from error
+        raise DetectorAwayError(localized(unknown, variable=FINGERPRINT_VARIABLE)) from error
 
 
 def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
@@ -207,8 +209,8 @@ def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
     why, _ = why_refused(error, host, certificate)
     if certificate is not None:
         confirm = QT_TR_NOOP("If it is the right one, set {variable} to its SHA-256 fingerprint: {fingerprint}")
-        why = (*why, filled(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
-    return filled(QT_TR_NOOP("{shown} cannot prove who it is. {why}"), shown=shown, why=joined(why))
+        why = (*why, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
+    return localized(QT_TR_NOOP("{shown} cannot prove who it is. {why}"), shown=shown, why=joined(why))
 
 
 def _greeting(message: str | bytes) -> dict[str, Any]:

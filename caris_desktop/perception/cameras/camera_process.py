@@ -16,7 +16,7 @@ from caris_desktop.domain.pictures import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound import ROBOT_MICROPHONE
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
@@ -144,7 +144,9 @@ class _Running:
             except PictureError as refused:
                 self._tell_refused(refused)
         raise CameraError(
-            filled(QT_TR_NOOP("The camera {name} sends only pictures that cannot be shown."), name=self._chosen.name),
+            localized(
+                QT_TR_NOOP("The camera {name} sends only pictures that cannot be shown."), name=self._chosen.name
+            ),
             QT_TR_NOOP("Check its settings."),
         )
 
@@ -199,7 +201,7 @@ class _Running:
             Problem(
                 clock.now_ns(),
                 "warning",
-                filled(
+                localized(
                     QT_TR_NOOP("A picture of the camera {name} was left out: it {refused}."),
                     name=self._chosen.name,
                     refused=refused,

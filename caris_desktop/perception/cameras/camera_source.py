@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 
 OPEN_TIMEOUT_S = 5.0
@@ -31,7 +31,7 @@ class CameraError(Exception):
 def cannot_be_reached(name: str) -> CameraError:
     """Error for an unreachable network camera."""
     return CameraError(
-        filled(QT_TR_NOOP("The camera at {name} cannot be reached."), name=name),
+        localized(QT_TR_NOOP("The camera at {name} cannot be reached."), name=name),
         QT_TR_NOOP("Check its address, its password and that it is on the same network."),
     )
 

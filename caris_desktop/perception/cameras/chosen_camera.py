@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.certificates import fingerprint_bytes
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError
 
@@ -82,7 +82,7 @@ def camera_token(chosen: ChosenCamera) -> str:
     token = os.environ.get(chosen.token_env, "").strip()
     if not token:
         raise CameraError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "The environment variable {token_env}, which holds the token of the camera at {name}, is not set."
                 ),
@@ -108,7 +108,9 @@ def _parsed(text: str) -> ChosenCamera:
     if "://" in text:
         return _address(text)
     if not text:
-        raise CameraError(QT_TR_NOOP("The camera source is empty."), filled(QT_TR_NOOP("Give {forms}."), forms=FORMS))
+        raise CameraError(
+            QT_TR_NOOP("The camera source is empty."), localized(QT_TR_NOOP("Give {forms}."), forms=FORMS)
+        )
     path, _, words = text.rpartition("?")
     asked = frozenset(words.split("&"))
     if not path or not asked <= _PLAY_WORDS:
@@ -122,15 +124,15 @@ def _address(text: str) -> ChosenCamera:
         host, _port = parts.hostname, parts.port
     except ValueError as error:
         raise CameraError(
-            filled(QT_TR_NOOP("The camera address cannot be read: {error}."), error=error),
-            filled(QT_TR_NOOP("Give {forms}."), forms=FORMS),
+            localized(QT_TR_NOOP("The camera address cannot be read: {error}."), error=error),
+            localized(QT_TR_NOOP("Give {forms}."), forms=FORMS),
         ) from error
     if parts.scheme not in _SCHEMES or not host:
         raise CameraError(
-            filled(
+            localized(
                 QT_TR_NOOP("The camera address starts with {scheme}://, which is not understood."), scheme=parts.scheme
             ),
-            filled(
+            localized(
                 QT_TR_NOOP("Use an address that starts with one of {schemes}."),
                 schemes=", ".join(f"{scheme}://" for scheme in _SCHEMES),
             ),
@@ -144,12 +146,12 @@ def _address(text: str) -> ChosenCamera:
             fingerprint_bytes(fingerprint)
         except ValueError as error:
             raise CameraError(
-                filled(QT_TR_NOOP("The certificate-sha256 of the camera at {host} is no SHA-256."), host=host),
+                localized(QT_TR_NOOP("The certificate-sha256 of the camera at {host} is no SHA-256."), host=host),
                 QT_TR_NOOP("Write the 64 digits that openssl prints."),
             ) from error
     if token_env and not _TOKEN_ENV.fullmatch(token_env):
         raise CameraError(
-            filled(
+            localized(
                 QT_TR_NOOP("The camera at {host} asks for the environment variable {token_env}."),
                 host=host,
                 token_env=token_env[:40],

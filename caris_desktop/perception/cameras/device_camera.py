@@ -1,6 +1,6 @@
 """Local camera device, through OpenCV."""
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture, picture_of
 
 
@@ -17,7 +17,7 @@ class DeviceCamera:
         self._capture = cv2.VideoCapture(int(target) if target.isdecimal() else target)
         if not self._capture.isOpened():
             raise CameraError(
-                filled(QT_TR_NOOP("Camera {target} cannot be opened."), target=target),
+                localized(QT_TR_NOOP("Camera {target} cannot be opened."), target=target),
                 QT_TR_NOOP("Check that it is plugged in, that no other program uses it, and that you may use cameras."),
             )
         # Motion-JPEG, since uncompressed images of this size are slow over USB 2.
@@ -36,12 +36,12 @@ class DeviceCamera:
         if not delivered and not self._has_delivered:
             # Some drivers open a camera in use by another program, but deliver no image.
             raise CameraError(
-                filled(QT_TR_NOOP("Camera {target} delivers no pictures."), target=self._target),
+                localized(QT_TR_NOOP("Camera {target} delivers no pictures."), target=self._target),
                 QT_TR_NOOP("Close other programs that may use it, as a browser or a video call, and check its cable."),
             )
         if not delivered:
             raise CameraError(
-                filled(QT_TR_NOOP("Camera {target} stopped delivering pictures."), target=self._target),
+                localized(QT_TR_NOOP("Camera {target} stopped delivering pictures."), target=self._target),
                 QT_TR_NOOP("Check its cable."),
             )
         self._has_delivered = True

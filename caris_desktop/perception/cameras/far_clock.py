@@ -18,7 +18,7 @@ _KEPT = 30
 _DRIFT = 50e-6
 
 
-class FarClock:
+class RemoteClockEstimate:
     """Remote clock estimate; ``ask`` returns the remote monotonic clock in ns, with one round trip."""
 
     def __init__(self, ask: Callable[[], int], *, now_ns: Callable[[], int] = clock.now_ns) -> None:
@@ -52,13 +52,13 @@ class ServedClock:
         self._chosen = chosen
         self._path = path
         self._connection: CameraConnection | None = None
-        self._clock = FarClock(self._tell)
+        self._clock = RemoteClockEstimate(self._tell)
         self._asked_ns = 0
         for _ in range(_FIRST_ROUND_TRIPS):
             self._ask()
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
-        """As :meth:`FarClock.here`, with an occasional round trip."""
+        """As :meth:`RemoteClockEstimate.here`, with an occasional round trip."""
         if clock.now_ns() - self._asked_ns >= _ASK_EVERY_NS:
             self._ask()
         return self._clock.here(far_ns)

@@ -6,7 +6,7 @@ import select
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.pictures import picture_size, unfolded
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.far_clock import ServedClock
@@ -43,8 +43,8 @@ class HttpCamera:
             self._connection.close()
             if response.status in (401, 403) and chosen.token_env:
                 raise CameraError(
-                    filled(QT_TR_NOOP("The camera at {name} refuses the token."), name=chosen.name),
-                    filled(
+                    localized(QT_TR_NOOP("The camera at {name} refuses the token."), name=chosen.name),
+                    localized(
                         QT_TR_NOOP("Put the token that it was started with into the environment variable {token_env}."),
                         token_env=chosen.token_env,
                     ),
@@ -99,7 +99,7 @@ class HttpCamera:
 
     def _lost(self) -> CameraError:
         return CameraError(
-            filled(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
+            localized(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
             QT_TR_NOOP("Check it and its network."),
         )
 

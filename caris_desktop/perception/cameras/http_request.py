@@ -16,7 +16,7 @@ from caris_desktop.domain.certificates import (
     fingerprint_of,
     why_refused,
 )
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.cameras.camera_source import OPEN_TIMEOUT_S, SILENCE_S, CameraError, cannot_be_reached
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token
 
@@ -75,7 +75,7 @@ class CameraConnection:
         if isinstance(error, OtherCertificateError):
             other = QT_TR_NOOP("The camera at {name} has another certificate than the one that its address names.")
             return CameraError(
-                filled(other, name=name),
+                localized(other, name=name),
                 QT_TR_NOOP("Find out why on its computer. Do not use it before: somebody may be in between."),
             )
         if isinstance(error, ssl.SSLError):
@@ -88,7 +88,7 @@ class CameraConnection:
                     "If it is the right one, put its SHA-256 fingerprint behind the address: "
                     "#certificate-sha256={fingerprint}"
                 )
-                advice = (*advice, filled(confirm, fingerprint=fingerprint_of(certificate)))
+                advice = (*advice, localized(confirm, fingerprint=fingerprint_of(certificate)))
             return CameraError(joined(why), joined(advice))
         return cannot_be_reached(name)
 
@@ -108,7 +108,7 @@ def _authorization(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dic
     token = camera_token(chosen)
     if token and not is_encrypted_or_local(chosen.target):
         raise CameraError(
-            filled(
+            localized(
                 QT_TR_NOOP("The token of the camera at {name} is not sent: others could read it on its way."),
                 name=chosen.name,
             ),

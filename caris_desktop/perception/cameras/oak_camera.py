@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.domain.pictures import fitted
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     DEVICE_FPS,
     DEVICE_SIZE_PX,
@@ -67,7 +67,7 @@ class OakCamera:
             self._pipeline.start()
         except RuntimeError as error:
             raise CameraError(
-                filled(QT_TR_NOOP("The OAK camera {name} cannot be opened."), name=device_id)
+                localized(QT_TR_NOOP("The OAK camera {name} cannot be opened."), name=device_id)
                 if device_id
                 else QT_TR_NOOP("The OAK camera cannot be opened."),
                 QT_TR_NOOP("Check its cable, and that no other program uses it."),

@@ -1,6 +1,6 @@
 """Factory of camera sources by kind, with late imports, as most runs use one kind."""
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 
@@ -28,7 +28,7 @@ def open_camera(chosen: ChosenCamera) -> CameraSource:
             return WebRtcCamera(chosen)
         case "robot" | "simulated":
             raise CameraError(
-                filled(QT_TR_NOOP("{kind} is not a camera that can be opened here."), kind=chosen.kind),
+                localized(QT_TR_NOOP("{kind} is not a camera that can be opened here."), kind=chosen.kind),
                 QT_TR_NOOP("Choose it in the console, with --camera."),
             )
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.pictures import PictureError, check_size, fitting_size
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,
     SILENCE_S,
@@ -71,14 +71,14 @@ class StreamCamera:
                 self._frames = iter(self._container.decode(self._stream))
                 raise PictureError("is torn") from error
             raise CameraError(
-                filled(QT_TR_NOOP("The video {name} broke off."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The video {name} broke off."), name=self._chosen.name),
                 QT_TR_NOOP("Check the file, or the camera's network connection."),
             ) from error
         if frame is None:
             if self._recorded and self._pictures_in_round:
                 return None
             raise CameraError(
-                filled(QT_TR_NOOP("The video {name} has no pictures (any more)."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The video {name} has no pictures (any more)."), name=self._chosen.name),
                 QT_TR_NOOP("Check the file, or the camera's network connection."),
             )
         self._pictures_in_round += 1
@@ -128,10 +128,10 @@ class StreamCamera:
         path = Path(self._chosen.target)
         if not path.exists():
             return CameraError(
-                filled(QT_TR_NOOP("The video file {path} does not exist."), path=path), QT_TR_NOOP("Check its path.")
+                localized(QT_TR_NOOP("The video file {path} does not exist."), path=path), QT_TR_NOOP("Check its path.")
             )
         return CameraError(
-            filled(QT_TR_NOOP("{path} is not a video file that can be played."), path=path),
+            localized(QT_TR_NOOP("{path} is not a video file that can be played."), path=path),
             QT_TR_NOOP("Choose another file."),
         )
 

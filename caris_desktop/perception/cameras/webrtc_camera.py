@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound_clock import SoundClock
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.far_clock import ServedClock
@@ -113,7 +113,9 @@ class WebRtcCamera:
         except Exception as error:
             # aiortc raises many kinds of errors for an unusable answer.
             raise CameraError(
-                filled(QT_TR_NOOP("The camera at {name} gives an answer that is not WebRTC."), name=self._chosen.name),
+                localized(
+                    QT_TR_NOOP("The camera at {name} gives an answer that is not WebRTC."), name=self._chosen.name
+                ),
                 QT_TR_NOOP("Check the address: it has to be the one for WHEP, or for offers."),
             ) from error
         location = urllib.parse.urljoin(self._chosen.target, response.headers.get("Location", ""))
@@ -126,7 +128,7 @@ class WebRtcCamera:
     def _refused(self, status: int, content: bytes) -> CameraError:
         if status in (401, 403):
             return CameraError(
-                filled(QT_TR_NOOP("The camera at {name} refuses the token."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The camera at {name} refuses the token."), name=self._chosen.name),
                 QT_TR_NOOP(
                     "Put the token that it was started with into the environment variable that its address names "
                     "(#token-env=NAME)."
@@ -134,7 +136,7 @@ class WebRtcCamera:
             )
         said = content[:200].decode("utf-8", "replace").strip()
         return CameraError(
-            filled(
+            localized(
                 QT_TR_NOOP("The camera at {name} refuses the connection ({status} {said})."),
                 name=self._chosen.name,
                 status=status,
@@ -189,7 +191,7 @@ class WebRtcCamera:
             frame = None
         if frame is None:
             raise CameraError(
-                filled(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
                 QT_TR_NOOP("Check it and its network."),
             )
         return frame

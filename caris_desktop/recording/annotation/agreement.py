@@ -8,7 +8,7 @@ annotation counts once; one without a counterpart counts as a disagreement.
 from collections import Counter
 from collections.abc import Sequence
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, coders_of, tier_of
 from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
@@ -133,7 +133,7 @@ def compare_coders(
     ]
     if not pairs:
         raise AnnotationError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by their"
                     " names: rename one of them."
@@ -143,7 +143,7 @@ def compare_coders(
                 tier=tier,
             )
             if tier
-            else filled(
+            else localized(
                 QT_TR_NOOP(
                     "{first} and {second} do not both have a tier of the same name. Tiers are compared by"
                     " their names: rename one of them."

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import Rule
+from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.declared_schema import schema_text
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
@@ -11,8 +11,8 @@ from caris_desktop.recording.annotation.model import Named, Text, Vocabulary
 
 FORMAT: Literal["caris-desktop annotations"] = "caris-desktop annotations"
 FORMAT_VERSION: Literal[1] = 1
-_Id = Annotated[str, Rule(shortest=1, longest=200)]
-_Time = Annotated[int, Rule(unit="milliseconds", at_least=0, at_most=2**32 - 1)]
+_Id = Annotated[str, FieldSpec(shortest=1, longest=200)]
+_Time = Annotated[int, FieldSpec(unit="milliseconds", at_least=0, at_most=2**32 - 1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class CodedStretch:
 
     annotation_id: _Id
     start_ms: _Time
-    end_ms: Annotated[_Time, Rule("After start_ms.")]
+    end_ms: Annotated[_Time, FieldSpec("After start_ms.")]
     value: Text
 
 
@@ -31,9 +31,9 @@ class CodedTier:
 
     tier_id: _Id
     name: Named
-    vocabulary: Annotated[str, Rule("A vocabulary of the file; empty: free text.", order=1)]
-    annotations: Annotated[tuple[CodedStretch, ...], Rule("In the order of time; they do not overlap.", order=1)]
-    participant: Annotated[Text, Rule("Whom the tier is about.")] = ""
+    vocabulary: Annotated[str, FieldSpec("A vocabulary of the file; empty: free text.", order=1)]
+    annotations: Annotated[tuple[CodedStretch, ...], FieldSpec("In the order of time; they do not overlap.", order=1)]
+    participant: Annotated[Text, FieldSpec("Whom the tier is about.")] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +43,15 @@ class Coding:
     Times are whole milliseconds since the session began (started_ns in session.json).
     """
 
-    coder: Annotated[Named, Rule("Who made these tiers.")]
-    vocabularies: Annotated[tuple[Vocabulary, ...], Rule(order=1)]
-    tiers: Annotated[tuple[CodedTier, ...], Rule("In the order of the timeline.", order=1)]
+    coder: Annotated[Named, FieldSpec("Who made these tiers.")]
+    vocabularies: Annotated[tuple[Vocabulary, ...], FieldSpec(order=1)]
+    tiers: Annotated[tuple[CodedTier, ...], FieldSpec("In the order of the timeline.", order=1)]
     saved_utc: str = ""
-    duration_ms: Annotated[_Time, Rule("How long the session is; 0: not known.")] = 0
-    format: Annotated[Literal["caris-desktop annotations"], Rule(wanted=True, order=-1)] = FORMAT
-    format_version: Annotated[Literal[1], Rule("The version of this format.", wanted=True, order=-1)] = FORMAT_VERSION
+    duration_ms: Annotated[_Time, FieldSpec("How long the session is; 0: not known.")] = 0
+    format: Annotated[Literal["caris-desktop annotations"], FieldSpec(wanted=True, order=-1)] = FORMAT
+    format_version: Annotated[Literal[1], FieldSpec("The version of this format.", wanted=True, order=-1)] = (
+        FORMAT_VERSION
+    )
 
 
 def reference_files() -> dict[Path, str]:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
@@ -287,7 +287,7 @@ def _of_boris(
     if not rows:
         raise AnnotationError(QT_TR_NOOP("There is no event with a time in this table of BORIS."))
     return rows, [
-        filled(QT_TR_NOOP("Rows {why}, which were left out: {count}."), why=filled(why), count=count)
+        localized(QT_TR_NOOP("Rows {why}, which were left out: {count}."), why=localized(why), count=count)
         for why, count in left_out.items()
     ]
 
@@ -385,7 +385,7 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
         if start is None and end is None and where["value"] is None:
             return None
         raise AnnotationError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "Line {number}: the headings name no start of the annotations. Call the columns start_s"
                     " and end_s, or start_ms and end_ms."
@@ -393,7 +393,7 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
                 number=lines[0].number,
             )
             if start is None
-            else filled(
+            else localized(
                 QT_TR_NOOP(
                     "Line {number}: the headings name no end of the annotations. Call the columns start_s"
                     " and end_s, or start_ms and end_ms."

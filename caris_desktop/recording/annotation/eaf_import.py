@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import (
     LONGEST_NAME,
@@ -142,7 +142,7 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
         xml_name = element.get("TIER_ID", "")
         if not xml_name or xml_name in tiers:
             raise AnnotationError(
-                filled(QT_TR_NOOP("Two tiers are called “{tier}”."), tier=xml_name)
+                localized(QT_TR_NOOP("Two tiers are called “{tier}”."), tier=xml_name)
                 if xml_name
                 else QT_TR_NOOP("A tier has no name.")
             )

@@ -10,7 +10,7 @@ from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.annotation.model import (
     Annotation,
     AnnotationDocument,
@@ -35,7 +35,7 @@ class AnnotationError(Exception):
     """
 
     def __init__(self, text: str, **values: object) -> None:
-        super().__init__(filled(text, **values))
+        super().__init__(localized(text, **values))
 
 
 def plain_text(text: str) -> str:

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 from typing import Annotated
 
-from caris_desktop.domain.declared import Rule
-from caris_desktop.domain.translation import QT_TR_NOOP, refilled
+from caris_desktop.domain.declared import FieldSpec
+from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
 from caris_desktop.domain.value_class import dataclass
 
-Named = Annotated[str, Rule(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
-Text = Annotated[str, Rule(longest=20_000)]
+Named = Annotated[str, FieldSpec(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
+Text = Annotated[str, FieldSpec(longest=20_000)]
 DEFAULT_TIER = QT_TR_NOOP("Annotations")
 """Where a table names no tier. In a document, and so in every language, the tier has this name."""
 
@@ -17,7 +17,7 @@ DEFAULT_TIER = QT_TR_NOOP("Annotations")
 class VocabularyEntry:
     """One permitted value, with what it means."""
 
-    value: Annotated[Text, Rule(shortest=1)]
+    value: Annotated[Text, FieldSpec(shortest=1)]
     description: Text = ""
 
 
@@ -47,7 +47,11 @@ class Tier:
     @property
     def title(self) -> str:
         """Tier name for ``tr_filled``; a coder's own text is never translated."""
-        return refilled(self.name, (DEFAULT_TIER, QT_TR_NOOP("Annotations ({number})"))) if self.coder else self.name
+        return (
+            parse_localized(self.name, (DEFAULT_TIER, QT_TR_NOOP("Annotations ({number})")))
+            if self.coder
+            else self.name
+        )
 
 
 def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 
 
 def id_part(coder: str) -> str:
@@ -27,7 +27,7 @@ def untaken(name: str, taken: Iterable[str]) -> str:
 
 def quoted(text: str) -> str:
     """Quote a text for messages: one line, shortened."""
-    if isinstance(text, Filled):
-        return filled(QT_TR_NOOP("“{name}”"), name=text)
+    if isinstance(text, LocalizedText):
+        return localized(QT_TR_NOOP("“{name}”"), name=text)
     text = " ".join(text.split())
     return f"“{text[:40]}…”" if len(text) > 41 else f"“{text}”"

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
-from caris_desktop.recording.annotation.session_tiers import SessionRecord, streams_of_tiers
+from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, streams_of_tiers
 from caris_desktop.recording.session.marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
@@ -41,7 +41,7 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     audio file is logged and left out.
     """
     tell = progress or (lambda _fraction: None)
-    record, speed, sound = SessionRecord(session), _Speed(session.started_ns), _Sound(session)
+    record, speed, sound = TimelineBuilder(session), _Speed(session.started_ns), _Sound(session)
     for number, (_, value) in enumerate(session.values(*streams_of_tiers(), "odometry", "pose", "audio")):
         match value:
             case Odometry() | RobotPose():
@@ -75,13 +75,13 @@ def run_overview(connection: Connection, session: Session) -> None:
 
 
 def _said(item: SpokenUtterance) -> str:
-    who = filled(_SPEAKERS[item.speaker]) if item.speaker in _SPEAKERS else item.speaker
-    return filled(QT_TR_NOOP("{who}: {text}"), who=who, text=item.text)
+    who = localized(_SPEAKERS[item.speaker]) if item.speaker in _SPEAKERS else item.speaker
+    return localized(QT_TR_NOOP("{who}: {text}"), who=who, text=item.text)
 
 
 def _mark_text(mark: FinalMark) -> str:
-    label = mark.label or filled(_MARKS[mark.kind])
-    return filled(QT_TR_NOOP("{label}: {note}"), label=label, note=mark.note) if mark.note else label
+    label = mark.label or localized(_MARKS[mark.kind])
+    return localized(QT_TR_NOOP("{label}: {note}"), label=label, note=mark.note) if mark.note else label
 
 
 def _cameras(session: Session) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import states
 from caris_desktop.recording.annotation.editing import LONGEST_VALUE, MOMENT_MS, plain_text
@@ -97,7 +97,7 @@ def session_tiers(session: Session, progress: Callable[[float], None] | None = N
     Overlapping intervals continue on a second tier with the same name and a number. ``progress`` gets 0..1. Raises
     SessionError.
     """
-    record = SessionRecord(session)
+    record = TimelineBuilder(session)
     for number, (_, value) in enumerate(session.values(*streams_of_tiers())):
         record.add(value)
         if progress is not None and number % 2000 == 0:
@@ -106,7 +106,7 @@ def session_tiers(session: Session, progress: Callable[[float], None] | None = N
 
 
 def streams_of_tiers() -> tuple[str, ...]:
-    """Streams that :class:`SessionRecord` needs."""
+    """Streams that :class:`TimelineBuilder` needs."""
     return tuple(spec.name for spec in _event_streams())
 
 
@@ -129,7 +129,7 @@ class _Row:
     participant: str = ""
 
 
-class SessionRecord:
+class TimelineBuilder:
     """Builds tiers from the values of a session, added in recording order; retains only what tiers show."""
 
     def __init__(self, session: Session) -> None:
@@ -399,7 +399,7 @@ class SessionRecord:
             for number, lane in enumerate(lanes, start=1):
                 name = row.name
                 if number > 1:
-                    name = filled(QT_TR_NOOP("{tier} ({number})"), tier=filled(row.name), number=number)
+                    name = localized(QT_TR_NOOP("{tier} ({number})"), tier=localized(row.name), number=number)
                 tier_id = "record-" + re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
                 tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
                 for start_ms, end_ms, value in lane:
@@ -442,11 +442,11 @@ def _person(person_id: str, numbers: dict[str, int]) -> str:
     """
     number = numbers.get(person_id)
     if number is None:
-        return filled(QT_TR_NOOP("Person {number}"), number=person_id)
+        return localized(QT_TR_NOOP("Person {number}"), number=person_id)
     first = next(other for other, its_number in numbers.items() if its_number == number)
     if first == person_id:
-        return filled(QT_TR_NOOP("Person {number}"), number=number)
-    return filled(QT_TR_NOOP("Person {number} {id}"), number=number, id=person_id)
+        return localized(QT_TR_NOOP("Person {number}"), number=number)
+    return localized(QT_TR_NOOP("Person {number} {id}"), number=number, id=person_id)
 
 
 def _is_event(spec: StreamSpec) -> bool:
@@ -507,7 +507,7 @@ def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
 
 
 def _of_mark(mark: FinalMark, value: str) -> _Stretch:
-    return _Stretch(mark.start_ns, mark.end_ns, value if isinstance(value, Filled) else " ".join(value.split()))
+    return _Stretch(mark.start_ns, mark.end_ns, value if isinstance(value, LocalizedText) else " ".join(value.split()))
 
 
 def _of_goal(goal: NavigationGoal, ended_ns: int) -> _Stretch:

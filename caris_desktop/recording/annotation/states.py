@@ -1,7 +1,7 @@
 """State labels on derived tiers: English in files, translatable for display."""
 
 from caris_desktop.domain.events import EmergencyStopChanged, LinkChanged, LlmExchange
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.session.goals import NavigationGoal
 from caris_desktop.recording.session.protocol import StepVisit
 
@@ -25,35 +25,35 @@ STATES_IN_WORDS = (
 
 def state(word: str) -> str:
     """State for the file and for ``tr``; an unknown word, such as another wizard's name, stays as it is."""
-    return filled(word) if word in STATES_IN_WORDS else word
+    return localized(word) if word in STATES_IN_WORDS else word
 
 
 def error_words(label: str) -> str:
     """Wizard error label; a wizard's own wording is not translated."""
-    return filled(label) if label in WIZARD_ERRORS else label
+    return localized(label) if label in WIZARD_ERRORS else label
 
 
 def step_words(visit: StepVisit) -> str:
     skipped = visit.left == "skipped"
-    return filled(QT_TR_NOOP("{step} (skipped)"), step=visit.title) if skipped else visit.title or visit.step_id
+    return localized(QT_TR_NOOP("{step} (skipped)"), step=visit.title) if skipped else visit.title or visit.step_id
 
 
 def goal_words(goal: NavigationGoal) -> str:
     target = goal.place or f"({goal.target_in_map.x_m:.2f}, {goal.target_in_map.y_m:.2f})"
-    return filled(QT_TR_NOOP("{place}: {state}"), place=target, state=state(goal.state))
+    return localized(QT_TR_NOOP("{place}: {state}"), place=target, state=state(goal.state))
 
 
 def answer_words(asked: LlmExchange) -> str:
     """Answer of the language model, or the reason why there is none."""
-    why = filled(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=filled(asked.detail))
-    whole = filled(QT_TR_NOOP("{answer} (cut off)"), answer=asked.answer) if asked.cut else asked.answer
+    why = localized(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=localized(asked.detail))
+    whole = localized(QT_TR_NOOP("{answer} (cut off)"), answer=asked.answer) if asked.cut else asked.answer
     return whole if asked.answer else why
 
 
 def link_words(change: LinkChanged) -> str:
     told = QT_TR_NOOP("{link}: {state} ({detail})") if change.detail else QT_TR_NOOP("{link}: {state}")
-    return filled(told, link=state(change.link), state=state(change.state), detail=filled(change.detail))
+    return localized(told, link=state(change.link), state=state(change.state), detail=localized(change.detail))
 
 
 def emergency_words(change: EmergencyStopChanged) -> str:
-    return filled(QT_TR_NOOP("set by {whom}"), whom=state(change.actor or change.by))
+    return localized(QT_TR_NOOP("set by {whom}"), whom=state(change.actor or change.by))

@@ -18,7 +18,7 @@ from typing import Any
 from caris_desktop.domain.declared import data_of, value_from
 from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedStretch, CodedTier, Coding
 from caris_desktop.recording.annotation.editing import (
     AnnotationError,
@@ -227,11 +227,11 @@ def _document(coding: Coding) -> AnnotationDocument:
 
 def _explain(error: OSError, path: Path) -> str:
     if no_room(error):
-        return filled(
+        return localized(
             QT_TR_NOOP("The disk is full: {file} was not saved. Free some room, then save again."), file=path.name
         )
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return filled(
+        return localized(
             QT_TR_NOOP(
                 "{folder} cannot be written to ({why}): the annotations were not saved. Copy the session to a place"
                 " where you may write and annotate it there, or export the annotations."
@@ -239,7 +239,7 @@ def _explain(error: OSError, path: Path) -> str:
             folder=path.parent,
             why=error.strerror,
         )
-    return filled(
+    return localized(
         QT_TR_NOOP("{path} was not saved: {why}. Check the disk, then save again."),
         path=path,
         why=error.strerror or error,

@@ -17,9 +17,9 @@ from caris_desktop.recording.exporters.tables import (
     Table,
     dictionary_rows,
     json_text,
+    key_columns,
     scalar_text,
     session_rows,
-    whose_columns,
 )
 from caris_desktop.recording.session.session_reader import Session
 
@@ -27,7 +27,7 @@ from caris_desktop.recording.session.session_reader import Session
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. Raises OSError, SessionError."""
     writers: dict[str, tuple[Table, Any]] = {}
-    whose = whose_columns(session)
+    whose = key_columns(session)
     of_this = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
     with ExitStack() as files:
 

@@ -16,7 +16,7 @@ from caris_desktop.domain.pictures import jpeg_of
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, PeopleInMap, RobotPose
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
-from caris_desktop.recording.exporters.tables import whose_columns
+from caris_desktop.recording.exporters.tables import key_columns
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
 from caris_desktop.recording.session.driving import COMMAND_HOLDS_S
@@ -51,7 +51,7 @@ class Written:
 
 def whose(session: Session) -> dict[str, str]:
     """Session columns that begin every line, so that lines of several sessions can be distinguished."""
-    return {column.name: column.read(None, None) for column in whose_columns(session)}  # type: ignore[arg-type] # constants
+    return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
 
 
 def write_driving(session: Session, out: Path, progress: Callable[[float], None]) -> Written:

@@ -42,14 +42,14 @@ from caris_desktop.recording.session.scenario_text import ScenarioText, read_sce
 from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
-from caris_desktop.recording.studies.completeness import counted, what_is_missing
+from caris_desktop.recording.studies.completeness import counted, data_quality_problems
 from caris_desktop.recording.studies.measures import (
     THIS_COMPUTER,
     Measures,
     ModelUse,
     Reply,
-    SessionFacts,
-    Spread,
+    SessionData,
+    SummaryStats,
     driving_stretches,
     goal_stretches,
     link_trouble,
@@ -119,7 +119,7 @@ def write_html(session: Session, out: Path, context: ExportContext) -> list[Path
     return [path]
 
 
-def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None) -> dict[str, Any]:
+def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) -> dict[str, Any]:
     session = facts.session
     opened = facts.of(ScenarioOpened)
     scenario = read_scenario(opened[-1]) if opened else None
@@ -130,7 +130,7 @@ def _report(facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None)
         "study": session.trial.get("study", ""),
         "facts": _facts(facts),
         "tiles": _tiles(measures, session),
-        "missing": what_is_missing(facts, measures),
+        "missing": data_quality_problems(facts, measures),
         "lasts": duration_text(session.duration_s),
         "time_line": seen.strips(),
         "legend": seen.legend(),
@@ -165,7 +165,7 @@ def _title(session: Session) -> str:
     return ", ".join(part for part in parts if part) or session.folder.name
 
 
-def _facts(facts: SessionFacts) -> list[tuple[str, str]]:
+def _facts(facts: SessionData) -> list[tuple[str, str]]:
     session, trial = facts.session, facts.session.trial
     head = session.header
     robots = facts.of(RobotChosen)
@@ -190,7 +190,7 @@ def _facts(facts: SessionFacts) -> list[tuple[str, str]]:
     return [(name, value) for name, value in listed if value]
 
 
-def _checked(facts: SessionFacts) -> str:
+def _checked(facts: SessionData) -> str:
     """``12 of 14 checks passed. Not so: Consent form signed (not checked; ticked later)``; empty without any."""
     preflight = preflight_of(facts.of(PreflightChecked))
     if not preflight.checks:
@@ -200,7 +200,7 @@ def _checked(facts: SessionFacts) -> str:
     return f"{passed}. Not so: {not_so}" if not_so else passed
 
 
-def _scenarios(facts: SessionFacts) -> str:
+def _scenarios(facts: SessionData) -> str:
     """``Tour guide, from 2:22 Mental health check``."""
     told: list[str] = []
     before = ""
@@ -220,7 +220,7 @@ def when_text(session: Session) -> str:
 
 
 def _tiles(measures: Measures, session: Session) -> list[dict[str, str]]:
-    response = Spread.of(measures.response_times_s)
+    response = SummaryStats.of(measures.response_times_s)
     driving = measures.driving
     tiles = [("length", duration_text(session.duration_s))]
     if response is not None:
@@ -244,7 +244,7 @@ def distance_text(metres: float) -> str:
     return f"{metres:.1f} m" if metres < 10 else f"{metres:.0f} m"
 
 
-def spread_text(spread: Spread) -> str:
+def spread_text(spread: SummaryStats) -> str:
     """``1.42 ± 0.31 s``; without ± for a single value."""
     return f"{spread.mean:.2f}{'' if spread.sd is None else f' ± {spread.sd:.2f}'} s"
 
@@ -255,7 +255,7 @@ def spread_text(spread: Spread) -> str:
 class _Seen:
     """Rows of the time line, and the legend of those present."""
 
-    def __init__(self, facts: SessionFacts, coding: AnnotationDocument) -> None:
+    def __init__(self, facts: SessionData, coding: AnnotationDocument) -> None:
         self._facts = facts
         self._s = facts.session.clock.session_s
         self._coding = coding
@@ -403,7 +403,7 @@ def _sample(shape: str, look: str) -> Markup:
 
 
 def _way(
-    facts: SessionFacts, measures: Measures, grid: OccupancyGrid | None, scenario: ScenarioText | None
+    facts: SessionData, measures: Measures, grid: OccupancyGrid | None, scenario: ScenarioText | None
 ) -> dict[str, Any]:
     in_map = facts.pose_ns.size > 0
     stamps_ns, points = (facts.pose_ns, facts.poses) if in_map else (facts.odometry_ns, facts.odometry)
@@ -453,7 +453,7 @@ def _headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.arctan2(steps[:, 1], steps[:, 0]))
 
 
-def _pins(facts: SessionFacts, stamps_ns: NDArray[np.int64], points: NDArray[np.float64]) -> Iterator[Pin]:
+def _pins(facts: SessionData, stamps_ns: NDArray[np.int64], points: NDArray[np.float64]) -> Iterator[Pin]:
     from caris_desktop.domain.events import EmergencyStopChanged
 
     def pin(at_ns: int, look: str, words: str, shape: Any) -> Iterator[Pin]:
@@ -478,14 +478,14 @@ def _pins(facts: SessionFacts, stamps_ns: NDArray[np.int64], points: NDArray[np.
 
 
 def _responses(measures: Measures) -> dict[str, Any]:
-    response = Spread.of(measures.response_times_s)
+    response = SummaryStats.of(measures.response_times_s)
     rows = [
         ("Robot answers participant", response),
-        ("… with more than a filler", Spread.of([reply.delay_s for reply in measures.content_responses])),
-        ("Wizard reacts", Spread.of([reply.delay_s for reply in measures.reactions])),
-        ("Gap before the first sound", Spread.of(measures.gaps_s)),
+        ("… with more than a filler", SummaryStats.of([reply.delay_s for reply in measures.content_responses])),
+        ("Wizard reacts", SummaryStats.of([reply.delay_s for reply in measures.reactions])),
+        ("Gap before the first sound", SummaryStats.of(measures.gaps_s)),
         *(
-            (f"… {MEANS_WORDS[means]}", Spread.of([gap.gap_s for gap in measures.gaps if gap.means == means]))
+            (f"… {MEANS_WORDS[means]}", SummaryStats.of([gap.gap_s for gap in measures.gaps if gap.means == means]))
             for means in dict.fromkeys(gap.means for gap in measures.gaps)
         ),
     ]
@@ -619,7 +619,7 @@ def _protocol(measures: Measures) -> dict[str, Any]:
     }
 
 
-def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
+def _marks(facts: SessionData, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
     rows = [
         {"kind": "", "look": "", "label": label or "without a label", "shown": str(count)}
         for label, count in sorted(measures.marks.items(), key=lambda entry: -entry[1])
@@ -650,7 +650,7 @@ def _marks(facts: SessionFacts, measures: Measures, coding: AnnotationDocument) 
     }
 
 
-def _models(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+def _models(facts: SessionData, measures: Measures) -> dict[str, Any]:
     exchanges = questions_of(facts.of(LlmExchange))
     became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     when = facts.session.clock.session_s
@@ -697,14 +697,14 @@ def model_name(model: ModelUse) -> str:
 
 
 def _median_text(values_s: Sequence[float]) -> str:
-    spread = Spread.of(values_s)
+    spread = SummaryStats.of(values_s)
     return "–" if spread is None else f"{spread.median:.2f} s"
 
 
 # Photos, transcript, problems
 
 
-def _photos(facts: SessionFacts) -> dict[str, Any]:
+def _photos(facts: SessionData) -> dict[str, Any]:
     photos = facts.photos
     when = facts.session.clock.session_s
     shown = [
@@ -737,7 +737,7 @@ def _thumbnail(folder: Path, file_name: str) -> str:
     return base64.b64encode(jpeg_of(image, quality=82, most_px=_PHOTO_WIDTH_PX)).decode("ascii")
 
 
-def _transcript(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+def _transcript(facts: SessionData, measures: Measures) -> dict[str, Any]:
     replies = {reply.utterance.utterance_id: reply for reply in measures.responses}
     turns = [*_turns(facts.utterances, replies), *_asides(facts)]
     turns.sort(key=lambda turn: turn["at_ns"])
@@ -775,7 +775,7 @@ def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> 
         }
 
 
-def _asides(facts: SessionFacts) -> Iterator[dict[str, Any]]:
+def _asides(facts: SessionData) -> Iterator[dict[str, Any]]:
     def aside(at_ns: int, text: str, look: str) -> dict[str, Any]:
         chips = [{"text": look, "look": {"wizard error": "red", "mark": "amber"}.get(look, "")}]
         return {"at_ns": at_ns, "look": "aside", "who": "", "text": text, "chips": chips, "unsaid": False}
@@ -789,7 +789,7 @@ def _asides(facts: SessionFacts) -> Iterator[dict[str, Any]]:
         yield aside(pause.start_ns, f"The recording was paused for {duration_text(pause.duration_s)}.", "pause")
 
 
-def _alarms(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
+def _alarms(facts: SessionData, measures: Measures) -> dict[str, Any]:
     """Alarms section: cause, duration and end of each."""
     when = facts.session.clock.session_s
     alarms = measures.alarms
@@ -812,7 +812,7 @@ def _alarms(facts: SessionFacts, measures: Measures) -> dict[str, Any]:
     }
 
 
-def _problems(facts: SessionFacts) -> dict[str, Any]:
+def _problems(facts: SessionData) -> dict[str, Any]:
     problems = [problem for problem in facts.of(Problem) if problem.severity != "info"]
     when = facts.session.clock.session_s
     return {

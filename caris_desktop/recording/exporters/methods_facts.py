@@ -16,7 +16,7 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
 )
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.methods_words import distinct
 from caris_desktop.recording.session import mcap_blocks
@@ -92,7 +92,7 @@ def _streams(session: Session) -> frozenset[str]:
         channels = mcap_blocks.read_index(session.folder / "events.mcap").channels.values()
     except OSError as error:
         raise SessionError(
-            filled(QT_TR_NOOP("{folder} cannot be read: {why}."), folder=session.folder, why=error.strerror or error)
+            localized(QT_TR_NOOP("{folder} cannot be read: {why}."), folder=session.folder, why=error.strerror or error)
         ) from error
     specs = (spec_of_topic(channel.topic) for channel in channels)
     return frozenset(spec.name for spec in specs if spec is not None)

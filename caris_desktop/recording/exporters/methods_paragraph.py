@@ -19,7 +19,7 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
-from caris_desktop.recording.studies.measures import ModelUse, Spread, model_asked, per_10_min
+from caris_desktop.recording.studies.measures import ModelUse, SummaryStats, model_asked, per_10_min
 
 
 def paragraph(study: StudyFacts) -> str:
@@ -65,7 +65,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     whole = sum(origins.values())
     if whole:
         yield f"The robot made {number_of(whole, 'utterance')} ({share_words(origins)})."
-    response = Spread.of(study.responses())
+    response = SummaryStats.of(study.responses())
     if response is not None:
         yield (
             "The median time from the end of a participant's utterance to the robot's next words was"

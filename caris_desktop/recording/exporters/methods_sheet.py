@@ -60,7 +60,14 @@ from caris_desktop.recording.session.preflight import open_words
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.completeness import stream_words
-from caris_desktop.recording.studies.measures import THIS_COMPUTER, Measures, ModelUse, Spread, per_10_min, quantile
+from caris_desktop.recording.studies.measures import (
+    THIS_COMPUTER,
+    Measures,
+    ModelUse,
+    SummaryStats,
+    per_10_min,
+    quantile,
+)
 from caris_desktop.recording.studies.study_index import copies_among
 
 # A larger offset means a robot clock that was never set, or simulation time.
@@ -316,7 +323,7 @@ class _Answers:
             for scenario in scenarios.values()
         ]
         recorded_s = [one.measures.recorded_s for one in self._of.known]
-        spread = Spread.of(recorded_s)
+        spread = SummaryStats.of(recorded_s)
         length = f"{duration_text(sum(recorded_s))} in {number_of(len(recorded_s), 'session')}"
         if spread is not None and spread.n > 1:
             span = f"{duration_text(spread.smallest)} to {duration_text(spread.largest)}"
@@ -621,12 +628,14 @@ class _Answers:
 
     def _responses_text(self) -> str:
         parts = []
-        response = Spread.of(self._of.responses())
+        response = SummaryStats.of(self._of.responses())
         if response is not None:
             parts.append(
                 f"From the end of a participant's utterance to the robot's next words: {spread_words(response)}."
             )
-            content = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.content_responses])
+            content = SummaryStats.of(
+                [reply.delay_s for one in self._of.known for reply in one.measures.content_responses]
+            )
             if content is not None and content != response:
                 parts.append(f"Without fillers: {spread_words(content)}.")
         gaps = self._of.gaps()
@@ -639,7 +648,7 @@ class _Answers:
         ]
         if told:
             parts.append(f"Median by what the robot said it with: {listing(told)}.")
-        reaction = Spread.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
+        reaction = SummaryStats.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
         if reaction is not None:
             parts.append(
                 "From the end of a participant's utterance, or the language model's answer, to the wizard's request:"
@@ -656,7 +665,7 @@ class _Answers:
         for records in steps.values():
             begun = [record for record in records if record.visits]
             planned = max(record.expected_s for record in records)
-            spread = Spread.of([record.time_s for record in begun])
+            spread = SummaryStats.of([record.time_s for record in begun])
             facts = [f"{duration_text(planned)} planned" if planned else ""]
             facts.append("never begun" if spread is None else f"median {duration_text(spread.median)} in fact")
             often = {
@@ -716,7 +725,7 @@ class _Answers:
     def _latency(self) -> str:
         texts = []
         for model in self._of.models:
-            first, whole = Spread.of(model.first_token_s), Spread.of(model.answer_s)
+            first, whole = SummaryStats.of(model.first_token_s), SummaryStats.of(model.answer_s)
             name = f"{model_name(model)}: " if len(self._of.models) > 1 else ""
             if first is not None:
                 texts.append(f"{name}To the first word: {spread_words(first)}.")

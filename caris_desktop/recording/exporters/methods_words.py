@@ -7,7 +7,7 @@ from caris_desktop.domain.events import ReplyMeans
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.measures import Spread, quantile, share_at_once
+from caris_desktop.recording.studies.measures import SummaryStats, quantile, share_at_once
 
 SEEN = (
     ("frame", "the video of the robot's camera"),
@@ -86,12 +86,12 @@ def distinct(values: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(value for value in values if value))
 
 
-def statistics_words(spread: Spread) -> str:
+def statistics_words(spread: SummaryStats) -> str:
     sd = "" if spread.sd is None else f", SD {spread.sd:.2f} s"
     return f"n = {spread.n}" if spread.n == 1 else f"n = {spread.n}, mean {spread.mean:.2f} s{sd}"
 
 
-def spread_words(spread: Spread) -> str:
+def spread_words(spread: SummaryStats) -> str:
     if spread.n == 1:
         return f"{spread.median:.2f} s (n = 1)"
     return f"median {spread.median:.2f} s ({statistics_words(spread)}, {spread.smallest:.2f} to {spread.largest:.2f} s)"

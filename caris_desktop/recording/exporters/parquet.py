@@ -19,10 +19,10 @@ from caris_desktop.recording.exporters.tables import (
     Table,
     dictionary_rows,
     json_text,
+    key_columns,
     plain_text,
     scalar_text,
     session_rows,
-    whose_columns,
 )
 from caris_desktop.recording.session.session_reader import Session
 
@@ -34,7 +34,7 @@ _BYTES_PER_CELL = 16
 
 def write_parquet(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. Raises OSError, SessionError."""
-    whose = whose_columns(session)
+    whose = key_columns(session)
     about = {
         "session": session.folder.name,
         "started_utc": session.clock.utc(session.started_ns),

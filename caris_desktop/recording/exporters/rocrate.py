@@ -23,7 +23,7 @@ from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
@@ -159,7 +159,7 @@ def _refuse_names(session: Session) -> None:
         for row in rows:
             if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
                 raise SessionError(
-                    filled(
+                    localized(
                         QT_TR_NOOP(
                             "{name} holds names of people (in the stream 'status'), which must not leave the study."
                             " Nothing was written."
@@ -229,7 +229,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         scrubbed = _scrubbed(session, name) if session.pseudonymised else None
         if scrubbed is not None and scrubbed.left_out:
             told_anew[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
-            context.warn(filled(scrubbed.left_out, file=name))
+            context.warn(localized(scrubbed.left_out, file=name))
             continue
         if scrubbed is not None and scrubbed.name != name:
             target = folder / scrubbed.name

@@ -145,7 +145,7 @@ class Table:
             yield [*head, *(column.read(item, times) for column in self.own_columns)]
 
 
-def whose_columns(session: Session) -> tuple[Column, ...]:
+def key_columns(session: Session) -> tuple[Column, ...]:
     """Leading columns of every row, in formats whose files are joined across sessions."""
     trial = session.trial
     told = (

@@ -35,11 +35,11 @@ from caris_desktop.recording.foreign.bag_messages import MessageReader, NotUnder
 from caris_desktop.recording.foreign.bag_values import (
     SESSION_TOPIC,
     BagPicture,
-    Casting,
+    MessageConverter,
     OwnSession,
-    Role,
-    ValueMaker,
-    cast_channels,
+    TopicMapping,
+    TopicRole,
+    map_bag_topics,
     own_session,
     tells_mounts,
 )
@@ -189,7 +189,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
             readers[channel] = MessageReader(channel)
         except NotUnderstoodError as error:
             unreadable[channel] = str(error)
-    casting = cast_channels(survey.counts, unreadable, own=survey.own is not None)
+    casting = map_bag_topics(survey.counts, unreadable, own=survey.own is not None)
     if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
@@ -200,7 +200,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
     anchor = own.anchor if own is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
     clock = SessionClock(anchor, own.started_ns if own is not None else anchor.monotonic_ns)
     writer = _SessionWriter(place, clock)
-    maker = ValueMaker(casting.roles.values(), own)
+    maker = MessageConverter(casting.roles.values(), own)
     used: Counter[BagChannel] = Counter()
     faults: dict[BagChannel, str] = {}
     try:
@@ -248,7 +248,9 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
     return report
 
 
-def _refuse_nothing(path: Path, casting: Casting, used: Counter[BagChannel], faults: dict[BagChannel, str]) -> None:
+def _refuse_nothing(
+    path: Path, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str]
+) -> None:
     if not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
         first = next(iter(faults.values()), "no message could be read")
         raise BagError(f"{path.name} holds no message that could be used ({first}). Nothing was written.")
@@ -492,7 +494,7 @@ class _SessionWriter:
         )
 
 
-def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, survey: _Survey) -> None:
+def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: MessageConverter, survey: _Survey) -> None:
     for frame in sorted(maker.lasers_without_place):
         notes.add(
             f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
@@ -520,11 +522,11 @@ def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: ValueMaker, surv
 
 
 def _topics(
-    survey: _Survey, casting: Casting, used: Counter[BagChannel], faults: dict[BagChannel, str]
+    survey: _Survey, casting: TopicMapping, used: Counter[BagChannel], faults: dict[BagChannel, str]
 ) -> tuple[TopicReport, ...]:
     reports = []
     for channel, count in sorted(survey.counts.items(), key=lambda item: (item[0].topic, item[0].type)):
-        role: Role | None = casting.roles.get(channel)
+        role: TopicRole | None = casting.roles.get(channel)
         became = role.stream if role is not None and used[channel] else ""
         reason = faults.get(channel, "") if role is not None else casting.reasons.get(channel, "")
         reports.append(TopicReport(channel.topic, channel.type, count, used[channel], became, reason))

@@ -78,7 +78,7 @@ class BagPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
+class TopicRole:
     """Use of a channel. ``stream`` is its stream, or frames; ``camera`` if it belongs to one."""
 
     stream: str
@@ -97,10 +97,10 @@ class OwnSession:
 
 
 @dataclass(frozen=True, slots=True)
-class Casting:
+class TopicMapping:
     """Role per channel, and reasons for the unused ones."""
 
-    roles: dict[BagChannel, Role]
+    roles: dict[BagChannel, TopicRole]
     reasons: dict[BagChannel, str]
 
 
@@ -121,14 +121,16 @@ def tells_mounts(channel: BagChannel) -> bool:
     return plain_name(channel.type) in ("tf2_msgs/TFMessage", "tf/tfMessage") and channel.topic.endswith("static")
 
 
-def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool) -> Casting:
+def map_bag_topics(
+    counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool
+) -> TopicMapping:
     """Choose the channel for each stream.
 
     ``counts`` are messages per channel; ``unreadable`` gives reasons why channels cannot be read; ``own``: exported by
     this program.
     """
-    casting = Casting({}, {})
-    wishes: dict[Role, list[BagChannel]] = {}
+    casting = TopicMapping({}, {})
+    wishes: dict[TopicRole, list[BagChannel]] = {}
     streams_as_json = {
         channel.topic.removeprefix(VALUE_TOPICS) for channel in counts if own and channel.topic.startswith(VALUE_TOPICS)
     }
@@ -157,54 +159,56 @@ def cast_channels(counts: Mapping[BagChannel, int], unreadable: Mapping[BagChann
     return casting
 
 
-def _role(channel: BagChannel) -> Role | str:
+def _role(channel: BagChannel) -> TopicRole | str:
     """Possible role of a channel, or the reason why it has none."""
     topic, words = channel.topic.lower(), re.split(r"[/_]+", channel.topic.lower())
     match plain_name(channel.type):
         case "sensor_msgs/LaserScan":
-            return Role("scan", "scan")
+            return TopicRole("scan", "scan")
         case "nav_msgs/Odometry":
-            return Role("odometry", "odometry")
+            return TopicRole("odometry", "odometry")
         case "nav_msgs/OccupancyGrid":
-            return "it is a costmap, not the map" if "costmap" in topic else Role("map", "map")
+            return "it is a costmap, not the map" if "costmap" in topic else TopicRole("map", "map")
         case "nav_msgs/Path":
-            return Role("path", "path")
+            return TopicRole("path", "path")
         case "sensor_msgs/BatteryState":
-            return Role("battery", "battery")
+            return TopicRole("battery", "battery")
         case "geometry_msgs/PoseWithCovarianceStamped":
             if "initialpose" in topic.replace("_", ""):
-                return Role("event/initial_pose_set", "initial_pose")
-            return Role("pose", "pose_with_covariance")
+                return TopicRole("event/initial_pose_set", "initial_pose")
+            return TopicRole("pose", "pose_with_covariance")
         case "geometry_msgs/PoseStamped":
-            return Role("event/goal_changed", "goal") if "goal" in words else Role("pose", "pose")
+            return TopicRole("event/goal_changed", "goal") if "goal" in words else TopicRole("pose", "pose")
         case "tf2_msgs/TFMessage" | "tf/tfMessage":
-            return Role("frames of reference", "tf")
+            return TopicRole("frames of reference", "tf")
         case "geometry_msgs/Twist" | "geometry_msgs/TwistStamped" as name:
             if "cmd_vel" not in topic and "cmdvel" not in topic:
                 return "its name does not say that these velocities drive the robot"
-            return Role("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
+            return TopicRole("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
         case "sensor_msgs/CompressedImage":
             if "depth" in words:
                 return "it is a depth image"
-            return Role("frame", "compressed_image", camera_name(channel.topic))
+            return TopicRole("frame", "compressed_image", camera_name(channel.topic))
         case "foxglove_msgs/CompressedVideo":
-            return Role("frame", "compressed_video", camera_name(channel.topic))
+            return TopicRole("frame", "compressed_video", camera_name(channel.topic))
         case "sensor_msgs/Image":
-            return "it is a depth image" if "depth" in words else Role("frame", "image", camera_name(channel.topic))
+            return (
+                "it is a depth image" if "depth" in words else TopicRole("frame", "image", camera_name(channel.topic))
+            )
         case "sensor_msgs/CameraInfo":
-            return Role("lens", "camera_info", camera_name(channel.topic))
+            return TopicRole("lens", "camera_info", camera_name(channel.topic))
         case "std_msgs/String":
             if any(word in topic for word in _SPEECH_WORDS):
-                return Role("event/utterance_changed", "utterance")
+                return TopicRole("event/utterance_changed", "utterance")
             return "its name does not say that these texts are speech"
         case name:
             return f"{name or 'its type'} has no counterpart here"
 
 
-def _own_role(channel: BagChannel) -> Role | str:
+def _own_role(channel: BagChannel) -> TopicRole | str:
     name = channel.topic.removeprefix(VALUE_TOPICS)
     if channel.topic == SESSION_TOPIC:
-        return Role("session.json", "session")
+        return TopicRole("session.json", "session")
     spec = BY_NAME.get(name)
     if spec is None:
         return "a stream that this version does not know"
@@ -212,7 +216,7 @@ def _own_role(channel: BagChannel) -> Role | str:
         return "the import has a beginning and an end of its own"
     if spec.value_type is AudioBlock:
         return "its sound is not in the bag"
-    return Role(name, "value", name)
+    return TopicRole(name, "value", name)
 
 
 _PREFERRED = {
@@ -226,7 +230,7 @@ _PREFERRED = {
 }
 
 
-def _preference(role: Role, channel: BagChannel, messages_of_it: int) -> tuple[int, int, int, str]:
+def _preference(role: TopicRole, channel: BagChannel, messages_of_it: int) -> tuple[int, int, int, str]:
     """Sort key, smaller is better: by last name part, number of messages, and depth."""
     parts = channel.topic.strip("/").split("/")
     preferred = _PREFERRED.get(role.stream, ())
@@ -234,7 +238,7 @@ def _preference(role: Role, channel: BagChannel, messages_of_it: int) -> tuple[i
     return rank, -messages_of_it, len(parts), channel.topic
 
 
-def _merge_poses(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
+def _merge_poses(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> None:
     """Keep one topic for the pose, whatever its types; likewise for the velocity."""
     for stream in ("pose", "event/command_sent"):
         channels = [
@@ -249,7 +253,7 @@ def _merge_poses(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
                 casting.reasons[channel] = f"{best.topic} is taken for the {stream}"
 
 
-def _merge_cameras(casting: Casting, counts: Mapping[BagChannel, int]) -> None:
+def _merge_cameras(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> None:
     """Of a camera with raw and compressed topics, keep the one with more images."""
     cameras: dict[str, list[BagChannel]] = {}
     for channel, role in casting.roles.items():
@@ -306,10 +310,10 @@ class FrameTree:
         return next((name for name in candidates if name in self.parents or frame is not None), None)
 
 
-class ValueMaker:
+class MessageConverter:
     """Converts messages to domain values in sequence. ``stamp_ns`` is bag time as session time."""
 
-    def __init__(self, roles: Iterable[Role], own: OwnSession | None) -> None:
+    def __init__(self, roles: Iterable[TopicRole], own: OwnSession | None) -> None:
         self._own = own
         self._tree = FrameTree()
         self._pose_from_tf = not any(role.stream == "pose" for role in roles)
@@ -349,7 +353,7 @@ class ValueMaker:
     def _note_unusable(self, parent: str, child: str, _why: str) -> None:
         self.unusable_transforms.add(f"{parent} to {child}")
 
-    def make(self, role: Role, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
+    def make(self, role: TopicRole, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
         """Domain values and images of a message. Raises MessageError if it is unusable."""
         match role.kind:
             case "image":

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.forgetting.canaries import Canaries, folded
+from caris_desktop.recording.forgetting.canaries import SearchTerms, folded
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
 
@@ -67,7 +67,7 @@ class _Readable(Protocol):
 class ByteSearch:
     """Search for one person. ``may_go_on`` is called every few megabytes and raises to cancel."""
 
-    def __init__(self, canaries: Canaries, *, may_go_on: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, canaries: SearchTerms, *, may_go_on: Callable[[], None] = lambda: None) -> None:
         self._words = canaries.words
         self._may_go_on = may_go_on
         self._beginnings = canaries.words.beginnings

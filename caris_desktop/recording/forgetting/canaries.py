@@ -10,7 +10,7 @@ from dataclasses import field
 from functools import cached_property
 from urllib.parse import quote
 
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.value_class import dataclass
 
 FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
@@ -30,7 +30,7 @@ _PROBE_BYTES, _PROBES = 24, 6
 _JPEG_SCAN = b"\xff\xda"
 
 
-class ForgettingStopped(ToldFailure):
+class ErasureStoppedError(UserFacingError):
     """Interrupted erasure; no data is lost, and the same command resumes it."""
 
 
@@ -94,7 +94,7 @@ class PersonNames:
 
 
 @dataclass(frozen=True)
-class Canaries:
+class SearchTerms:
     """All search terms. ``pictures`` are unique bytes: stored portraits and vectors."""
 
     words: PersonNames
@@ -179,5 +179,5 @@ def _in_base64(piece: bytes) -> Iterator[bytes]:
             yield base64.b64encode(cut)
 
 
-def all_of(names: Iterable[str], pictures: Iterable[bytes]) -> Canaries:
-    return Canaries(PersonNames(tuple(dict.fromkeys(name for name in names if name.strip()))), tuple(pictures))
+def all_of(names: Iterable[str], pictures: Iterable[bytes]) -> SearchTerms:
+    return SearchTerms(PersonNames(tuple(dict.fromkeys(name for name in names if name.strip()))), tuple(pictures))

@@ -8,7 +8,7 @@ Rewrite = Callable[[str, str], str]
 """Is given whose a text is and the text, and gives the text that is to be kept."""
 
 
-class KeptTexts:
+class DatabaseTexts:
     """``pass_through`` applies a function to each text of the database. Those of ``person_ids`` are deleted anyway."""
 
     def __init__(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.pictures import PictureError, decoded
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.sightings import WHOLE, Area
@@ -76,7 +76,7 @@ def covered_video(
         if isinstance(error, OSError) and no_room(error):
             raise
         raise UnreadableMediaError(
-            filled(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=source.name, error=error)
+            localized(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=source.name, error=error)
         ) from error
     finally:
         file.close()
@@ -104,13 +104,15 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
         image = decoded(content, cv2.IMREAD_UNCHANGED)
     except PictureError as error:
         raise UnreadableMediaError(
-            filled(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name)
+            localized(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name)
         ) from error
     if image.dtype != np.uint8:
         image = (image >> 8).astype(np.uint8)
     done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))
     if not done:
-        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} cannot be written as a picture again"), file=source.name))
+        raise UnreadableMediaError(
+            localized(QT_TR_NOOP("{file} cannot be written as a picture again"), file=source.name)
+        )
     written: bytes = coded.tobytes()
     try:
         written = with_texts(written, texts_of(content))
@@ -168,7 +170,7 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
     """Offset of the samples, sample rate, and bytes per sample frame."""
     head = file.read(12)
     if head[:4] != b"RIFF" or head[8:] != b"WAVE":
-        raise UnreadableMediaError(filled(QT_TR_NOOP("{file} is no WAV file"), file=name))
+        raise UnreadableMediaError(localized(QT_TR_NOOP("{file} is no WAV file"), file=name))
     rate_hz, frame_bytes = 0, 0
     while len(part := file.read(8)) == 8:
         kind, length = part[:4], int.from_bytes(part[4:], "little")
@@ -177,4 +179,4 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
         content: Any = file.read(length + length % 2) if kind != b"data" else b""
         if kind == b"fmt " and len(content) >= 16:
             _, _, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", content[:16])
-    raise UnreadableMediaError(filled(QT_TR_NOOP("{file} holds no sound"), file=name))
+    raise UnreadableMediaError(localized(QT_TR_NOOP("{file} holds no sound"), file=name))

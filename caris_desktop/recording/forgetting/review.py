@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import get_args
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.forgetting.canaries import ForgettingStopped
+from caris_desktop.recording.forgetting.canaries import ErasureStoppedError
 from caris_desktop.recording.forgetting.texts import Decision, Passage
 
 _HEAD = """\
@@ -49,13 +49,13 @@ def write_review(path: Path, person_id: str, names: Iterable[str], places: Itera
 
 
 def read_review(path: Path) -> Review:
-    """Read the decisions. Raises ForgettingStopped for an unreadable file or an invalid line."""
+    """Read the decisions. Raises ErasureStoppedError for an unreadable file or an invalid line."""
     try:
         with path.open("rb") as file:
             text = file.read(_MAX_BYTES).decode("utf-8", "replace")
     except OSError as error:
-        raise ForgettingStopped(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error),
+        raise ErasureStoppedError(
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error),
             QT_TR_NOOP("Nothing was changed."),
             QT_TR_NOOP("Name the list of texts again."),
         ) from error
@@ -71,15 +71,15 @@ def read_review(path: Path) -> Review:
         if not words or line.startswith(("#", "?")):
             continue
         if len(words) < 2 or words[0] not in _DECISIONS:
-            raise ForgettingStopped(
-                filled(
+            raise ErasureStoppedError(
+                localized(
                     QT_TR_NOOP("Line {number} of {path} begins with {word}, which is no decision."),
                     number=number,
                     path=path,
                     word=repr(words[0]),
                 ),
                 QT_TR_NOOP("Nothing was changed."),
-                filled(
+                localized(
                     QT_TR_NOOP("Write one of {words} there, or leave the ? for later."), words=", ".join(_DECISIONS)
                 ),
             )

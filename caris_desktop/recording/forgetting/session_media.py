@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound import PARTICIPANT_SOURCES, ROBOT_VOICE
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.journal import Journal
 from caris_desktop.recording.forgetting.media import UnreadableMediaError
-from caris_desktop.recording.forgetting.sightings import WHOLE, Area, Sightings, messages_of
+from caris_desktop.recording.forgetting.sightings import WHOLE, Area, PersonTracks, messages_of
 from caris_desktop.recording.forgetting.speech import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
@@ -34,7 +34,7 @@ _FILM = (".mp4",)
 class SessionMedia:
     """Media of one session, with its folder held. ``problems`` collects sentences on failures."""
 
-    def __init__(self, session: Session, seen: Sightings, person_ids: frozenset[str], journal: Journal) -> None:
+    def __init__(self, session: Session, seen: PersonTracks, person_ids: frozenset[str], journal: Journal) -> None:
         self._session = session
         self._folder = session.folder
         self._seen = seen
@@ -97,7 +97,7 @@ class SessionMedia:
             )
         except UnreadableMediaError as error:
             self.problems.append(
-                filled(
+                localized(
                     QT_TR_NOOP("{why}. It may show the person: remove it, or ask again with --remove-media."), why=error
                 )
             )
@@ -128,7 +128,7 @@ class SessionMedia:
             try:
                 self._journal.replace(path, "photo", partial(_covered, path, areas))
             except UnreadableMediaError as error:
-                self.problems.append(filled(QT_TR_NOOP("{why}; it was removed."), why=error))
+                self.problems.append(localized(QT_TR_NOOP("{why}; it was removed."), why=error))
                 self._journal.remove(path, "photo")
 
     def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
@@ -182,14 +182,14 @@ class SessionMedia:
                     self._journal.replace(path, "sound", partial(_silenced, path, first_stamp_ns, quiet))
                 except UnreadableMediaError as error:
                     self.problems.append(
-                        filled(
+                        localized(
                             QT_TR_NOOP("{why}. It may name the person: remove it, or ask again with --remove-media."),
                             why=error,
                         )
                     )
 
 
-def examined_media(session: Session, seen: Sightings | None) -> frozenset[Path]:
+def examined_media(session: Session, seen: PersonTracks | None) -> frozenset[Path]:
     """Media files for which the recording shows whether the person is in them. Raises OSError."""
     if seen is None or not seen.looks_ns:
         return frozenset()

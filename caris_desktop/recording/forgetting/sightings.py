@@ -71,7 +71,7 @@ class _Track:
 
 
 @dataclass(slots=True)
-class Sightings:
+class PersonTracks:
     """Tracks of one person in one session, in session time.
 
     ``looks_ns`` are the times of each camera's detections, with or without people.
@@ -153,7 +153,7 @@ class Sightings:
         return False
 
 
-def sightings_in(events: Path, person_ids: frozenset[str]) -> Sightings:
+def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
     """Tracks of these ids from ``events.mcap``. Raises OSError."""
     wanted = tuple(json.dumps(person_id).encode() for person_id in person_ids)
     looks_ns: dict[str, list[int]] = {}
@@ -237,7 +237,7 @@ def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, in
         _log.warning("boxes that cannot be read are left out", exc_info=True)
 
 
-def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> Sightings:
+def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> PersonTracks:
     theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
     of_track: dict[tuple[str, int], _Track] = {}
     visits: list[int] = []
@@ -257,4 +257,4 @@ def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[s
             visits_ns[-1] = visits_ns[-1][0], stamp_ns
         else:
             visits_ns.append((stamp_ns, stamp_ns))
-    return Sightings(tracks, {camera: sorted(looks) for camera, looks in looks_ns.items()}, visits_ns)
+    return PersonTracks(tracks, {camera: sorted(looks) for camera, looks in looks_ns.items()}, visits_ns)

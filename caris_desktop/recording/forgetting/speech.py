@@ -8,7 +8,7 @@ from typing import Any
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.canaries import FORGOTTEN
-from caris_desktop.recording.forgetting.sightings import Sightings, messages_of
+from caris_desktop.recording.forgetting.sightings import PersonTracks, messages_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, spoken
 
@@ -71,7 +71,7 @@ class Speech:
     others: tuple[SpokenUtterance, ...] = ()
 
 
-def speech_in(session: Session, person_ids: frozenset[str], seen: Sightings) -> Speech:
+def speech_in(session: Session, person_ids: frozenset[str], seen: PersonTracks) -> Speech:
     """Utterances of the session by speaker. Raises SessionError."""
     theirs: set[str] = set()
     doubtful: list[SpokenUtterance] = []
@@ -88,7 +88,7 @@ def speech_in(session: Session, person_ids: frozenset[str], seen: Sightings) -> 
     return Speech(frozenset(theirs), tuple(doubtful), tuple(others))
 
 
-def _is_during(utterance: SpokenUtterance, seen: Sightings) -> bool:
+def _is_during(utterance: SpokenUtterance, seen: PersonTracks) -> bool:
     moments = [at for at in (utterance.start_ns, utterance.end_ns, utterance.requested_ns) if at is not None]
     return bool(moments) and any(
         min(moments) <= until_ns + AROUND_VISIT_NS and max(moments) >= from_ns - AROUND_VISIT_NS

@@ -17,18 +17,24 @@ from typing import Any, Literal
 
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.translation import QT_TR_NOOP, Filled, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting import media, texts
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
-from caris_desktop.recording.forgetting.canaries import ForgettingStopped, PersonNames, all_of
+from caris_desktop.recording.forgetting.canaries import ErasureStoppedError, PersonNames, all_of
 from caris_desktop.recording.forgetting.exports import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
-from caris_desktop.recording.forgetting.kept_texts import KeptTexts, Rewrite
+from caris_desktop.recording.forgetting.kept_texts import DatabaseTexts, Rewrite
 from caris_desktop.recording.forgetting.own_files import OwnFiles, blot_out, without_lines
 from caris_desktop.recording.forgetting.review import write_review
 from caris_desktop.recording.forgetting.session_media import SessionMedia, examined_media, names_people, photos_of
-from caris_desktop.recording.forgetting.sightings import Sightings, everyone_who_is, links_in, messages_of, sightings_in
+from caris_desktop.recording.forgetting.sightings import (
+    PersonTracks,
+    everyone_who_is,
+    links_in,
+    messages_of,
+    sightings_in,
+)
 from caris_desktop.recording.forgetting.speech import Sentences, Speech, sentences_of, speech_in
 from caris_desktop.recording.forgetting.study_files import (
     PEOPLE_FILES,
@@ -137,15 +143,15 @@ def forget_person(
 
     Raises
     ------
-    ForgettingStopped
+    ErasureStoppedError
         If it cannot begin or go on: something is being recorded, the disk is full, a file cannot be read. The same
         request goes on then.
     """
     with _explained(request.study):
         recorded = next((folder for folder in files_of(request.study).sessions if is_held(folder)), None)
         if recorded is not None:
-            raise ForgettingStopped(
-                filled(QT_TR_NOOP("{session} is being recorded or repaired at this moment."), session=recorded.name),
+            raise ErasureStoppedError(
+                localized(QT_TR_NOOP("{session} is being recorded or repaired at this moment."), session=recorded.name),
                 QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
                 QT_TR_NOOP("End the recording first, then ask again."),
             )
@@ -153,7 +159,7 @@ def forget_person(
         try:
             lock = hold(request.study / FOLDER)
         except FolderHeldError as error:
-            raise ForgettingStopped(
+            raise ErasureStoppedError(
                 QT_TR_NOOP("Somebody is being forgotten in this study already."),
                 QT_TR_NOOP("Nothing was changed."),
                 QT_TR_NOOP("Wait for the end of that."),
@@ -180,7 +186,7 @@ class _Forgetting:
         self._review = review_path(self._study, request.person_ids[0])
         self._problems: list[str] = []
         self._exports_named: list[str] = []
-        self._seen_in: dict[Path, Sightings] = {}
+        self._seen_in: dict[Path, PersonTracks] = {}
         self._examined: set[str] = set()
         self._speech: dict[Path, Speech] = {}
         self._spoken: dict[Path, frozenset[str]] = {}
@@ -204,7 +210,7 @@ class _Forgetting:
         exports = Exports(self._study, [folder.name for folder in listed.sessions])
         sessions = [folder for folder in listed.sessions if exports.of(folder / "events.mcap") is None]
         self._problems += [
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{link} leads out of the study, to {target}. What is there was neither searched nor changed: "
                     "erase the person there yourself, or move it into the study's folder and ask again."
@@ -223,7 +229,7 @@ class _Forgetting:
             self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
         found = self._without_exports(found, exports)
         for number, folder in enumerate(sessions):
-            session = filled(QT_TR_NOOP("Session {number} of {count}"), number=number + 1, count=len(sessions))
+            session = localized(QT_TR_NOOP("Session {number} of {count}"), number=number + 1, count=len(sessions))
             self._tell(0.1 + 0.7 * number / len(sessions), session)
             self._in_session(folder, found, 0.7 / len(sessions))
         if not self._request.only_texts:
@@ -347,7 +353,7 @@ class _Forgetting:
                     found.pop(path, None)
         changed = {change.file for change in self._journal.changes()}
         self._problems += [
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{file} has another name outside of the study, a hard link. Under that it is as it was: delete it "
                     "there."
@@ -555,8 +561,8 @@ class _Forgetting:
 
     # The rest of the study
 
-    def _kept_texts(self) -> KeptTexts:
-        return KeptTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
+    def _kept_texts(self) -> DatabaseTexts:
+        return DatabaseTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
 
     def _drop_index(self) -> None:
         """Delete the search index; it is rebuilt from the sessions on the next search."""
@@ -675,7 +681,7 @@ class _Forgetting:
     def _tell(self, fraction: float, what: str) -> None:
         self._progress_at = fraction
         # Translatable texts with values contain no names.
-        self._progress(min(1.0, fraction), what if isinstance(what, Filled) else self._without_names(what))
+        self._progress(min(1.0, fraction), what if isinstance(what, LocalizedText) else self._without_names(what))
 
     @contextlib.contextmanager
     def _told(self, folder: Path) -> Iterator[None]:
@@ -685,11 +691,11 @@ class _Forgetting:
         except SessionError as error:
             self._problems.append(_told_of(folder, error))
         except FileNotFoundError as error:
-            self._problems.append(_told_of(folder, filled(QT_TR_NOOP("{file} is missing"), file=error.filename)))
+            self._problems.append(_told_of(folder, localized(QT_TR_NOOP("{file} is missing"), file=error.filename)))
 
 
-def _told_of(folder: Path, told: object) -> Filled:
-    return filled(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
+def _told_of(folder: Path, told: object) -> LocalizedText:
+    return localized(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
 
 
 def _may_hold(path: Path, sentences: Sentences) -> bool:
@@ -830,14 +836,14 @@ def _explained(study: Path) -> Iterator[None]:
     try:
         yield
     except FolderHeldError as error:
-        raise ForgettingStopped(
-            filled(QT_TR_NOOP("{file} is in use at this moment."), file=error.filename),
+        raise ErasureStoppedError(
+            localized(QT_TR_NOOP("{file} is in use at this moment."), file=error.filename),
             _NOT_CHANGED,
             QT_TR_NOOP("Ask again once that has ended."),
         ) from error
     except OSError as error:
         if no_room(error):
-            raise ForgettingStopped(
+            raise ErasureStoppedError(
                 QT_TR_NOOP("The disk is full."),
                 _IN_THE_MIDDLE,
                 QT_TR_NOOP(
@@ -845,8 +851,8 @@ def _explained(study: Path) -> Iterator[None]:
                     "stopped."
                 ),
             ) from error
-        raise ForgettingStopped(
-            filled(
+        raise ErasureStoppedError(
+            localized(
                 QT_TR_NOOP("{file} cannot be read or written: {why}."),
                 file=error.filename or study,
                 why=error.strerror or error,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk
-from caris_desktop.domain.translation import filled
+from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.format import AudioInfo
@@ -201,7 +201,7 @@ class AudioWriter:
     def write(self, chunk: AudioChunk) -> list[AudioBlock]:
         """Write a chunk; return completed blocks. Raises OSError, and ValueError for invalid audio."""
         if chunk.samples.ndim != 2 or not 1 <= chunk.samples.shape[1] <= 64 or chunk.sample_rate_hz <= 0:
-            raise ValueError(filled(gap_words.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
+            raise ValueError(localized(gap_words.NO_SOUND, shape=chunk.samples.shape, rate=chunk.sample_rate_hz))
         blocks = []
         file = self._open.get(chunk.source)
         if file is not None and not file.fits(chunk):

@@ -7,7 +7,7 @@ from typing import Any
 from caris_desktop.domain import clock, events
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import Delivery, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
@@ -63,7 +63,7 @@ class MarkerOutlet:
         except (RuntimeError, OSError) as error:
             _log.exception("the outlet does not open")
             raise OutletUnavailableError(
-                filled(
+                localized(
                     QT_TR_NOOP("No markers go out: the Lab Streaming Layer outlet does not open ({error})."),
                     error=error,
                 ),
@@ -91,7 +91,7 @@ class MarkerOutlet:
             _log.exception("%s is not sent", spec.name)
             self.close()
             raise OutletUnavailableError(
-                filled(QT_TR_NOOP("No markers go out any more: Lab Streaming Layer failed ({error})."), error=error),
+                localized(QT_TR_NOOP("No markers go out any more: Lab Streaming Layer failed ({error})."), error=error),
                 QT_TR_NOOP("Check the network of this computer, then start the recording again."),
             ) from error
 

@@ -23,7 +23,7 @@ from caris_desktop.domain.events import ANSWER, Problem, Severity
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.streams import StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
@@ -191,7 +191,7 @@ class _Recorder:
             _log.exception("photo %s", wanted.without_session)
             self._tell_problem(
                 QT_TR_NOOP("The photo could not be kept."),
-                filled(
+                localized(
                     QT_TR_NOOP("{parent} cannot be written ({error})."),
                     parent=wanted.without_session.parent,
                     error=error,

@@ -35,7 +35,7 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, joined
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
@@ -52,7 +52,7 @@ from caris_desktop.recording.recorder.media_writer import (
 from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import Encoders
-from caris_desktop.recording.recorder.write_through import WriteThrough
+from caris_desktop.recording.recorder.write_through import FsyncThread
 from caris_desktop.recording.session import gap_words
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
@@ -172,8 +172,8 @@ class SessionRecorder:
             self._lock.release()
             raise
         self._audio = AudioWriter(self.folder, on_full=lambda: False)
-        self._log_sync = WriteThrough("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
-        self._media_sync = WriteThrough(
+        self._log_sync = FsyncThread("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
+        self._media_sync = FsyncThread(
             "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
         )
         self._log_sync.note(self.folder / "session.json")
@@ -415,7 +415,7 @@ class SessionRecorder:
         what = (
             QT_TR_NOOP("The disk is full.")
             if error is None
-            else filled(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
+            else localized(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
         )
         self.problem(
             "error",
@@ -435,11 +435,11 @@ class SessionRecorder:
             return
         if not self._media.wants(ref.camera):
             why = self._spared_because or gap_words.ENCODING_SLOW
-            self._miss(spec.name, filled(gap_words.LEFT_OUT, camera=ref.camera, why=why))
+            self._miss(spec.name, localized(gap_words.LEFT_OUT, camera=ref.camera, why=why))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
-            self._miss(spec.name, filled(gap_words.OVERWRITTEN, camera=ref.camera))
+            self._miss(spec.name, localized(gap_words.OVERWRITTEN, camera=ref.camera))
             return
 
         waits = self._blurring is not None and self._blurring.demanded
@@ -451,7 +451,7 @@ class SessionRecorder:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
-                self._miss(spec.name, filled(gap_words.ENCODER_LATE, camera=ref.camera))
+                self._miss(spec.name, localized(gap_words.ENCODER_LATE, camera=ref.camera))
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
@@ -467,10 +467,10 @@ class SessionRecorder:
             blocks = self._audio.write(chunk)
         except OSError as error:
             _log.exception("sound of %s", chunk.source)
-            self._miss("audio", filled(gap_words.SOUND_REFUSED, source=chunk.source))
+            self._miss("audio", localized(gap_words.SOUND_REFUSED, source=chunk.source))
             self._end_audio(error)
         except ValueError as error:
-            self._miss("audio", filled(gap_words.OF_SOUND, source=chunk.source, why=_short(error)))
+            self._miss("audio", localized(gap_words.OF_SOUND, source=chunk.source, why=_short(error)))
         else:
             self._put_blocks(blocks)
 
@@ -502,12 +502,12 @@ class SessionRecorder:
             self._miss(spec.name, QT_TR_NOOP("the disk did not take it"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
-            self._miss(spec.name, filled(gap_words.NOT_WRITABLE, why=_short(error)))
+            self._miss(spec.name, localized(gap_words.NOT_WRITABLE, why=_short(error)))
             if spec.name not in self._unwritable:
                 self._unwritable.add(spec.name)
                 self.problem(
                     "error",
-                    filled(QT_TR_NOOP("{stream} cannot be recorded: {why}."), stream=spec.name, why=_short(error)),
+                    localized(QT_TR_NOOP("{stream} cannot be recorded: {why}."), stream=spec.name, why=_short(error)),
                     QT_TR_NOOP("Such values are missing in this session. Everything else is recorded."),
                     QT_TR_NOOP("Do not rely on this session before the cause is known; the log has the details."),
                 )
@@ -568,10 +568,10 @@ class SessionRecorder:
             troubles.append(QT_TR_NOOP("video ended: the disk is nearly full"))
         elif self._spared_because:
             every_second = QT_TR_NOOP("every second frame is recorded: {why}")
-            troubles.append(filled(every_second, why=self._spared_because))
+            troubles.append(localized(every_second, why=self._spared_because))
         else:
             troubles += [
-                filled(
+                localized(
                     _EVERY.get(step, QT_TR_NOOP("{camera}: every {step}th frame is recorded")), camera=camera, step=step
                 )
                 for camera, step in self._lowered.items()
@@ -600,19 +600,19 @@ class SessionRecorder:
                 QT_TR_NOOP("The session goes on without it."),
                 QT_TR_NOOP("Free some room on the disk.")
                 if failure.disk_full
-                else filled(QT_TR_NOOP("Try again. ({detail})"), detail=failure.detail),
+                else localized(QT_TR_NOOP("Try again. ({detail})"), detail=failure.detail),
                 cause=ANSWER,
             )
             return
         if failure.lost:
-            why = filled(gap_words.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
+            why = localized(gap_words.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
             self._miss("frame", why, failure.lost)
         if failure.disk_full:
             self._end_video(QT_TR_NOOP("The disk is full."))
         elif failure.kind == "video" and failure.detail != gap_words.VIDEO_ENDED:
             self.problem(
                 "error",
-                filled(
+                localized(
                     QT_TR_NOOP("The video of {camera} ended: {detail}."), camera=failure.camera, detail=failure.detail
                 ),
                 QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
@@ -627,7 +627,7 @@ class SessionRecorder:
             self._told_lowered = True
             self.problem(
                 "warning",
-                filled(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
+                localized(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
                 QT_TR_NOOP(
                     "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is"
                     " missing."
@@ -701,7 +701,7 @@ class SessionRecorder:
         self._told_behind = True
         self.problem(
             "warning",
-            filled(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
+            localized(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
             QT_TR_NOOP("What happens waits in memory and keeps its times; only pictures are left out, and counted."),
             QT_TR_NOOP("Close other programs. If it lasts, record with fewer or smaller cameras."),
             until="quiet",
@@ -716,7 +716,7 @@ class SessionRecorder:
         self.problem(
             "error",
             QT_TR_NOOP("The disk is full: from here on only events and robot data are recorded."),
-            filled(
+            localized(
                 QT_TR_NOOP("They have {megabytes} that were kept for them; then the recording ends."),
                 megabytes=_megabytes(self._reserve.left_bytes),
             ),
@@ -727,19 +727,19 @@ class SessionRecorder:
     def _tell_disk(self, disk: DiskState) -> None:
         free = _megabytes(disk.free_bytes or 0)
         if disk.stage == "out" and self._video_permitted:
-            self._end_video(filled(QT_TR_NOOP("The disk is nearly full: {free} are left."), free=free))
+            self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} are left."), free=free))
         elif disk.stage != "ample" and not self._told_scarce:
             self._told_scarce = True
             self.problem(
                 "warning",
-                filled(QT_TR_NOOP("The disk is filling up: {free} are left."), free=free)
+                localized(QT_TR_NOOP("The disk is filling up: {free} are left."), free=free)
                 if disk.room_s is None
-                else filled(
+                else localized(
                     QT_TR_NOOP("The disk is filling up: {free} are left, at this rate for {time}."),
                     free=free,
                     time=_minutes(disk.room_s),
                 ),
-                filled(
+                localized(
                     QT_TR_NOOP("The video gets fewer frames when {lower} are left, and ends at {end}."),
                     lower=_megabytes(self._limits.lower_video_free_bytes),
                     end=_megabytes(self._limits.end_video_free_bytes),
@@ -751,11 +751,11 @@ class SessionRecorder:
             self._told_slow = True
             self.problem(
                 "warning",
-                filled(
+                localized(
                     QT_TR_NOOP("The disk is slow: it took {delay_s} s to write what was recorded."),
                     delay_s=f"{disk.delay_s:.1f}",
                 ),
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "Every second frame of the videos is left out meanwhile. A power cut now could cost the "
                         "last {delay_s} s."
@@ -793,7 +793,7 @@ class SessionRecorder:
         if error is not None and not no_room(error):
             self.problem(
                 "error",
-                filled(QT_TR_NOOP("Sound is no longer recorded: {error}."), error=error.strerror or error),
+                localized(QT_TR_NOOP("Sound is no longer recorded: {error}."), error=error.strerror or error),
                 QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
                 QT_TR_NOOP("Stop and start the recording to have sound again."),
             )
@@ -907,12 +907,12 @@ def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
         )
     if isinstance(error, FileExistsError):
         return (
-            filled(QT_TR_NOOP("{folder} holds files already."), folder=folder),
+            localized(QT_TR_NOOP("{folder} holds files already."), folder=folder),
             meaning,
             QT_TR_NOOP("Record again: the next session gets a folder of its own."),
         )
     return (
-        filled(QT_TR_NOOP("{folder} cannot be written: {error}."), folder=folder, error=error.strerror or error),
+        localized(QT_TR_NOOP("{folder} cannot be written: {error}."), folder=folder, error=error.strerror or error),
         meaning,
         QT_TR_NOOP("Choose a study folder that you may write to, then record again."),
     )

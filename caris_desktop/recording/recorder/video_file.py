@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import filled
+from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
 from caris_desktop.recording.session import gap_words
@@ -58,7 +58,7 @@ class VideoFileWriter:
         self.width_px, self.height_px = width_px // 2 * 2, height_px // 2 * 2
         if not (self.width_px and self.height_px):
             raise ValueError(
-                filled(
+                localized(
                     gap_words.PICTURE_TOO_SMALL,
                     width=width_px,
                     height=height_px,

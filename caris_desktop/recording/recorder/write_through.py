@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 _REMEMBER_S = 30.0
 
 
-class WriteThrough:
+class FsyncThread:
     """Sync thread. A round begins on request, or ``every_s`` after the start of the last one."""
 
     def __init__(self, name: str, files: Callable[[], Iterable[DiskFile]], *, every_s: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, Message
@@ -49,7 +49,7 @@ class SessionTimeline:
             self._file: IO[bytes] = self._path.open("rb")
         except OSError as error:
             raise SessionError(
-                filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
+                localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
             ) from error
         anchor = session.clock.anchor
         self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
@@ -222,7 +222,7 @@ class SessionTimeline:
             return None
         except OSError as error:
             raise SessionError(
-                filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
+                localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
             ) from error
         messages = tuple(mcap_blocks.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns

@@ -1,6 +1,6 @@
 """Reasons for gaps in a recording: stored as plain English text, matched for translation on display."""
 
-from caris_desktop.domain.translation import QT_TR_NOOP, refilled
+from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
 
 LEFT_OUT = QT_TR_NOOP("{camera}: left out, as {why}")
 OVERWRITTEN = QT_TR_NOOP("{camera}: overwritten before it could be read")
@@ -25,4 +25,4 @@ _REASONS = (
 
 def read_reason(kept: str) -> str:
     """Recorded reason of a gap, for ``tr``."""
-    return refilled(kept, _REASONS)
+    return parse_localized(kept, _REASONS)

@@ -7,7 +7,7 @@ from typing import Any
 
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.domain.translation import filled
+from caris_desktop.domain.translation import localized
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session import repair_words as words
 from caris_desktop.recording.session.last_counts import counts_of
@@ -32,7 +32,7 @@ def missing_words(header: Mapping[str, Any], missing: Mapping[str, int]) -> tupl
     if not count:
         return ()
     recorded = max(count, (counts_of(header.get("counts")) or Counter()).total())
-    return (filled(words.lost_values_words(count, broken=False, early=False), recorded=recorded),)
+    return (localized(words.lost_values_words(count, broken=False, early=False), recorded=recorded),)
 
 
 def missing_values(folder: Path, header: Mapping[str, Any]) -> Counter[str]:
@@ -102,7 +102,7 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
             sentences.append(what)
         else:
             left = words.FILE_MISSING if found_bytes < 0 else words.FILE_SHORTER
-            others.append(filled(left, file=name, left=found_bytes, all=told_bytes))
+            others.append(localized(left, file=name, left=found_bytes, all=told_bytes))
     sentences += others[:_MAX_TOLD]
     if len(others) > _MAX_TOLD:
         sentences.append(words.further_files_words(len(others) - _MAX_TOLD))
@@ -133,10 +133,10 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     if video is not None:
         told = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}
         if found_bytes < 0:
-            return filled(words.VIDEO_MISSING, **told)
+            return localized(words.VIDEO_MISSING, **told)
         content = content_of(path)
         left = 0 if content is None else len(content.times_s)
-        return filled(words.pictures_left_words(left), **told)
+        return localized(words.pictures_left_words(left), **told)
     sound = _entry(header, "audio", path.name)
     if sound is None:
         return ""
@@ -145,9 +145,9 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         lasts_s = 0.0
     if found_bytes < 0:
-        return filled(words.SOUND_MISSING, file=path.name, seconds=f"{lasts_s:.1f}")
+        return localized(words.SOUND_MISSING, file=path.name, seconds=f"{lasts_s:.1f}")
     left_s = lasts_s * found_bytes / max(1, told_bytes)
-    return filled(words.SOUND_CUT_OFF, file=path.name, seconds=f"{lasts_s:.1f}", left=f"{left_s:.1f}")
+    return localized(words.SOUND_CUT_OFF, file=path.name, seconds=f"{lasts_s:.1f}", left=f"{left_s:.1f}")
 
 
 def _entry(header: Mapping[str, Any], key: str, file_name: str) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replac
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_blocks, media_repair
@@ -98,7 +98,7 @@ def repair_session(folder: Path) -> RepairReport:
         if wanting == "manifest":
             return RepairReport(False)  # the recorder is creating it
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{folder} is still being recorded, or is being repaired at this moment. Open it once"
                     " that has ended."
@@ -110,7 +110,7 @@ def repair_session(folder: Path) -> RepairReport:
         return RepairReport(
             False,
             (
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "The session is damaged and could not be repaired, because {folder} cannot be written ({why})."
                         " It is shown as it was left."
@@ -128,7 +128,7 @@ def repair_session(folder: Path) -> RepairReport:
         except Exception as error:
             # A file's effect on a repair must not hide the rest of the session.
             _log.exception("repairing %s", folder)
-            why: object = filled(
+            why: object = localized(
                 QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
             )
             if isinstance(error, OSError):
@@ -137,7 +137,7 @@ def repair_session(folder: Path) -> RepairReport:
             return RepairReport(
                 False,
                 (
-                    filled(
+                    localized(
                         QT_TR_NOOP(
                             "The session is damaged and could not be repaired: {why}. It is shown as it was left;"
                             " nothing of it was changed for the worse."
@@ -160,7 +160,7 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
             return "end"
     except OSError as error:
         raise SessionError(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _EVENTS, why=error.strerror or error)
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _EVENTS, why=error.strerror or error)
         ) from error
     lacks_manifest = header["format_version"] >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
     return "manifest" if lacks_manifest else ""
@@ -225,7 +225,7 @@ class _Repair:
             index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(
-                    filled(
+                    localized(
                         QT_TR_NOOP("{path} is no record of events: nothing in it can be read. Nothing was changed."),
                         path=path,
                     )
@@ -335,7 +335,7 @@ class _Repair:
         lasted_s = self._times.clock.session_s(self._ended_ns)
         if self._kept(_EVENTS):
             what = new_index_words(left, finished=self._finished)
-            self._sentences.append(filled(what, seconds=f"{lasted_s:.1f}"))
+            self._sentences.append(localized(what, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
             self._sentences.append(
                 QT_TR_NOOP("events.mcap is not the file that was recorded; it holds %n values.", "", left)
@@ -345,7 +345,7 @@ class _Repair:
             early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
             what = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
             told = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
-            self._losses.append(filled(what, **told))
+            self._losses.append(localized(what, **told))
         elif self._expected is None and not self._complete:
             self._losses.append(QT_TR_NOOP("How many values are missing at the end of events.mcap is not known."))
         elif self._damaged_bytes:
@@ -379,12 +379,12 @@ class _Repair:
                 sound = media_repair.repair_wav(path)
             except ValueError as error:
                 self._sentences.append(
-                    filled(QT_TR_NOOP("{file} was left as it is: {error}."), file=path.name, error=error)
+                    localized(QT_TR_NOOP("{file} was left as it is: {error}."), file=path.name, error=error)
                 )
                 continue
             if sound.repaired:
                 what = QT_TR_NOOP("{file} lacked its length; it holds {seconds} s of sound.")
-                self._sentences.append(filled(what, file=path.name, seconds=f"{sound.duration_s:.1f}"))
+                self._sentences.append(localized(what, file=path.name, seconds=f"{sound.duration_s:.1f}"))
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
@@ -416,7 +416,7 @@ class _Repair:
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
             self._sentences.append(
-                filled(QT_TR_NOOP("{file} holds no whole picture; it was left as it is."), file=path.name)
+                localized(QT_TR_NOOP("{file} holds no whole picture; it was left as it is."), file=path.name)
             )
             return None
         camera = str(told.get("camera") or camera_of_video(path.name, self._record.frames))
@@ -428,7 +428,9 @@ class _Repair:
                 self._keep(index)
             replace_file(index, lines, durable=True)
             self._sentences.append(
-                filled(QT_TR_NOOP("The frame times of {file} were brought in line with its pictures."), file=path.name)
+                localized(
+                    QT_TR_NOOP("The frame times of {file} were brought in line with its pictures."), file=path.name
+                )
             )
         times = read_frame_times(index)
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
@@ -467,7 +469,7 @@ class _Repair:
             file.truncate(whole)
             os.fsync(file.fileno())
         what = QT_TR_NOOP("{file} broke off within its last part, which is now {place}.")
-        self._sentences.append(filled(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
+        self._sentences.append(localized(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
         """Count logged frames after the last complete part of the video."""
@@ -478,7 +480,7 @@ class _Repair:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
                 from_ns = max(last_ns, frames[0].shown_ns)
                 lost_s = (frames[-1].shown_ns - from_ns) / 1e9
-                self._losses.append(filled(unsaved_pictures_words(lost), camera=camera, seconds=f"{lost_s:.1f}"))
+                self._losses.append(localized(unsaved_pictures_words(lost), camera=camera, seconds=f"{lost_s:.1f}"))
 
     # The rest
 
@@ -490,7 +492,7 @@ class _Repair:
                 kept.parent.mkdir(exist_ok=True)
                 path.replace(kept)
                 what = QT_TR_NOOP("A half-written file was moved to {place}.")
-                self._sentences.append(filled(what, place=f"{KEPT_FOLDER}/{kept.name}"))
+                self._sentences.append(localized(what, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _write_finished_header(self) -> None:
         """Restore the header of a closed session except for its events: the rest remains the reference."""

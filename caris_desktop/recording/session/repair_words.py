@@ -6,7 +6,7 @@ it.
 
 from itertools import product
 
-from caris_desktop.domain.translation import QT_TR_NOOP, refilled
+from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
 
 
 def new_index_words(left: int, *, finished: bool) -> str:
@@ -94,4 +94,4 @@ LOSSES = (
 
 def read_loss(kept: str) -> str:
     """Stored sentence on missing data, for ``tr``."""
-    return refilled(kept, LOSSES)
+    return parse_localized(kept, LOSSES)

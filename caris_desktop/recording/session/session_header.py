@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION
 from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
@@ -41,7 +41,7 @@ def read_header(folder: Path) -> dict[str, Any]:
     """
     if not folder.is_dir():
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP("{folder} is no folder. A session is a folder with session.json and events.mcap in it."),
                 folder=folder,
             )
@@ -50,18 +50,18 @@ def read_header(folder: Path) -> dict[str, Any]:
     for name in ("session.json", "events.mcap"):
         if not inside(folder, name):
             raise SessionError(
-                filled(
+                localized(
                     QT_TR_NOOP("{path} is a link that leads out of the session. It is not followed."),
                     path=folder / name,
                 )
             )
     header = _told_header(folder, path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise SessionError(filled(QT_TR_NOOP("{path} does not head a session of CARIS Desktop."), path=path))
+        raise SessionError(localized(QT_TR_NOOP("{path} does not head a session of CARIS Desktop."), path=path))
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{path} has version {version}; this program reads up to version {newest}. Update CARIS Desktop."
                 ),
@@ -72,7 +72,7 @@ def read_header(folder: Path) -> dict[str, Any]:
         )
     if not (folder / "events.mcap").is_file():
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{folder} holds no events.mcap: what happened and what was said in the session is lost."
                     " Restore the file from a copy, if there is one; what else lies in the folder was left"
@@ -95,7 +95,7 @@ def _told_header(folder: Path, path: Path) -> Any:
             content = file.read(_MAX_HEADER_BYTES + 1)
         if len(content) > _MAX_HEADER_BYTES:
             raise SessionError(
-                filled(
+                localized(
                     QT_TR_NOOP("{path} is far too large to head a session ({size} bytes)."),
                     path=path,
                     size=path.stat().st_size,
@@ -106,7 +106,7 @@ def _told_header(folder: Path, path: Path) -> Any:
         missing = True
     except OSError as error:
         raise SessionError(
-            filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
         ) from error
     except (ValueError, RecursionError) as error:
         _log.warning("%s: %s", path, error)
@@ -114,7 +114,7 @@ def _told_header(folder: Path, path: Path) -> Any:
     if not holds_record(folder):
         if missing and (folder / MANIFEST_NAME).is_file():
             raise SessionError(
-                filled(
+                localized(
                     QT_TR_NOOP(
                         "{folder} holds neither session.json nor events.mcap any more: what happened in the"
                         " session is lost. Restore them from a copy; what else lies in the folder was left"
@@ -124,9 +124,11 @@ def _told_header(folder: Path, path: Path) -> Any:
                 )
             )
         if missing:
-            raise SessionError(filled(QT_TR_NOOP("{folder} is no session: it holds no session.json."), folder=folder))
+            raise SessionError(
+                localized(QT_TR_NOOP("{folder} is no session: it holds no session.json."), folder=folder)
+            )
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP("{path} is damaged, and there are no events.mcap beside it from which to make it anew."),
                 path=path,
             )
@@ -134,7 +136,7 @@ def _told_header(folder: Path, path: Path) -> Any:
     header = rebuilt_header(folder, missing=missing)
     if header is None:
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{path} was missing, and what is left of events.mcap does not say when the session began."
                     " Restore session.json from a copy; nothing was changed."
@@ -165,7 +167,7 @@ def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:
     except (KeyError, TypeError, ValueError, OverflowError, OSError) as error:
         _log.warning("%s: %r", folder / "session.json", error)
         raise SessionError(
-            filled(
+            localized(
                 QT_TR_NOOP(
                     "{path} does not say when the session began. Restore it from a copy, or move it away:"
                     " it is made anew then from events.mcap, as far as that goes."

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.losses import losses_of, lost_values, missing_values
@@ -171,7 +171,7 @@ def _index_of(path: Path) -> BlockIndex:
 
 
 def _unreadable(path: Path, error: OSError) -> SessionError:
-    return SessionError(filled(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error))
+    return SessionError(localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error))
 
 
 def _newest_ns(path: Path, clock: SessionClock) -> int:

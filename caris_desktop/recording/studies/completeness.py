@@ -3,7 +3,7 @@
 from collections import Counter
 
 from caris_desktop.domain.events import Gap, LinkQuality
-from caris_desktop.recording.studies.measures import Measures, SessionFacts
+from caris_desktop.recording.studies.measures import Measures, SessionData
 
 _MAX_STREAMS = 8
 _STREAMS = {
@@ -18,7 +18,7 @@ _STREAMS = {
 }
 
 
-def what_is_missing(facts: SessionFacts, measures: Measures) -> tuple[str, ...]:
+def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, ...]:
     """A sentence for each kind of missing data; empty if the recording is complete."""
     session = facts.session
     sentences = []
@@ -59,7 +59,7 @@ def stream_words(stream: str) -> str:
     return _STREAMS.get(stream, f"values of {stream.removeprefix('event/').replace('_', ' ')}")
 
 
-def _lost_since(facts: SessionFacts) -> list[str]:
+def _lost_since(facts: SessionData) -> list[str]:
     lost = facts.session.lost
     if not lost:
         return []
@@ -68,12 +68,12 @@ def _lost_since(facts: SessionFacts) -> list[str]:
     return [f"Of what is missing from the record: {', '.join(named[:_MAX_STREAMS])}{rest}."]
 
 
-def _gaps(facts: SessionFacts) -> list[str]:
+def _gaps(facts: SessionData) -> list[str]:
     missing: Counter[tuple[str, str]] = Counter()
     for gap in facts.of(Gap):
         missing[(gap.stream, gap.reason)] += gap.count
     return [f"{count} {stream_words(stream)} are missing: {reason}." for (stream, reason), count in missing.items()]
 
 
-def _kept(facts: SessionFacts, header_key: str, pattern: str) -> bool:
+def _kept(facts: SessionData, header_key: str, pattern: str) -> bool:
     return bool(facts.session.header.get(header_key)) or any(facts.session.folder.glob(pattern))

@@ -87,7 +87,7 @@ _EVENTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class Interval:
     """Labelled interval of the session."""
 
     start_ns: int
@@ -100,7 +100,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SessionFacts:
+class SessionData:
     """Session data for the measures, read in one pass.
 
     ``commands`` has a row per velocity command: forward, left (m/s), turn (rad/s), at ``command_ns``, with its source
@@ -111,7 +111,7 @@ class SessionFacts:
     session: Session
     utterances: tuple[SpokenUtterance, ...]
     marks: tuple[FinalMark, ...]
-    pauses: tuple[Stretch, ...]
+    pauses: tuple[Interval, ...]
     command_ns: NDArray[np.int64]
     commands: NDArray[np.float64]
     command_sources: tuple[str, ...]
@@ -133,7 +133,7 @@ class SessionFacts:
         return tuple(photo for photo in self.of(PhotoTaken) if not deleted.get(photo.file_name))
 
 
-def read_facts(session: Session, progress: Callable[[float], None] = lambda _: None) -> SessionFacts:
+def read_facts(session: Session, progress: Callable[[float], None] = lambda _: None) -> SessionData:
     """Read the session data in one pass. ``progress`` may raise to cancel. Raises SessionError."""
     events: dict[type[Any], list[Any]] = {kind: [] for kind in (*_EVENTS, CommandSent, Odometry, RobotPose)}
     span_ns = max(1, session.ended_ns - session.started_ns)
@@ -147,7 +147,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
     commands = _in_time(events.pop(CommandSent))
     odometry = _in_time(events.pop(Odometry))
     poses = _in_time(events.pop(RobotPose))
-    return SessionFacts(
+    return SessionData(
         session=session,
         utterances=spoken_of(
             [*events[UtteranceChanged], *events[UtteranceCorrected]],
@@ -156,7 +156,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
         ),
         marks=final_marks_of(events[Marked], ended_ns=session.ended_ns),
         pauses=tuple(
-            Stretch(start_ns, end_ns, "Paused")
+            Interval(start_ns, end_ns, "Paused")
             for start_ns, end_ns in pauses_of(events[RecordingPaused], ended_ns=session.ended_ns)
         ),
         command_ns=_stamps(commands),
@@ -200,7 +200,7 @@ def _pose(pose: Pose2D) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class SummaryStats:
     """Distribution of values. ``sd`` is the sample standard deviation, None for a single value."""
 
     n: int
@@ -211,7 +211,7 @@ class Spread:
     largest: float
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> "Spread | None":
+    def of(cls, values: Sequence[float]) -> "SummaryStats | None":
         """None for no values."""
         if not values:
             return None
@@ -345,7 +345,7 @@ class Measures:
         return tuple(reply.delay_s for reply in self.responses)
 
 
-def measure(facts: SessionFacts) -> Measures:
+def measure(facts: SessionData) -> Measures:
     """Compute all measures of a session."""
     session = facts.session
     paused_s = sum(pause.duration_s for pause in facts.pauses)
@@ -388,7 +388,7 @@ def measure(facts: SessionFacts) -> Measures:
     )
 
 
-def step_visits(facts: SessionFacts) -> tuple[StepVisit, ...]:
+def step_visits(facts: SessionData) -> tuple[StepVisit, ...]:
     """Visits of the protocol's steps."""
     return step_visits_of(facts.protocol, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
 
@@ -398,7 +398,7 @@ def per_10_min(count: int, seconds: float) -> float | None:
     return count * 600.0 / seconds if seconds > 0.0 else None
 
 
-def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Stretch] = ()) -> tuple[Reply, ...]:
+def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Interval] = ()) -> tuple[Reply, ...]:
     """Response times: from the end of a participant's utterance to the start of the robot's next one.
 
     Excludes robot speech that begins before that end, or after ``RESPONSE_LIMIT_S``, or after a pause of the recording.
@@ -413,7 +413,7 @@ def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Stretch] = 
 
 
 def reaction_times(
-    utterances: Iterable[SpokenUtterance], exchanges: Iterable[LlmExchange], pauses: Sequence[Stretch] = ()
+    utterances: Iterable[SpokenUtterance], exchanges: Iterable[LlmExchange], pauses: Sequence[Interval] = ()
 ) -> tuple[Reply, ...]:
     """Reaction times of the wizard: from the end of a participant's utterance or the arrival of a language model's
     answer, whichever is later, to the next speech request. Limits as for :func:`response_times`.
@@ -433,7 +433,9 @@ def reaction_times(
     return tuple(replies)
 
 
-def _reply(end_ns: int | None, at_ns: int | None, utterance: SpokenUtterance, pauses: Sequence[Stretch]) -> list[Reply]:
+def _reply(
+    end_ns: int | None, at_ns: int | None, utterance: SpokenUtterance, pauses: Sequence[Interval]
+) -> list[Reply]:
     if end_ns is None or at_ns is None:
         return []
     delay_s = (at_ns - end_ns) / 1e9
@@ -505,7 +507,7 @@ def model_use(
     return tuple(table)
 
 
-def link_trouble(changes: Iterable[LinkChanged], ended_ns: int) -> tuple[Stretch, ...]:
+def link_trouble(changes: Iterable[LinkChanged], ended_ns: int) -> tuple[Interval, ...]:
     """Intervals without a control link after the first connection, except deliberate disconnection."""
     return tuple(
         stretch
@@ -522,19 +524,19 @@ def _since_connected(changes: Iterable[LinkChanged]) -> list[LinkChanged]:
     return control[first:]
 
 
-def driving_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
+def driving_stretches(facts: SessionData) -> tuple[Interval, ...]:
     """Intervals of driving by source: nonzero commands, each until the next one."""
-    stretches: list[Stretch] = []
+    stretches: list[Interval] = []
     for start_ns, end_ns, source in _commanded(facts):
         last = stretches[-1] if stretches else None
         if last is not None and last.label == source and start_ns - last.end_ns <= 0:
-            stretches[-1] = Stretch(last.start_ns, end_ns, source)
+            stretches[-1] = Interval(last.start_ns, end_ns, source)
         else:
-            stretches.append(Stretch(start_ns, end_ns, source))
+            stretches.append(Interval(start_ns, end_ns, source))
     return tuple(stretches)
 
 
-def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
+def _commanded(facts: SessionData) -> list[tuple[int, int, str]]:
     moving = (facts.commands != 0.0).any(axis=1)
     until_ns = held_until_ns(facts.command_ns, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
     return [
@@ -543,12 +545,12 @@ def _commanded(facts: SessionFacts) -> list[tuple[int, int, str]]:
     ]
 
 
-def goals_of(facts: SessionFacts) -> tuple[NavigationGoal, ...]:
+def goals_of(facts: SessionData) -> tuple[NavigationGoal, ...]:
     """Navigation goals of the recording, including refused ones."""
     return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=_spans(facts.pauses))
 
 
-def goal_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
+def goal_stretches(facts: SessionData) -> tuple[Interval, ...]:
     """Intervals of autonomous navigation; ``label`` is the outcome, ``unfinished`` if the session ended first.
 
     Excludes goals that were refused at once.
@@ -557,7 +559,7 @@ def goal_stretches(facts: SessionFacts) -> tuple[Stretch, ...]:
     for goal in goals_of(facts):
         end_ns = max(facts.session.ended_ns, goal.start_ns) if goal.end_ns is None else goal.end_ns
         if goal.end_ns is None or end_ns > goal.start_ns:
-            stretches.append(Stretch(goal.start_ns, end_ns, _outcome(goal)))
+            stretches.append(Interval(goal.start_ns, end_ns, _outcome(goal)))
     return tuple(sorted(stretches, key=lambda stretch: stretch.start_ns))
 
 
@@ -565,7 +567,7 @@ def _outcome(goal: NavigationGoal) -> str:
     return "unfinished" if goal.end_ns is None else goal.state
 
 
-def visits(facts: SessionFacts) -> tuple[Visit, ...]:
+def visits(facts: SessionData) -> tuple[Visit, ...]:
     """Visits of each identity."""
     return visits_of(
         [event for kind in VISIT_EVENTS for event in facts.of(kind)],
@@ -575,11 +577,11 @@ def visits(facts: SessionFacts) -> tuple[Visit, ...]:
     )
 
 
-def _spans(stretches: Iterable[Stretch]) -> list[tuple[int, int]]:
+def _spans(stretches: Iterable[Interval]) -> list[tuple[int, int]]:
     return [(stretch.start_ns, stretch.end_ns) for stretch in stretches]
 
 
-def _driving(facts: SessionFacts) -> Driving:
+def _driving(facts: SessionData) -> Driving:
     seconds: dict[str, float] = {}
     for start_ns, end_ns, source in _commanded(facts):
         seconds[source] = seconds.get(source, 0.0) + (end_ns - start_ns) / 1e9
@@ -617,7 +619,7 @@ def way_m(stamps_ns: NDArray[np.int64], points_m: NDArray[np.float64]) -> float:
     return float(steps_m[steps_m <= PLAUSIBLE_SPEED_MPS * seconds].sum())
 
 
-def covered_s(stretches: Iterable[Stretch]) -> float:
+def covered_s(stretches: Iterable[Interval]) -> float:
     """Duration of the union of the intervals."""
     total_ns = until_ns = 0
     for stretch in sorted(stretches, key=lambda item: item.start_ns):
@@ -626,12 +628,12 @@ def covered_s(stretches: Iterable[Stretch]) -> float:
     return total_ns / 1e9
 
 
-def _states(changes: Sequence[tuple[int, str]], ended_ns: int) -> list[Stretch]:
+def _states(changes: Sequence[tuple[int, str]], ended_ns: int) -> list[Interval]:
     """Interval of each state until the next change."""
     ends_ns = [stamp_ns for stamp_ns, _ in changes[1:]] + [ended_ns]
     return (
         [
-            Stretch(start_ns, max(start_ns, end_ns), state)
+            Interval(start_ns, max(start_ns, end_ns), state)
             for (start_ns, state), end_ns in zip(changes, ends_ns, strict=True)
         ]
         if changes
@@ -654,7 +656,7 @@ def nearest_index(stamps_ns: NDArray[np.int64], at_ns: int) -> int | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Measure:
     """Measure of a session as a number. ``of`` returns None if it was not recorded."""
 
     name: str
@@ -700,88 +702,88 @@ def _accepted(measures: Measures) -> float | None:
     return sum(model.said + model.edited for model in measures.models) / answered if answered else None
 
 
-FIGURES: tuple[Figure, ...] = (
-    Figure("recorded_s", "s", "Time recorded, without pauses.", lambda m: m.recorded_s),
-    Figure("paused_s", "s", "Time for which the recording was paused.", lambda m: m.paused_s),
-    Figure(
+MEASURES: tuple[Measure, ...] = (
+    Measure("recorded_s", "s", "Time recorded, without pauses.", lambda m: m.recorded_s),
+    Measure("paused_s", "s", "Time for which the recording was paused.", lambda m: m.paused_s),
+    Measure(
         "responses", "", "How often the robot answered a participant; nothing where nobody was transcribed.",
         lambda m: len(m.responses) if "participant" in m.talk else None,
     ),
-    Figure(
+    Measure(
         "response_time_s", "s", "Median time from the end of a participant's utterance to the robot's answer.",
         lambda m: _median(m.responses),
     ),
-    Figure(
+    Measure(
         "content_response_time_s", "s", "The same to the first answer that is no filler.",
         lambda m: _median(m.content_responses),
     ),
-    Figure(
+    Measure(
         "reaction_time_s", "s",
         "Median time from the end of a participant's utterance, or a language model's answer, to the wizard's request.",
         lambda m: _median(m.reactions),
     ),
-    Figure(
+    Measure(
         "gap_s", "s", "Median time from the end of a participant's voice to the first sound, overlaps below zero.",
         lambda m: quantile(m.gaps_s, 0.5),
     ),
-    Figure("gap_lower_quartile_s", "s", "A quarter of these gaps is shorter.", lambda m: quantile(m.gaps_s, 0.25)),
-    Figure("gap_upper_quartile_s", "s", "A quarter of these gaps is longer.", lambda m: quantile(m.gaps_s, 0.75)),
-    Figure(
+    Measure("gap_lower_quartile_s", "s", "A quarter of these gaps is shorter.", lambda m: quantile(m.gaps_s, 0.25)),
+    Measure("gap_upper_quartile_s", "s", "A quarter of these gaps is longer.", lambda m: quantile(m.gaps_s, 0.75)),
+    Measure(
         "gaps_under_1_s_fraction", "0-1", "How many of these gaps are shorter than a second, overlaps among them.",
         lambda m: share_at_once(m.gaps_s),
     ),
-    Figure(
+    Measure(
         "overlaps", "", "How often the robot began before the participant was done; nothing where nobody was answered.",
         lambda m: sum(gap_s < 0.0 for gap_s in m.gaps_s) if m.gaps_s else None,
     ),
-    Figure("participant_talk_s", "s", "How long participants spoke; nothing where nobody was transcribed.",
+    Measure("participant_talk_s", "s", "How long participants spoke; nothing where nobody was transcribed.",
            lambda m: m.talk["participant"].speech_s if "participant" in m.talk else None),
-    Figure("robot_talk_s", "s", "How long the robot spoke.", _robot_talk_s),
-    Figure("participant_utterances", "", "What participants said, in utterances; nothing where nobody was.",
+    Measure("robot_talk_s", "s", "How long the robot spoke.", _robot_talk_s),
+    Measure("participant_utterances", "", "What participants said, in utterances; nothing where nobody was.",
            lambda m: m.talk["participant"].utterances if "participant" in m.talk else None),
-    Figure("robot_utterances", "", "What the robot said, in utterances.", _robot_utterances),
-    Figure("typed_utterances", "", "Robot utterances that the wizard typed.", _from("typed")),
-    Figure("phrase_utterances", "", "Robot utterances from the scenario's phrases.", _from("phrase")),
-    Figure("filler_utterances", "", "Robot utterances that fill a wait.", _from("filler")),
-    Figure("assistant_utterances", "", "Robot utterances from the language model.", _from("assistant")),
-    Figure("suggestion_utterances", "", "Robot utterances from suggested replies.", _from("suggestion")),
-    Figure("dictated_utterances", "", "Robot utterances that the wizard dictated.", _from("dictated")),
-    Figure("own_voice_utterances", "", "How often the wizard spoke through the robot.", _from("own_voice")),
-    Figure("llm_exchanges", "", "Questions to a language model.", lambda m: sum(model.asked for model in m.models)),
-    Figure("llm_accepted_fraction", "0-1", "Of its answers, how many were said, edited or not.", _accepted),
-    Figure("distance_m", "m", "The way the robot made, by its odometry; nothing where it told none.",
+    Measure("robot_utterances", "", "What the robot said, in utterances.", _robot_utterances),
+    Measure("typed_utterances", "", "Robot utterances that the wizard typed.", _from("typed")),
+    Measure("phrase_utterances", "", "Robot utterances from the scenario's phrases.", _from("phrase")),
+    Measure("filler_utterances", "", "Robot utterances that fill a wait.", _from("filler")),
+    Measure("assistant_utterances", "", "Robot utterances from the language model.", _from("assistant")),
+    Measure("suggestion_utterances", "", "Robot utterances from suggested replies.", _from("suggestion")),
+    Measure("dictated_utterances", "", "Robot utterances that the wizard dictated.", _from("dictated")),
+    Measure("own_voice_utterances", "", "How often the wizard spoke through the robot.", _from("own_voice")),
+    Measure("llm_exchanges", "", "Questions to a language model.", lambda m: sum(model.asked for model in m.models)),
+    Measure("llm_accepted_fraction", "0-1", "Of its answers, how many were said, edited or not.", _accepted),
+    Measure("distance_m", "m", "The way the robot made, by its odometry; nothing where it told none.",
            lambda m: m.driving.distance_m),
-    Figure("driving_s", "s", "Time in which the wizard drove.", lambda m: m.driving.driving_s),
-    Figure("max_speed_mps", "m/s", "The highest speed, by the robot's odometry.", lambda m: m.driving.max_speed_mps),
-    Figure("stops", "", "How often the wizard pressed stop.", lambda m: m.driving.stops),
-    Figure("emergency_stops", "", "How often the emergency stop was set.", lambda m: m.driving.emergency_stops),
-    Figure("goals", "", "Navigation goals.", lambda m: sum(m.driving.goals.values())),
-    Figure("goals_reached", "", "Navigation goals that were reached.", lambda m: m.driving.goals.get("reached", 0)),
-    Figure("guard_interventions", "", "How often the obstacle guard slowed or stopped the robot.",
+    Measure("driving_s", "s", "Time in which the wizard drove.", lambda m: m.driving.driving_s),
+    Measure("max_speed_mps", "m/s", "The highest speed, by the robot's odometry.", lambda m: m.driving.max_speed_mps),
+    Measure("stops", "", "How often the wizard pressed stop.", lambda m: m.driving.stops),
+    Measure("emergency_stops", "", "How often the emergency stop was set.", lambda m: m.driving.emergency_stops),
+    Measure("goals", "", "Navigation goals.", lambda m: sum(m.driving.goals.values())),
+    Measure("goals_reached", "", "Navigation goals that were reached.", lambda m: m.driving.goals.get("reached", 0)),
+    Measure("guard_interventions", "", "How often the obstacle guard slowed or stopped the robot.",
            lambda m: m.driving.guard_interventions),
-    Figure("protocol_steps", "", "Steps of the protocol; nothing, as below, where there was none.", _of_steps(len)),
-    Figure("steps_visited", "", "Of these, how many were begun.", _of_steps(lambda s: sum(x.visits > 0 for x in s))),
-    Figure("steps_skipped", "", "Of these, how many were skipped.", _of_steps(lambda s: sum(x.skipped > 0 for x in s))),
-    Figure("steps_late", "", "Of these, how many took a second or more longer than expected.",
+    Measure("protocol_steps", "", "Steps of the protocol; nothing, as below, where there was none.", _of_steps(len)),
+    Measure("steps_visited", "", "Of these, how many were begun.", _of_steps(lambda s: sum(x.visits > 0 for x in s))),
+    Measure("steps_skipped", "", "Of these, how many were skipped.", _of_steps(lambda s: sum(x.skipped > 0 for x in s))),
+    Measure("steps_late", "", "Of these, how many took a second or more longer than expected.",
            _of_steps(lambda s: sum(x.late_s >= LATE_FROM_S for x in s))),
-    Figure("steps_late_s", "s", "By how much longer, all in all.", _of_steps(lambda s: sum(x.late_s for x in s))),
-    Figure("marks", "", "Marks of the wizard.", lambda m: sum(m.marks.values())),
-    Figure("wizard_errors", "", "Errors that the wizard marked.", lambda m: m.wizard_errors),
-    Figure("wizard_errors_per_10_min", "1/10 min", "The same for ten minutes.", lambda m: m.errors_per_10_min),
-    Figure("link_trouble_s", "s", "Time in which the robot could not be reached.", lambda m: m.link_trouble_s),
-    Figure("lost_values", "", "Values that were not recorded.", lambda m: sum(m.lost.values())),
-    Figure(
+    Measure("steps_late_s", "s", "By how much longer, all in all.", _of_steps(lambda s: sum(x.late_s for x in s))),
+    Measure("marks", "", "Marks of the wizard.", lambda m: sum(m.marks.values())),
+    Measure("wizard_errors", "", "Errors that the wizard marked.", lambda m: m.wizard_errors),
+    Measure("wizard_errors_per_10_min", "1/10 min", "The same for ten minutes.", lambda m: m.errors_per_10_min),
+    Measure("link_trouble_s", "s", "Time in which the robot could not be reached.", lambda m: m.link_trouble_s),
+    Measure("lost_values", "", "Values that were not recorded.", lambda m: sum(m.lost.values())),
+    Measure(
         "missing_values", "", "Values that were recorded, by the counts in session.json, and cannot be read any more.",
         lambda m: sum(m.missing.values()),
     ),
-    Figure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
-    Figure("alarms", "", "What came to be wrong and needed somebody, or was when the recording began.",
+    Measure("problems", "", "Problems told to the wizard.", lambda m: sum(m.problems.values())),
+    Measure("alarms", "", "What came to be wrong and needed somebody, or was when the recording began.",
            lambda m: len(m.alarms)),
-    Figure("alarms_s", "s", "How long these alarms stood, added up.", lambda m: sum(one.stood_s for one in m.alarms)),
-    Figure("alarms_seen_to", "", "Of these, how many somebody saw to; the others ended by themselves, or stood on.",
+    Measure("alarms_s", "s", "How long these alarms stood, added up.", lambda m: sum(one.stood_s for one in m.alarms)),
+    Measure("alarms_seen_to", "", "Of these, how many somebody saw to; the others ended by themselves, or stood on.",
            lambda m: sum(bool(one.seen_to_by) for one in m.alarms)),
-    Figure("people", "", "The most people who were there at once, as the screen counted them, for 2 s or longer.",
+    Measure("people", "", "The most people who were there at once, as the screen counted them, for 2 s or longer.",
            lambda m: m.people),
-    Figure("identities", "", "Identities that detector and tracker told apart; one person may get several.",
+    Measure("identities", "", "Identities that detector and tracker told apart; one person may get several.",
            lambda m: m.identities),
 )  # fmt: skip

@@ -20,7 +20,7 @@ from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.names import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.studies.measures import FIGURES
+from caris_desktop.recording.studies.measures import MEASURES
 from caris_desktop.recording.studies.study_index import (
     content_signature,
     copies_among,
@@ -81,7 +81,7 @@ _OTHER_VIEWS = {
 """The file of each view that has one, besides measures and summary."""
 
 _UNITS = {
-    **{figure.name: (figure.unit, figure.description) for figure in FIGURES},
+    **{figure.name: (figure.unit, figure.description) for figure in MEASURES},
     "each_response_time_s": ("s", "Every response time, of all sessions together."),
     "each_gap_s": ("s", "Every gap before an answer, of all sessions together; below zero where they overlap."),
     "each_reaction_time_s": ("s", "Every reaction time of the wizard, of all sessions together."),

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
-from caris_desktop.domain.translation import QT_TR_NOOP, filled
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.store import load_documents
@@ -337,7 +337,7 @@ class StudyIndex:
             "The index of the sessions cannot be kept in {file} ({why}). Finding sessions works, but the folders are"
             " read again each time. Choose a study folder that you may write to."
         )
-        self.message = filled(what, file=self._path, why=reason)
+        self.message = localized(what, file=self._path, why=reason)
         database = _connected(":memory:")
         _prepare(database)
         return database

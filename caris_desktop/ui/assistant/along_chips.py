@@ -7,7 +7,7 @@ from PySide6.QtCore import Signal
 
 from caris_desktop.domain.intents import CAMERA_PICTURE, Along
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.status import PartAlong
+from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -16,7 +16,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 _HEIGHT_PX = 26
 
 
-class AlongChips(FlowRow):
+class PromptContextChips(FlowRow):
     """Prompt context chips. ``left_out`` persists until the wizard restores a part; ``pictures`` go
     with one question.
     """
@@ -27,7 +27,7 @@ class AlongChips(FlowRow):
         super().__init__(gap_px=6)
         self._theme = theme
         self._chips: dict[str, ActionButton] = {}
-        self._parts: tuple[PartAlong, ...] = ()
+        self._parts: tuple[ContextPartStatus, ...] = ()
         self._left_out: set[str] = set()
         self._pictures: list[str] = []
         self.setObjectName("assistant_along")
@@ -44,7 +44,7 @@ class AlongChips(FlowRow):
     def chips(self) -> Sequence[ActionButton]:
         return tuple(self._chips.values())
 
-    def show_parts(self, parts: tuple[PartAlong, ...]) -> None:
+    def show_parts(self, parts: tuple[ContextPartStatus, ...]) -> None:
         if parts != self._parts:
             self._parts = parts
             self._show()

@@ -11,7 +11,7 @@ from caris_desktop.live.status import ExchangeStatus
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 ROW_PX = 30
 _STATE_PX = 108
@@ -108,7 +108,7 @@ class _Row(QWidget):
         self.setFixedHeight(ROW_PX)
         self._state = QLabel()
         self._state.setFixedWidth(_STATE_PX)
-        self._question = CutLabel()
+        self._question = ElidedLabel()
         self.say = ActionButton(theme, "", icon="speaker-high", look="ghost", height_px=26)
         self.say.setObjectName("assistant_row_say")
         self.away = ActionButton(theme, "", icon="x", look="ghost", height_px=26)

@@ -19,7 +19,7 @@ _Kind = Literal["system_prompt", "notes", "role", "style"]
 _BUTTON_PX = 30
 
 
-class WordsPage(QWidget):
+class SystemPromptPage(QWidget):
     """One text at a time: instructions, notes, a role or a style. The scenario file is not changed."""
 
     closed = Signal()

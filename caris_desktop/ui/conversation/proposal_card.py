@@ -7,7 +7,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ProposalStatus
 from caris_desktop.ui import tokens
-from caris_desktop.ui.bands import Band
+from caris_desktop.ui.bands import Banner
 from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -15,7 +15,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 _COUNT_EVERY_MS = 100
 
 
-class ProposalCard(Band):
+class ProposalCard(Banner):
     """Visible while an action is proposed. Shows the keys only while they apply: a question about a person takes
     precedence.
     """

@@ -25,8 +25,8 @@ from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX,
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_box import EnterBox
-from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
+from caris_desktop.ui.widgets.enter_box import SubmitTextEdit
+from caris_desktop.ui.widgets.told_rows import AccessibleRegion, AccessibleRegions
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 RowAct = Literal["text", "who", "tags", "mark"]
@@ -114,14 +114,14 @@ class TranscriptView(QAbstractScrollArea):
         self._to_newest.clicked.connect(self.follow)
         self._to_newest.hide()
         self._to_newest.raise_()
-        self._field = EnterBox()
+        self._field = SubmitTextEdit()
         self._field.setParent(self.viewport())
         self._field.setObjectName("transcript_field")
         self._field.hide()
         self._field.entered.connect(self._on_written)
         # Leaving without Enter discards the edit.
         self._field.left.connect(self.give_up_writing)
-        self._told = ToldRows(self.viewport(), self.viewport(), lambda: _spots(self), self._on_told_pressed)
+        self._told = AccessibleRegions(self.viewport(), self.viewport(), lambda: _spots(self), self._on_told_pressed)
         theme.changed.connect(self._on_theme_changed)
 
     # ---- display
@@ -506,15 +506,15 @@ class TranscriptView(QAbstractScrollArea):
         )
 
 
-def _spots(view: TranscriptView) -> list[ToldSpot]:
+def _spots(view: TranscriptView) -> list[AccessibleRegion]:
     """Accessible regions: visible turns and their buttons."""
     spots = []
     for row in view.visible_rows() if view.rows else ():
         told = view.rows[row]
         about = tr("Chosen") if told.utterance_id == view.current else ""
-        spots.append(ToldSpot((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
+        spots.append(AccessibleRegion((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
         spots += [
-            ToldSpot((told.utterance_id, button.act), f"{tr(button.tip)}: {told.words}", place)
+            AccessibleRegion((told.utterance_id, button.act), f"{tr(button.tip)}: {told.words}", place)
             for button, place in view.buttons(row)
         ]
     return spots

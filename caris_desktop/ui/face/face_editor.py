@@ -37,7 +37,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens
 from caris_desktop.ui.face.face_view import FaceView
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -57,7 +57,7 @@ _COLOURS = {
 }
 
 
-class FaceEditor(TabAsRead, QDialog):
+class FaceEditor(VisualTabOrderMixin, QDialog):
     """Non-modal: the robot can be driven and stopped meanwhile. The face in use changes only on saving."""
 
     def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:

@@ -34,7 +34,7 @@ class Floating:
 
 
 @dataclass(frozen=True, slots=True)
-class Arrangement:
+class DockLayout:
     """Dock layout. ``tree`` has all panels; those in ``floating`` are shown there instead, and ``hidden`` ones not at
     all.
     """
@@ -76,15 +76,15 @@ class Arrangement:
         return None if smaller is None else tidy(smaller)
 
 
-def arrangement_of(tree: LayoutNode) -> Arrangement:
+def arrangement_of(tree: LayoutNode) -> DockLayout:
     """Dock layout from the tree of a file."""
-    return Arrangement(tidy(tree))
+    return DockLayout(tidy(tree))
 
 
 # ---- edits
 
 
-def select(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+def select(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Raise the panel's tab."""
     index = _window_of(arrangement, panel)
     if index is None:
@@ -92,9 +92,7 @@ def select(arrangement: Arrangement, panel: PanelName) -> Arrangement:
     return _with_window(arrangement, index, lambda tree: with_current(tree, panel))
 
 
-def move(
-    arrangement: Arrangement, panel: PanelName, beside: PanelName, side: Side, at: int | None = None
-) -> Arrangement:
+def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Side, at: int | None = None) -> DockLayout:
     """Move the panel to a side of another panel's group, docked or floating, without its own tab group.
 
     ``at``: index among the tabs, not counting the panel itself.
@@ -117,7 +115,7 @@ def move(
     return replace(moved, hidden=hidden)
 
 
-def move_to_edge(arrangement: Arrangement, panel: PanelName, side: Side) -> Arrangement:
+def move_to_edge(arrangement: DockLayout, panel: PanelName, side: Side) -> DockLayout:
     """Move the panel to an edge of the main window."""
     loose = _out_of_windows(arrangement, panel)
     rest = without(loose.tree, {panel})
@@ -126,7 +124,7 @@ def move_to_edge(arrangement: Arrangement, panel: PanelName, side: Side) -> Arra
     return replace(loose, tree=put_at_edge(rest, panel, side), hidden=loose.hidden - {panel})
 
 
-def float_panel(arrangement: Arrangement, panel: PanelName, place: Rect) -> Arrangement:
+def float_panel(arrangement: DockLayout, panel: PanelName, place: Rect) -> DockLayout:
     """Float the panel in a window of its own."""
     if panel not in arrangement.panels:
         return arrangement
@@ -135,24 +133,24 @@ def float_panel(arrangement: Arrangement, panel: PanelName, place: Rect) -> Arra
     return replace(loose, hidden=loose.hidden - {panel}, floating=(*loose.floating, window))
 
 
-def dock(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+def dock(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Dock the panel at its former place."""
     loose = _out_of_windows(arrangement, panel)
     return replace(loose, tree=with_current(loose.tree, panel))
 
 
-def hide(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+def hide(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     if panel not in arrangement.panels:
         return arrangement
     return replace(arrangement, hidden=arrangement.hidden | {panel})
 
 
-def show(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+def show(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Show a hidden panel at its former place, with its tab raised."""
     return select(replace(arrangement, hidden=arrangement.hidden - {panel}), panel)
 
 
-def add(arrangement: Arrangement, panel: PanelName, beside: Sequence[PanelName]) -> Arrangement:
+def add(arrangement: DockLayout, panel: PanelName, beside: Sequence[PanelName]) -> DockLayout:
     """Add a new panel in a tab with the first of ``beside`` that the main window shows, else with any panel."""
     if panel in arrangement.panels:
         return show(arrangement, panel)
@@ -161,7 +159,7 @@ def add(arrangement: Arrangement, panel: PanelName, beside: Sequence[PanelName])
     return replace(arrangement, tree=put_beside(arrangement.tree, among[0], panel, "tab"))
 
 
-def remove(arrangement: Arrangement, panels: Collection[PanelName]) -> Arrangement | None:
+def remove(arrangement: DockLayout, panels: Collection[PanelName]) -> DockLayout | None:
     """Remove the panels entirely; None if nothing is left."""
     tree = without(arrangement.tree, frozenset(panels))
     if tree is None:
@@ -171,43 +169,43 @@ def remove(arrangement: Arrangement, panels: Collection[PanelName]) -> Arrangeme
         for window in arrangement.floating
         if (left := without(window.tree, frozenset(panels))) is not None
     ]
-    return Arrangement(tidy(tree), arrangement.hidden - frozenset(panels), tuple(windows))
+    return DockLayout(tidy(tree), arrangement.hidden - frozenset(panels), tuple(windows))
 
 
 def resize(
-    arrangement: Arrangement, window: int | None, path: tuple[int, ...], weights: tuple[float, ...]
-) -> Arrangement:
+    arrangement: DockLayout, window: int | None, path: tuple[int, ...], weights: tuple[float, ...]
+) -> DockLayout:
     """Set the weights of one split, in the main window or a floating one."""
     if window is None:
         return replace(arrangement, tree=with_weights(arrangement.tree, path, weights))
     return _with_window(arrangement, window, lambda tree: with_weights(tree, path, weights))
 
 
-def place_window(arrangement: Arrangement, window: int, place: Rect) -> Arrangement:
+def place_window(arrangement: DockLayout, window: int, place: Rect) -> DockLayout:
     """Set the geometry of a floating window."""
     windows = list(arrangement.floating)
     windows[window] = replace(windows[window], place=place)
     return replace(arrangement, floating=tuple(windows))
 
 
-def clamped(arrangement: Arrangement, screens: Sequence[Rect]) -> Arrangement:
+def clamped(arrangement: DockLayout, screens: Sequence[Rect]) -> DockLayout:
     """Move all floating windows onto existing screens."""
     windows = tuple(replace(window, place=on_a_screen(window.place, screens)) for window in arrangement.floating)
     return replace(arrangement, floating=windows)
 
 
-def _window_of(arrangement: Arrangement, panel: PanelName) -> int | None:
+def _window_of(arrangement: DockLayout, panel: PanelName) -> int | None:
     """Index of the floating window with the panel; None if docked."""
     return next((i for i, window in enumerate(arrangement.floating) if panel in panels_in(window.tree)), None)
 
 
-def _with_window(arrangement: Arrangement, index: int, change: Callable[[LayoutNode], LayoutNode]) -> Arrangement:
+def _with_window(arrangement: DockLayout, index: int, change: Callable[[LayoutNode], LayoutNode]) -> DockLayout:
     windows = list(arrangement.floating)
     windows[index] = replace(windows[index], tree=change(windows[index].tree))
     return replace(arrangement, floating=tuple(windows))
 
 
-def _out_of_windows(arrangement: Arrangement, panel: PanelName) -> Arrangement:
+def _out_of_windows(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Take the panel out of its floating window; an empty window disappears."""
     windows = [
         replace(window, tree=tidy(left))
@@ -220,7 +218,7 @@ def _out_of_windows(arrangement: Arrangement, panel: PanelName) -> Arrangement:
 # ---- serialisation
 
 
-def arrangement_data(arrangement: Arrangement) -> dict[str, Any]:
+def arrangement_data(arrangement: DockLayout) -> dict[str, Any]:
     """Layout as JSON data for the settings."""
     return {
         "tree": layout_data(arrangement.tree),
@@ -235,7 +233,7 @@ def arrangement_data(arrangement: Arrangement) -> dict[str, Any]:
     }
 
 
-def arrangement_from(data: Any) -> Arrangement:
+def arrangement_from(data: Any) -> DockLayout:
     """Layout from :func:`arrangement_data`. Raises ValueError for anything else."""
     if not isinstance(data, Mapping):
         raise ValueError("not an arrangement of panels")  # noqa: TRY004  (whoever reads settings expects one kind)
@@ -249,7 +247,7 @@ def arrangement_from(data: Any) -> Arrangement:
     afloat = [panel for window in floating for panel in panels_in(window.tree)]
     if len(set(afloat)) != len(afloat) or not set(afloat) <= set(panels_in(tree)):
         raise ValueError("a panel is in two windows")
-    return Arrangement(tree, frozenset(panel for panel in panels_in(tree) if panel in hidden), floating)
+    return DockLayout(tree, frozenset(panel for panel in panels_in(tree) if panel in hidden), floating)
 
 
 def _checked(data: Any) -> LayoutNode:

@@ -12,7 +12,7 @@ from caris_desktop.scenario.model import LayoutNode, PanelName
 from caris_desktop.ui.give_keys import Bar
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.fitting import COMFORT
-from caris_desktop.ui.layout.placing import GroupPlace, Handle, Placing, dragged, place
+from caris_desktop.ui.layout.placing import DockGeometry, GroupPlace, Handle, dragged, place
 from caris_desktop.ui.layout.rect import Rect
 
 _Part = TypeVar("_Part", bound=QWidget)
@@ -38,7 +38,7 @@ class DockArea(QWidget):
         self.whole_tree: LayoutNode | None = None
         self.locked = False
         self._shown: frozenset[PanelName] = frozenset()
-        self.placing = Placing()
+        self.placing = DockGeometry()
         self._bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
         self._drawer: PanelName | None = None
@@ -64,7 +64,7 @@ class DockArea(QWidget):
     def lay_out(self) -> None:
         tree = self.whole_tree
         rect = Rect(0, 0, self.width(), self.height())
-        self.placing = Placing() if tree is None else place(tree, rect, self._shown, self._least)
+        self.placing = DockGeometry() if tree is None else place(tree, rect, self._shown, self._least)
         tabbed = [group for group in self.placing.groups if group.tabbed]
         _match(self._bars, len(tabbed), self._new_bar)
         for bar, group in zip(self._bars, tabbed, strict=True):

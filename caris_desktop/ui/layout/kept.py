@@ -8,7 +8,7 @@ from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.model import LayoutNode
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_data, arrangement_from
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_data, arrangement_from
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _WORKING, _ASIDE, _LOCKED, _ADAPTS = "layout/working", "layout/working_aside", "layout/locked", "layout/adapts"
@@ -19,11 +19,11 @@ _log = logging.getLogger(__name__)
 class Kept:
     """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
 
-    arrangement: Arrangement
+    arrangement: DockLayout
     of_another: bool
 
 
-class KeptLayouts:
+class LayoutFile:
     """Saved layouts of the current wizard, by scenario file and screen size class."""
 
     def __init__(self, values: WizardProfiles) -> None:
@@ -50,7 +50,7 @@ class KeptLayouts:
             self._write(scenario, kind, None)
             raise ValueError(str(error)) from error
 
-    def keep(self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: Arrangement | None) -> None:
+    def keep(self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None) -> None:
         """Save a working copy; None if the layout equals the file's."""
         entry = None
         if arrangement is not None:

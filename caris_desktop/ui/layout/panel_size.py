@@ -6,7 +6,7 @@ from typing import Protocol
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import Arrangement
+from caris_desktop.ui.layout.arrangement import DockLayout
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.layout.placing import grown
@@ -22,13 +22,13 @@ class Arranged(Protocol):
     docks: Mapping[PanelName, Dock]
 
     @property
-    def arrangement(self) -> Arrangement | None: ...
+    def arrangement(self) -> DockLayout | None: ...
 
-    def edit(self, what: str, after: Arrangement | None) -> bool:
+    def edit(self, what: str, after: DockLayout | None) -> bool:
         """Apply the wizard's edit ``what``; returns whether it was applied."""
 
 
-def resized(docks: Arranged, name: PanelName, by_px: int) -> Arrangement | None:
+def resized(docks: Arranged, name: PanelName, by_px: int) -> DockLayout | None:
     """Layout with the panel larger by this much, or smaller if negative; None if its neighbours leave no room."""
     arrangement = docks.arrangement
     area = docks.docks[name].parentWidget() if name in docks.docks else None

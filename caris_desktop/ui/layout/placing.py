@@ -59,7 +59,7 @@ class Handle:
 
 
 @dataclass(frozen=True, slots=True)
-class Placing:
+class DockGeometry:
     groups: tuple[GroupPlace, ...] = ()
     handles: tuple[Handle, ...] = ()
 
@@ -114,13 +114,13 @@ def _whole_pixels(parts: Sequence[float], whole: int) -> list[int]:
     return [max(0, edges[i + 1] - edges[i]) for i in range(len(parts))]
 
 
-def place(node: LayoutNode, rect: Rect, shown: Collection[str], least: RoomOf) -> Placing:
+def place(node: LayoutNode, rect: Rect, shown: Collection[str], least: RoomOf) -> DockGeometry:
     """Lay out the ``shown`` panels of a tree."""
     groups: list[GroupPlace] = []
     handles: list[Handle] = []
     for part in _placed(node, rect, shown, least, ()):
         (groups if isinstance(part, GroupPlace) else handles).append(part)  # type: ignore[arg-type]
-    return Placing(tuple(groups), tuple(handles))
+    return DockGeometry(tuple(groups), tuple(handles))
 
 
 def _placed(
@@ -169,7 +169,7 @@ def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...
 
 
 def grown(
-    node: LayoutNode, placing: Placing, panel: PanelName, by_px: int
+    node: LayoutNode, placing: DockGeometry, panel: PanelName, by_px: int
 ) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
     """Path and new weights of the split that makes a panel larger by this much, or smaller if negative; None if there
     is none. It is the innermost possible split, and parts after the panel shrink first.
@@ -199,7 +199,7 @@ class Drop:
     at: int | None = None
 
 
-def drop_at(placing: Placing, rect: Rect, x: int, y: int, panel: PanelName) -> Drop | None:
+def drop_at(placing: DockGeometry, rect: Rect, x: int, y: int, panel: PanelName) -> Drop | None:
     """Effect of dropping ``panel`` at a point of ``rect``; None for no effect."""
     if not rect.contains(x, y):
         return None

@@ -14,13 +14,13 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui import boxes
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
-from caris_desktop.ui.glance import GlanceSigns
+from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui.glance import StatusIndicators
 from caris_desktop.ui.observer.watched_console import watched
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import Settings
 
@@ -40,14 +40,16 @@ _SIZE_PX = (1100, 700)
 _LEAST_PX, _BOTH_FROM_PX = (480, 280), 480
 
 
-class ObserverWindow(TabAsRead, QWidget):
+class ObserverWindow(VisualTabOrderMixin, QWidget):
     """Window without input: it ignores clicks and does not take the focus from driving."""
 
     accessible_role = QAccessible.Role.Window
 
     closed = Signal()
 
-    def __init__(self, theme: Theme, console: WizardConsole, hold: HoldToDrive, beside: QWidget, sees: Sees) -> None:
+    def __init__(
+        self, theme: Theme, console: WizardConsole, hold: DriveInputFilter, beside: QWidget, sees: Sees
+    ) -> None:
         super().__init__(None, Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus)
         self.setObjectName("observer_window")
         self.setWindowTitle(tr("Observer · CARIS Desktop"))
@@ -63,7 +65,7 @@ class ObserverWindow(TabAsRead, QWidget):
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
-        self._signs = GlanceSigns(theme, console.state)
+        self._signs = StatusIndicators(theme, console.state)
         self._whole_signs_px = self._signs.width()
         self._column.addWidget(self._signs)
         self._shown: QSplitter | None = None
@@ -165,7 +167,7 @@ class ObserverWindows:
     """
 
     def __init__(
-        self, theme: Theme, console: WizardConsole, hold: HoldToDrive, window: QWidget, settings: Settings | None
+        self, theme: Theme, console: WizardConsole, hold: DriveInputFilter, window: QWidget, settings: Settings | None
     ) -> None:
         self._settings = settings
         self._theme = theme

@@ -17,7 +17,7 @@ from caris_desktop.ui.palette.memory import PaletteMemory
 from caris_desktop.ui.palette.search import Finder, says_what_to_do
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.told_rows import ToldRows, ToldSpot
+from caris_desktop.ui.widgets.told_rows import AccessibleRegion, AccessibleRegions
 
 _ROW_PX = 40
 _ROWS = 9
@@ -164,7 +164,7 @@ class _EntryList(QWidget):
         self._breaks: Sequence[int] = ()
         self.asked_again: Entry | None = None
         self.setMouseTracking(True)
-        self._told = ToldRows(self, self, self._spots, self._on_told_pressed)
+        self._told = AccessibleRegions(self, self, self._spots, self._on_told_pressed)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -213,11 +213,11 @@ class _EntryList(QWidget):
         row = self._first() + int(event.position().y()) // _ROW_PX
         return row if 0 <= row < len(self._entries) else _NONE
 
-    def _spots(self) -> list[ToldSpot]:
+    def _spots(self) -> list[AccessibleRegion]:
         first = self._first()
         shown = self._entries[first : first + self.height() // _ROW_PX]
         return [
-            ToldSpot(
+            AccessibleRegion(
                 (str(first + line), entry.text),
                 entry.again if entry == self.asked_again else entry.spoken,
                 QRect(0, line * _ROW_PX, self.width(), _ROW_PX),

@@ -25,7 +25,7 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
 )
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.bands import QuestionBanner
 from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.closing_entry import closing_entry
@@ -34,7 +34,7 @@ from caris_desktop.ui.palette.person_entries import PersonEntries
 from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
 from caris_desktop.ui.palette.step_entries import step_entries
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.window_parts import AppContext
 from caris_desktop.ui.words import UNDER_WAY
 
 _COMMON_ROWS = frozenset(
@@ -57,7 +57,7 @@ class PaletteEntries:
     connection popup.
     """
 
-    def __init__(self, parts: WindowParts, question: QuestionBand, show_connection: Callable[[], None]) -> None:
+    def __init__(self, parts: AppContext, question: QuestionBanner, show_connection: Callable[[], None]) -> None:
         self._parts = parts
         self._console = parts.console
         self._state = parts.console.state

@@ -9,11 +9,11 @@ from caris_desktop.ui import words
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.people.asked import is_asked
 from caris_desktop.ui.people.shown_people import everyone
-from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.window_parts import AppContext
 
 
 class PersonEntries:
-    def __init__(self, parts: WindowParts) -> None:
+    def __init__(self, parts: AppContext) -> None:
         self._parts = parts
         self._console = parts.console
         self._state = parts.console.state

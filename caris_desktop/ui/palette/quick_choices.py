@@ -9,13 +9,13 @@ from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.entries import PaletteEntries
 from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.people.in_front import in_front
-from caris_desktop.ui.window_parts import WindowParts
+from caris_desktop.ui.window_parts import AppContext
 
 
 class QuickChoices:
     """Commands of the action table to choose places, scenarios and wizards, and to name a person."""
 
-    def __init__(self, parts: WindowParts, entries: PaletteEntries, palette: CommandPalette) -> None:
+    def __init__(self, parts: AppContext, entries: PaletteEntries, palette: CommandPalette) -> None:
         self._parts = parts
         self._entries = entries
         self._palette = palette

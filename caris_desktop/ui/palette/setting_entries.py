@@ -14,7 +14,7 @@ from caris_desktop.ui.palette.entry import Entry
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
 from caris_desktop.ui.theme import SCALES
-from caris_desktop.ui.window_parts import THEME_WORDS, WindowParts
+from caris_desktop.ui.window_parts import THEME_WORDS, AppContext
 
 TWICE = QT_TR_NOOP("choose it, then Enter twice")
 
@@ -22,7 +22,7 @@ TWICE = QT_TR_NOOP("choose it, then Enter twice")
 class SettingEntries:
     """Items that would change a setting; current values are left out."""
 
-    def __init__(self, parts: WindowParts) -> None:
+    def __init__(self, parts: AppContext) -> None:
         self._parts = parts
         self._console = parts.console
         self._state = parts.console.state

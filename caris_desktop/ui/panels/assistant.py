@@ -19,13 +19,13 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.assistant.along_chips import AlongChips
+from caris_desktop.ui.assistant.along_chips import PromptContextChips
 from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
 from caris_desktop.ui.assistant.setup_bar import SetupBar
-from caris_desktop.ui.assistant.words_page import WordsPage
+from caris_desktop.ui.assistant.words_page import SystemPromptPage
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_box import EnterBox
+from caris_desktop.ui.widgets.enter_box import SubmitTextEdit
 
 _MOST_TYPED = 32_000
 _ROOMY_PX = 380
@@ -64,7 +64,7 @@ class AssistantPanel(Panel):
         self._ask.clicked.connect(self._on_ask)
         self.setup_bar = SetupBar(self.theme, self.state, self.console.do)
         self.setup_bar.template_chosen.connect(self._on_template)
-        self.along = AlongChips(self.theme)
+        self.along = PromptContextChips(self.theme)
         self.setup_bar.picture_chosen.connect(self.along.add_picture)
         self.setup_bar.words_wanted.connect(self._open_words)
         self.with_what = ActionButton(self.theme, "", icon="sliders-horizontal", look="ghost", height_px=30)
@@ -138,7 +138,7 @@ class AssistantPanel(Panel):
         self._column.addWidget(self._question)
         self._column.addLayout(self._middle, 1)
         self._column.addWidget(self._note)
-        self._words = WordsPage(self.theme, self.console.do)
+        self._words = SystemPromptPage(self.theme, self.console.do)
         self._words.closed.connect(self._close_words)
         self._frame = boxes.column(self, margins_px=(14, 12, 14, 12))
         self._pages = QStackedLayout()
@@ -486,7 +486,7 @@ class _QuestionField(QLineEdit):
             event.accept()
 
 
-class _AnswerField(EnterBox):
+class _AnswerField(SubmitTextEdit):
     """Answer field. While editing, Enter says the answer and Shift+Enter inserts a line break."""
 
     def means_enter(self, event: QKeyEvent) -> bool:

@@ -21,11 +21,11 @@ from caris_desktop.ui.conversation.transcript_rows import (
     RowMaker,
     found_in,
 )
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import focus_widget
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.foreign_picture import image_of
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 
@@ -219,7 +219,7 @@ class ConversationPanel(Panel):
     def open_search(self) -> None:
         """Show and focus the search field."""
         self._search.show()
-        give_keys(self._search.field)
+        focus_widget(self._search.field)
         self._search.field.selectAll()
         self._look_again()
 
@@ -329,7 +329,7 @@ class _SearchLine(QWidget):
             self._found.setText(place if count and match >= 0 else _turns(count))
 
 
-class _SearchField(EnterField):
+class _SearchField(SubmitLineEdit):
     def __init__(self, panel: ConversationPanel) -> None:
         super().__init__()
         self._panel = panel

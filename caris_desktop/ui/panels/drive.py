@@ -17,12 +17,12 @@ from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSizePolicy, QWid
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.motion_wish import MotionWish
+from caris_desktop.live.motion_wish import TeleopCommand
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import boxes, speed_steps, tokens, words
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import STOPS, HoldToDrive
+from caris_desktop.ui.drive_keys import STOPS, DriveInputFilter
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -218,10 +218,10 @@ class DrivePanel(Panel):
         goal: GoalChanged | None = self.state.goal.value
         return (goal.place or tr("the chosen point")) if goal is not None and goal.state in words.UNDER_WAY else ""
 
-    def _on_stick_moved(self, wish: MotionWish) -> None:
+    def _on_stick_moved(self, wish: TeleopCommand) -> None:
         self.hold.motion.push_onscreen("base", wish)
 
-    def _on_head_stick_moved(self, wish: MotionWish) -> None:
+    def _on_head_stick_moved(self, wish: TeleopCommand) -> None:
         self.hold.motion.push_onscreen("head", wish)
 
     def _on_speed_chosen(self, fraction: float) -> None:
@@ -452,7 +452,7 @@ class DrivePad(QWidget):
     reflect held keys.
     """
 
-    def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__()
         self._actions = actions
         grid = QGridLayout(self)
@@ -486,7 +486,7 @@ class HoldArrow(QWidget):
 
     accessible_role = QAccessible.Role.Button
 
-    def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, action_id: str) -> None:
+    def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter, action_id: str) -> None:
         super().__init__()
         self._theme = theme
         self._actions = actions

@@ -16,7 +16,7 @@ from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.face.shown_face import show_on
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _LOW_PX, _NARROW_PX = 330, 430
@@ -37,7 +37,7 @@ class FacePanel(Panel):
         self._row = FlowRow(gap_px=6)
         self._chips: list[ActionButton] = []
         self._recorded: Face | None = None
-        self._text = EnterField()
+        self._text = SubmitLineEdit()
         self._text.setObjectName("face_text")
         self._text.setPlaceholderText(tr("Show a text instead…"))
         self._text.setAccessibleName(tr("A text to show in place of the face"))

@@ -25,7 +25,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
 from caris_desktop.ui.widgets.told_pictures import TOLD_EVERY_MS, map_told
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
@@ -58,7 +58,7 @@ class MapPanel(Panel):
         self._follows_on_map = False  # in the odometry frame the view always follows the robot
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
-        self._told = ToldState(self.view, self._told_words, every_ms=TOLD_EVERY_MS)
+        self._told = ThrottledAccessibleDescription(self.view, self._told_words, every_ms=TOLD_EVERY_MS)
         layout = boxes.column(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)

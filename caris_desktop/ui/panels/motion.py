@@ -19,7 +19,7 @@ from caris_desktop.ui import tokens, words
 from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 
 SPAN_S = 30.0
 POINTS = 3000
@@ -98,7 +98,7 @@ class MotionPanel(Panel):
         for part in (self._widget, self._widget.viewport()):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._told = ToldState(self._widget, self.told)
+        self._told = ThrottledAccessibleDescription(self._widget, self.told)
         self._widget.ci.setContentsMargins(0, 0, 0, 0)
         self._widget.ci.layout.setSpacing(4)
         self._plots: list[Any] = []

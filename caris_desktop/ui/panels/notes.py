@@ -34,7 +34,7 @@ from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
@@ -92,7 +92,7 @@ class NotesPanel(Panel):
         self._acts = FlowRow(gap_px=6)
         for button in (self._change, self._remove, self._undo):
             self._acts.add(button)
-        self.field = EnterField()
+        self.field = SubmitLineEdit()
         self.field.setObjectName("notes_field")
         self.field.setMaxLength(_LONGEST)
         self.field.setFixedHeight(tokens.CONTROL_HEIGHT_PX)

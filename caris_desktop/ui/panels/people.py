@@ -14,7 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import boxes, event_words, tokens, words
-from caris_desktop.ui.give_keys import give_keys, main_of, window_of
+from caris_desktop.ui.give_keys import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.asked import AskedAbout, with_one_question
 from caris_desktop.ui.people.people_list import PeopleList
@@ -25,8 +25,8 @@ from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, 
 from caris_desktop.ui.people.undo_bar import UndoBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.enter_field import EnterField
-from caris_desktop.ui.widgets.told_rows import ToldRows
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
+from caris_desktop.ui.widgets.told_rows import AccessibleRegions
 
 _LATE_S = 1.5
 """Detection delay in s from which the panel shows it, as recent arrivals are missing."""
@@ -46,7 +46,7 @@ class PeoplePanel(Panel):
         self._unfold_button: ActionButton | None = None
         self._unfolded = False
         self._shortcuts: list[QShortcut] = []
-        self._search = EnterField()
+        self._search = SubmitLineEdit()
         self._search.setObjectName("people_search")
         self._search.setPlaceholderText(tr("Name, group or tag"))
         self._search.setAccessibleName(tr("Find a person by name, group or tag"))
@@ -77,7 +77,7 @@ class PeoplePanel(Panel):
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
-        self._told = ToldRows(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
+        self._told = AccessibleRegions(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
         layout = boxes.column(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(holder, 1)
@@ -317,7 +317,7 @@ class PeoplePanel(Panel):
 
     def _open_search(self) -> None:
         self._search.show()
-        give_keys(self._search)
+        focus_widget(self._search)
         self._search.selectAll()
 
     def _close_search(self) -> None:

@@ -39,9 +39,9 @@ from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.foreign_picture import image_of
 
 _TILE = QSize(160, 148)
@@ -66,7 +66,7 @@ class PhotosPanel(Panel):
         self.setObjectName("photos_panel")
         self._names: dict[str, str] = {}
         self._open = ""  # file name of the enlarged photo
-        self.search = EnterField()
+        self.search = SubmitLineEdit()
         self.search.setObjectName("photo_search")
         self.search.setPlaceholderText(tr("Name, tag, camera or time"))
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
@@ -362,15 +362,15 @@ class LargePhoto(QWidget):
         super().__init__()
         self._photo: PhotoEntry | None = None
         self.picture = _Picture(theme)
-        self.about = CutLabel()
+        self.about = ElidedLabel()
         self.about.setObjectName("photo_about")
-        self.tags = EnterField()
+        self.tags = SubmitLineEdit()
         self.tags.setObjectName("photo_tags")
         self.tags.setPlaceholderText(tr("Tags, with commas between them, then Enter"))
         self.tags.setAccessibleName(tr("Tags of this photo"))
         self.tags.setMaxLength(400)
         self.tags.returnPressed.connect(self._on_tags_entered)
-        self.question = EnterField()
+        self.question = SubmitLineEdit()
         self.question.setObjectName("photo_question")
         self.question.setPlaceholderText(tr(_TO_ASK))
         self.question.setAccessibleName(tr("Question to the assistant about this photo"))

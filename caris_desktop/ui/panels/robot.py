@@ -16,7 +16,7 @@ from caris_desktop.ui.control_words import question_for
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.control_faces import face_for, row_direction
+from caris_desktop.ui.widgets.control_faces import create_control_widget, row_direction
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 ASKING_ENDS_AFTER_MS = 10_000
@@ -219,7 +219,7 @@ class ControlEntry(QWidget):
         self._question = _Question(theme)
         self._question.answered.connect(self._on_answered)
         self._question.hide()
-        self._face = face_for(theme, control, self._on_used)
+        self._face = create_control_widget(theme, control, self._on_used)
         column = boxes.column(self, margins_px=0, spacing_px=4)
         column.addWidget(self._face)
         column.addWidget(self._question)

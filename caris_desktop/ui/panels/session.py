@@ -35,7 +35,7 @@ from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.row_list import RowList
+from caris_desktop.ui.widgets.row_list import FastTableView
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 LOG_ROWS = 2000
@@ -506,7 +506,7 @@ class EventDelegate(QStyledItemDelegate):
         return QFontMetrics(self._font()).elidedText(sentence, Qt.TextElideMode.ElideRight, width)
 
 
-class EventLogView(RowList):
+class EventLogView(FastTableView):
     """Follows the newest row until the wizard scrolls up."""
 
     def __init__(self) -> None:

@@ -16,11 +16,11 @@ from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.action_rows import phrases_on_keys
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import focus_widget
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.field import SpeakField
-from caris_desktop.ui.speak.gap_row import GapRow
+from caris_desktop.ui.speak.gap_row import PlaceholderPrompt
 from caris_desktop.ui.speak.phrase_rows import PhraseRows
 from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
 from caris_desktop.ui.speak.voice_choices import VoiceLine, voice_choices
@@ -99,7 +99,7 @@ class SpeakPanel(Panel):
         self.field.textChanged.connect(self._on_text_changed)
         self._pause = QTimer(self, singleShot=True)
         self._pause.timeout.connect(self._tell_draft)
-        self._gap = GapRow(self.theme)
+        self._gap = PlaceholderPrompt(self.theme)
         self._gap.filled.connect(self._fill_gap)
         self._gap.given_up.connect(lambda: self._fill_gap(""))
         self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
@@ -159,7 +159,7 @@ class SpeakPanel(Panel):
 
     def focus_list(self) -> None:
         if self._queue.isVisible():
-            give_keys(self._queue)
+            focus_widget(self._queue)
 
     def what_lasts(self) -> str:
         return self.field.toPlainText()
@@ -176,7 +176,7 @@ class SpeakPanel(Panel):
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)
         self._say_instead = say
-        give_keys(self.field)
+        focus_widget(self.field)
 
     def sizeHint(self) -> QSize:
         return QSize(600, 220)
@@ -275,14 +275,14 @@ class SpeakPanel(Panel):
                 back = self._before_gap if self._gap.field.hasFocus() else None
                 self._gap.hide()
                 if back is not None:
-                    give_keys(back, Qt.FocusReason.OtherFocusReason)
+                    focus_widget(back, Qt.FocusReason.OtherFocusReason)
             return
         if not self._gap.isVisible():
             self._before_gap = QApplication.focusWidget()
         self._gap.ask(asked)
         # Keep the focus on driving while a bare drive key is held.
         if not (self.hold.held and self.table.driving_focus):
-            give_keys(self._gap.field)
+            focus_widget(self._gap.field)
 
     def _fill_gap(self, said: str) -> None:
         asked: AskedGap | None = self.state.speech.value.gap

@@ -29,7 +29,7 @@ from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
 from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
 from caris_desktop.ui.widgets.told_pictures import TOLD_EVERY_MS, SeenLately, video_told
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0
@@ -68,7 +68,9 @@ class VideoPanel(Panel):
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
         self._seen = SeenLately()
-        self._told = ToldState(self.view, lambda: video_told(self.view, self._seen.names), every_ms=TOLD_EVERY_MS)
+        self._told = ThrottledAccessibleDescription(
+            self.view, lambda: video_told(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
+        )
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)
         self._parts = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)

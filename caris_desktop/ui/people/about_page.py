@@ -21,7 +21,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 _SEARCH_AFTER_MS = 250
@@ -98,7 +98,7 @@ class AboutPage(QWidget):
             box = self._consents[kind] = CheckBox(theme, event_words.CONSENTS[kind])
             box.setObjectName(f"consent_{kind}")
             box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
-        self._search = EnterField()
+        self._search = SubmitLineEdit()
         self._search.setObjectName("person_history_search")
         self._search.setPlaceholderText(tr("Find in the history"))
         self._search.setAccessibleName(tr("Find in the history"))
@@ -121,8 +121,8 @@ class AboutPage(QWidget):
         button.clicked.connect(lambda _checked=False: act())
         return button
 
-    def _field(self, name: str, title: str, hint: str, keep: Callable[[], None]) -> EnterField:
-        field = EnterField()
+    def _field(self, name: str, title: str, hint: str, keep: Callable[[], None]) -> SubmitLineEdit:
+        field = SubmitLineEdit()
         field.setObjectName(name)
         field.setAccessibleName(title)
         field.setPlaceholderText(hint)

@@ -63,7 +63,7 @@ def next_asked(
     return AskedAbout(chosen, open_now[chosen], now_ns + TO_READ_NS if replaces else 0)
 
 
-class WhoIsAsked(QObject):
+class PendingIdentityQuestion(QObject):
     """Updates ``state.asked_person`` from the people present."""
 
     def __init__(self, state: LiveState, parent: QObject) -> None:

@@ -12,7 +12,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
 
 
-class FacePicture(QWidget):
+class PortraitView(QWidget):
     accessible_role = QAccessible.Role.Graphic
 
     def __init__(self, theme: Theme, pixmaps: PortraitPixmaps, size_px: int) -> None:

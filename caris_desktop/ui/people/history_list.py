@@ -13,7 +13,7 @@ from caris_desktop.people.store import HistoryEntry
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.row_list import RowList
+from caris_desktop.ui.widgets.row_list import FastTableView
 
 ROW_PX = 26
 _ICONS = {"visit": "user", "said": "robot", "heard": "chat-text", "photo": "camera", "note": "note-pencil"}
@@ -76,7 +76,7 @@ class HistoryModel(QAbstractListModel):
         return entry if role == _ENTRY_ROLE else None
 
 
-class HistoryList(RowList):
+class HistoryList(FastTableView):
     """History list, newest entry first."""
 
     def __init__(self, theme: Theme) -> None:

@@ -8,12 +8,12 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.people.face import FacePicture
+from caris_desktop.ui.people.face import PortraitView
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import found, in_order
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 
 _PORTRAIT_PX = 120
 _OFFERED = 8
@@ -39,7 +39,7 @@ class MergePage(QWidget):
         self._everyone: Sequence[PersonRow] = ()
         self._title = QLabel(wordWrap=True)
         self._title.setObjectName("merge_title")
-        self._field = EnterField()
+        self._field = SubmitLineEdit()
         self._field.setObjectName("merge_field")
         self._field.setPlaceholderText(tr("Name, group or tag"))
         self._field.setAccessibleName(tr("Find who it is"))
@@ -47,7 +47,7 @@ class MergePage(QWidget):
         self._field.returnPressed.connect(self._choose_first)
         self._offered = [ActionButton(theme, "", may_shrink=True, height_px=32) for _ in range(_OFFERED)]
         self._ids = [""] * _OFFERED
-        self._faces = (FacePicture(theme, pixmaps, _PORTRAIT_PX), FacePicture(theme, pixmaps, _PORTRAIT_PX))
+        self._faces = (PortraitView(theme, pixmaps, _PORTRAIT_PX), PortraitView(theme, pixmaps, _PORTRAIT_PX))
         self._names = (QLabel(), QLabel())
         self._both = QWidget()
         both = boxes.row(self._both, margins_px=0)

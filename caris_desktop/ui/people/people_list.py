@@ -19,17 +19,17 @@ from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem,
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import tokens, words
-from caris_desktop.ui.give_keys import give_keys
+from caris_desktop.ui.give_keys import focus_widget
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.row_list import RowList
-from caris_desktop.ui.widgets.told_rows import ToldSpot
+from caris_desktop.ui.widgets.row_list import FastTableView
+from caris_desktop.ui.widgets.told_rows import AccessibleRegion
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
@@ -44,7 +44,7 @@ _NAME_HINT = QT_TR_NOOP("Name, then Enter")
 _NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
 
 
-class PeopleList(RowList):
+class PeopleList(FastTableView):
     """Rows with an in-place name field.
 
     Rows up to the mouse or the name field must not move: the first ``held_rows``; ``let_go`` ends that. New people
@@ -73,7 +73,7 @@ class PeopleList(RowList):
         self.setModel(model)
         self.setItemDelegate(PersonDelegate(theme, model, self, portraits))
         self.setMouseTracking(True)
-        self._field = EnterField(self.viewport())
+        self._field = SubmitLineEdit(self.viewport())
         self._field.setObjectName("person_name_field")
         self._field.setMaxLength(60)
         self._field.hide()
@@ -168,7 +168,7 @@ class PeopleList(RowList):
             right -= 6
         return placed[::-1]
 
-    def told_spots(self) -> list[ToldSpot]:
+    def told_spots(self) -> list[AccessibleRegion]:
         """Accessible regions for clicks in visible rows; the row text is in the table's cells."""
         spots = []
         for row, person in enumerate(self._people.persons):
@@ -178,9 +178,11 @@ class PeopleList(RowList):
             meant = tr("You mean this person") if person.person_id == self._meant else ""
             name = words.person_name(person)
             if self._may_decide:
-                spots.append(ToldSpot(("pick", person.person_id), tr("I mean {name}").format(name=name), rect, meant))
+                spots.append(
+                    AccessibleRegion(("pick", person.person_id), tr("I mean {name}").format(name=name), rect, meant)
+                )
             for button, place in self.buttons(row):
-                spots.append(ToldSpot((button.act, person.person_id), button.tip, place, button.key))
+                spots.append(AccessibleRegion((button.act, person.person_id), button.tip, place, button.key))
         return spots
 
     def press_told(self, key: tuple[str, ...]) -> None:
@@ -264,7 +266,7 @@ class PeopleList(RowList):
         self._place_field()
         self._field.show()
         self._field.selectAll()
-        give_keys(self._field, Qt.FocusReason.OtherFocusReason)
+        focus_widget(self._field, Qt.FocusReason.OtherFocusReason)
 
     def _place_field(self) -> None:
         if not self._naming:

@@ -17,14 +17,14 @@ from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.people.about_page import AboutPage
-from caris_desktop.ui.people.face import FacePicture
+from caris_desktop.ui.people.face import PortraitView
 from caris_desktop.ui.people.forget_page import ForgetPage
 from caris_desktop.ui.people.merge_page import MergePage
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import what_is_seen
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 WIDTH_PX = 400
 _BELOW_TOP_BAR_PX = 62
@@ -62,10 +62,10 @@ class PersonCard(QWidget):
         self._beside = QRect()
         self._dragged: QPoint | None = None
         self._focus_before: QWidget | None = None
-        self._face = FacePicture(theme, pixmaps, _PORTRAIT_PX)
-        self._name = CutLabel()
+        self._face = PortraitView(theme, pixmaps, _PORTRAIT_PX)
+        self._name = ElidedLabel()
         self._name.setObjectName("person_card_name")
-        self._seen = CutLabel()
+        self._seen = ElidedLabel()
         self._seen.setObjectName("person_card_seen")
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
         close.setObjectName("person_card_close")

@@ -9,7 +9,7 @@ from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.actions import cap_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 _SHOWN_MS = 8_000
 
@@ -23,7 +23,7 @@ class UndoBar(QWidget):
         super().__init__()
         self.setObjectName("people_undo")
         self._theme = theme
-        self.text = CutLabel()
+        self.text = ElidedLabel()
         self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
         self.button.clicked.connect(self.undone)

@@ -23,7 +23,7 @@ from caris_desktop.recording.annotation.agreement import Agreement, TierAgreemen
 from caris_desktop.recording.annotation.editing import AnnotationError
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -67,7 +67,7 @@ def likely_pair(tiers: list[Tier]) -> tuple[int, int]:
     return 0, min(1, len(tiers) - 1)
 
 
-class AgreementDialog(TabAsRead, QDialog):
+class AgreementDialog(VisualTabOrderMixin, QDialog):
     """Compares two tiers in their state at opening, again on each selection."""
 
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:

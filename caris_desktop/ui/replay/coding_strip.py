@@ -13,10 +13,10 @@ from caris_desktop.ui.action_rows import CODE_COUNT
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.replay.timeline_model import Row, exact_text
-from caris_desktop.ui.replay.timeline_overlay import OpenStretch
+from caris_desktop.ui.replay.timeline_overlay import OpenInterval
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.words import in_menu
 
 _ACTS = (
@@ -47,7 +47,7 @@ class CodingStrip(QWidget):
         self._actions = actions
         self._present = 0
         self._narrow = False
-        self._words = CutLabel()
+        self._words = ElidedLabel()
         self._words.setObjectName("coding_words")
         self._add = ActionButton(theme, tr("Add a tier"), icon="plus", look="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
@@ -83,7 +83,7 @@ class CodingStrip(QWidget):
         theme.keep_styled(self._style)
 
     def show_tier(
-        self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenStretch | None, *, tiers: int
+        self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenInterval | None, *, tiers: int
     ) -> None:
         """``row``: the active tier; ``tiers``: the number of tiers."""
         shown = (row, vocabulary, stretch, tiers)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QFormLayout, QHBoxLayout, QL
 from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.editing import LONGEST_NAME
 from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -17,7 +17,7 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
-class ImportDialog(TabAsRead, QDialog):
+class ImportDialog(VisualTabOrderMixin, QDialog):
     """Stays open with the reason if ``take_over`` refuses after reading the file."""
 
     def __init__(

@@ -67,7 +67,7 @@ class Scrubber(QWidget):
         self._by_key = False
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(self.seek_wanted)
-        self._bubble: MomentBubble | None = None
+        self._bubble: SeekPreview | None = None
         thumbnails.made.connect(self._on_picture_made)
         theme.changed.connect(self._forget_ticks)
 
@@ -197,7 +197,7 @@ class Scrubber(QWidget):
             return
         window = self.window()
         if self._bubble is None or self._bubble.parent() is not window:
-            self._bubble = MomentBubble(self._theme, window)
+            self._bubble = SeekPreview(self._theme, window)
         cameras = () if self._overview is None else self._overview.cameras
         picture = None
         if cameras:
@@ -286,7 +286,7 @@ class Scrubber(QWidget):
         return pixmap
 
 
-class MomentBubble(QWidget):
+class SeekPreview(QWidget):
     """Seek preview: image and time above the pointed position. Transparent to the mouse."""
 
     def __init__(self, theme: Theme, window: QWidget) -> None:

@@ -21,7 +21,7 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, vocabulary_named, vocabulary_title
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -31,7 +31,7 @@ OWN_LIST = QT_TR_NOOP("A list of labels…")
 
 
 @dataclass(frozen=True, slots=True)
-class TierWish:
+class TierRequest:
     """Result of the dialog. ``vocabulary`` is None for free text."""
 
     coder: str
@@ -64,7 +64,7 @@ def renamed_labels(before: Vocabulary, after: Vocabulary) -> dict[str, str]:
     return {was: now for was, now in zip(old, new, strict=True) if was not in new and now not in old}
 
 
-def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -> AnnotationDocument:
+def with_tier(document: AnnotationDocument, wish: TierRequest, tier: Tier | None) -> AnnotationDocument:
     """The document with a new tier, or ``tier`` changed. Raises AnnotationError."""
     name = ""
     if wish.vocabulary is not None:
@@ -81,7 +81,7 @@ def with_tier(document: AnnotationDocument, wish: TierWish, tier: Tier | None) -
     return editing.set_tier_vocabulary(document, tier.tier_id, name) if name != tier.vocabulary else document
 
 
-class TierDialog(TabAsRead, QDialog):
+class TierDialog(VisualTabOrderMixin, QDialog):
     """Stays open with the reason if ``apply`` refuses."""
 
     def __init__(
@@ -90,7 +90,7 @@ class TierDialog(TabAsRead, QDialog):
         document: AnnotationDocument,
         parent: QWidget,
         *,
-        apply: Callable[[TierWish], str],
+        apply: Callable[[TierRequest], str],
         tier: Tier | None = None,
         coder: str = "",
         scenario_labels: Sequence[str] = (),
@@ -199,11 +199,11 @@ class TierDialog(TabAsRead, QDialog):
     def sizeHint(self) -> QSize:
         return QSize(480, super().sizeHint().height())
 
-    def wish(self) -> TierWish:
+    def wish(self) -> TierRequest:
         coder, name = " ".join(self._coder.currentText().split()), " ".join(self._name.text().split())
         if self._tier is not None and self._name.text() == tr_filled(self._tier.title):
             name = self._tier.name
-        return TierWish(coder, name, self._vocabulary(name))
+        return TierRequest(coder, name, self._vocabulary(name))
 
     def _chosen_name(self) -> str:
         """Selected existing vocabulary; empty for other choices."""

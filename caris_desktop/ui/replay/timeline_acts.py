@@ -16,7 +16,7 @@ from caris_desktop.ui.replay.seek_throttle import SeekThrottle
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import Track, exact_text, vocabulary_named
-from caris_desktop.ui.replay.timeline_overlay import OpenStretch
+from caris_desktop.ui.replay.timeline_overlay import OpenInterval
 from caris_desktop.ui.replay.words_bubble import WordsBubble
 from caris_desktop.ui.theme import Theme
 
@@ -25,7 +25,7 @@ NUDGE_MS = 50
 _ZOOM_STEP = 1.5
 
 
-class TimelineActs(QObject):
+class TimelineCommands(QObject):
     """Callbacks of the timeline's rows in the action table. A refusal is shown at its place.
 
     ``view``: the whole timeline; ``canvas``: its painted part.
@@ -43,7 +43,7 @@ class TimelineActs(QObject):
         self._bubble = WordsBubble(theme, canvas)
         self._card: LabelCard | None = None
         self._named = ""
-        self.open: OpenStretch | None = None
+        self.open: OpenInterval | None = None
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(self._on_seek_due)
         canvas.seek_wanted.connect(self._on_seek_wanted)
@@ -152,7 +152,7 @@ class TimelineActs(QObject):
                 self._say_taken(taken)
                 return
             self._canvas.select("")
-            self.set_open(OpenStretch(tier.tier_id, value, self.position_ms))
+            self.set_open(OpenInterval(tier.tier_id, value, self.position_ms))
 
     @property
     def _playing(self) -> bool:
@@ -175,7 +175,7 @@ class TimelineActs(QObject):
             lambda document: editing.add_annotation(document, stretch.tier_id, stretch.start_ms, end_ms, stretch.value)
         )
 
-    def set_open(self, stretch: OpenStretch | None) -> None:
+    def set_open(self, stretch: OpenInterval | None) -> None:
         self.open = stretch
         self._canvas.show_open(stretch)
         self.open_changed.emit()

@@ -28,7 +28,7 @@ from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, Shown, TimelineDrawing
 from caris_desktop.ui.replay.timeline_geometry import Drag, DragKind, Hit, TimelineGeometry
 from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Row, TimeScale, Track, whole_session
-from caris_desktop.ui.replay.timeline_overlay import OpenStretch, TimelineOverlay
+from caris_desktop.ui.replay.timeline_overlay import OpenInterval, TimelineOverlay
 from caris_desktop.ui.theme import Theme
 
 _DRAG_PX = 4
@@ -122,7 +122,7 @@ class TimelineCanvas(QWidget):
             left = NAMES_PX + round(self.scale.to_px(at_ms))
             self.update(left - 8, 0, 16, self.height())
 
-    def show_open(self, stretch: OpenStretch | None) -> None:
+    def show_open(self, stretch: OpenInterval | None) -> None:
         self._over.open = stretch
         self.update()
 

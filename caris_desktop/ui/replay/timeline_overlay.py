@@ -15,7 +15,7 @@ from caris_desktop.ui.theme import Theme
 
 
 @dataclass(frozen=True, slots=True)
-class OpenStretch:
+class OpenInterval:
     """Open interval of a label, begun by its key and ended by the next press."""
 
     tier_id: str
@@ -32,7 +32,7 @@ class TimelineOverlay:
         self._geometry = geometry
         self._drawing = drawing
         self.selected: Annotation | None = None
-        self.open: OpenStretch | None = None
+        self.open: OpenInterval | None = None
         self.drag: Drag | None = None
         self.refused = False
         self.hover: Hit | None = None

@@ -14,8 +14,8 @@ from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
 from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.replay.agreement_dialog import AgreementDialog
 from caris_desktop.ui.replay.import_dialog import ImportDialog
-from caris_desktop.ui.replay.tier_dialog import TierDialog, TierWish, with_tier
-from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.replay.tier_dialog import TierDialog, TierRequest, with_tier
+from caris_desktop.ui.replay.timeline_acts import TimelineCommands
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
 from caris_desktop.ui.replay.timeline_model import Row, all_rows, arranged, moved_key
 from caris_desktop.ui.theme import Theme
@@ -32,7 +32,7 @@ class TimelineRows(QObject):
         self,
         view: QWidget,
         canvas: TimelineCanvas,
-        acts: TimelineActs,
+        acts: TimelineCommands,
         *,
         theme: Theme,
         replay: ReplayControls,
@@ -89,7 +89,7 @@ class TimelineRows(QObject):
         )
         dialog.open()
 
-    def _apply_tier(self, wish: TierWish, tier: Tier | None) -> str:
+    def _apply_tier(self, wish: TierRequest, tier: Tier | None) -> str:
         before = {item.tier_id for item in self._acts.document.tiers}
         refusal = self._replay.edit(lambda document: with_tier(document, wish, tier))
         if not refusal:

@@ -22,7 +22,7 @@ from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.coding_strip import CodingStrip
 from caris_desktop.ui.replay.thumbnails import Thumbnails
-from caris_desktop.ui.replay.timeline_acts import TimelineActs
+from caris_desktop.ui.replay.timeline_acts import TimelineCommands
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import (
@@ -34,12 +34,12 @@ from caris_desktop.ui.replay.timeline_model import (
     tracks_of,
     vocabulary_named,
 )
-from caris_desktop.ui.replay.timeline_overlay import OpenStretch
+from caris_desktop.ui.replay.timeline_overlay import OpenInterval
 from caris_desktop.ui.replay.timeline_rows import TimelineRows
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
@@ -74,8 +74,8 @@ class TimelineView(QWidget):
         self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
-        self._told = ToldState(self.canvas, self._told_words)
-        self.acts = TimelineActs(theme, replay, self.canvas, self)
+        self._told = ThrottledAccessibleDescription(self.canvas, self._told_words)
+        self.acts = TimelineCommands(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
         self.acts.timeline_wanted.connect(lambda: self.open_wanted.emit(True))
         actions.add_rows(TIMELINE_ACTIONS, self.acts)
@@ -118,7 +118,7 @@ class TimelineView(QWidget):
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
         self._title = QLabel(tr("Timeline"))
-        self._fact = CutLabel()
+        self._fact = ElidedLabel()
         self._fact.setObjectName("timeline_fact")
         self._named_buttons: list[tuple[ActionButton, str]] = []
         row = boxes.row(header, margins_px=(14, 3, 6, 3), spacing_px=4)
@@ -304,7 +304,7 @@ class TimelineView(QWidget):
             said.append(tr("1 mark.") if marks == 1 else tr("%n marks.", "", marks))
         return " ".join([*said, self._fact.text()]).strip()
 
-    def _open_on(self, row: Row) -> OpenStretch | None:
+    def _open_on(self, row: Row) -> OpenInterval | None:
         """Open interval on this row."""
         stretch = self.acts.open
         here = stretch is not None and row.tier is not None and row.tier.tier_id == stretch.tier_id

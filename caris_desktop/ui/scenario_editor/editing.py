@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from caris_desktop.domain.declared import Form, Known
+from caris_desktop.domain.declared import Known, ValueForm
 from caris_desktop.domain.declared_places import ABSENT
 from caris_desktop.domain.declared_words import allowed_by, said_of
 from caris_desktop.domain.geometry import Pose2D
@@ -110,7 +110,7 @@ class FormContext:
         return f"{name}, {self.within}" if self.within else name
 
 
-def help_of(form: Form) -> str:
+def help_of(form: ValueForm) -> str:
     """Help text below a field: meaning and permitted values."""
     rule = form.rule
     parts = [readable(said_of(form))]

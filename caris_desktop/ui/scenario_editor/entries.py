@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from caris_desktop.domain.declared import Form, Group, groups_of, is_free, is_group, keys_of, scalars_of, text_of
+from caris_desktop.domain.declared import Group, ValueForm, groups_of, is_free, is_group, keys_of, scalars_of, text_of
 from caris_desktop.domain.declared_places import blank_group, blank_of, entry_name
 from caris_desktop.domain.declared_words import noun_of
 from caris_desktop.domain.translation import tr
@@ -31,7 +31,7 @@ def in_one_row(group: Group) -> bool:
     )
 
 
-def kinds_of_entries(item: Form) -> list[tuple[str, Callable[[], Any]]]:
+def kinds_of_entries(item: ValueForm) -> list[tuple[str, Callable[[], Any]]]:
     """Kinds of entries that can be added, with factories of initial values."""
     groups = (item.kind,) if is_group(item.kind) else groups_of(item.kind)
     if not groups:
@@ -44,5 +44,5 @@ def kinds_of_entries(item: Form) -> list[tuple[str, Callable[[], Any]]]:
     return kinds
 
 
-def _blank_of_group(item: Form, group: Group) -> Callable[[], Any]:
+def _blank_of_group(item: ValueForm, group: Group) -> Callable[[], Any]:
     return (lambda: blank_of(item)) if is_group(item.kind) else (lambda: blank_group(group))

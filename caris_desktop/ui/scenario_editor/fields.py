@@ -7,7 +7,7 @@ from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
-from caris_desktop.domain.declared import Form, Key, choices_of, is_free, plain_number, scalars_of
+from caris_desktop.domain.declared import Key, ValueForm, choices_of, is_free, plain_number, scalars_of
 from caris_desktop.domain.declared_places import ABSENT, default_of, value_at
 from caris_desktop.domain.declared_words import title_of, unit_of, word_of
 from caris_desktop.domain.key_path import KeyPath
@@ -48,7 +48,7 @@ class Field(FormPart):
     """
 
     def __init__(
-        self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None, *, compact: bool = False
+        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, *, compact: bool = False
     ) -> None:
         super().__init__(context, path)
         self.form = form
@@ -506,13 +506,13 @@ def word_for(value: Any, *, named: bool) -> str:
 
 
 def field_for(
-    context: FormContext, path: KeyPath, form: Form, key: Key | None = None, *, compact: bool = False
+    context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, *, compact: bool = False
 ) -> Field:
     """Create the field for a schema type."""
     return _kind_of_field(form)(context, path, form, key, compact=compact)
 
 
-def _kind_of_field(form: Form) -> type[Field]:
+def _kind_of_field(form: ValueForm) -> type[Field]:
     kinds = scalars_of(form.kind)
     if is_free(form.kind):
         return FreeField

@@ -11,9 +11,9 @@ from PySide6.QtGui import QKeyEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.declared import (
-    Form,
     Group,
     Key,
+    ValueForm,
     groups_of,
     is_group,
     item_of,
@@ -68,7 +68,7 @@ def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
 class _Holder(FormPart):
     """Container with title, help and error message."""
 
-    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None, said: str = "") -> None:
+    def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None, said: str = "") -> None:
         super().__init__(context, path)
         self.form = form
         self.key = key
@@ -129,7 +129,7 @@ class GroupPart(_Holder):
     """Keys of a group, one below another. Dependent keys are shown while permitted."""
 
     def __init__(
-        self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None, group: Group | None = None
+        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, group: Group | None = None
     ) -> None:
         self.group: Group = form.kind if group is None else group
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
@@ -163,7 +163,7 @@ def may_stand(key: Key, data: Any) -> bool:
 class OptionalGroup(_Holder):
     """Group that is optional as a whole."""
 
-    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
+    def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key) -> None:
         super().__init__(context, path, form, key, said_of(form))
         self._button = ActionButton(context.theme, icon="plus")
         self._button.clicked.connect(self._on_clicked)
@@ -202,7 +202,7 @@ class OptionalGroup(_Holder):
 class OneOfGroups(_Holder):
     """Alternative groups, with the choice above the keys."""
 
-    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key | None = None) -> None:
+    def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None) -> None:
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
         self._groups = groups_of(form.kind)
         self._shown: Group | None = None
@@ -236,7 +236,7 @@ class OneOfGroups(_Holder):
 class ListPart(_Holder):
     """List of entries with buttons to move and remove each, and a button per kind of entry to add."""
 
-    def __init__(self, context: FormContext, path: KeyPath, form: Form, key: Key) -> None:
+    def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key) -> None:
         super().__init__(context, path, form, key, said_of(form))
         item = item_of(form.kind)
         if item is None:

@@ -37,17 +37,17 @@ from caris_desktop.ui.scenario_editor.saving import Saving, as_sentence
 from caris_desktop.ui.scenario_editor.section_page import SectionPage
 from caris_desktop.ui.scenario_editor.sections import sections
 from caris_desktop.ui.scenario_editor.text_page import TextPage
-from caris_desktop.ui.tab_order import TabAsRead
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
 _FORM_AND_PREVIEW_PX = (880, 340)
 
 
-class ScenarioEditor(TabAsRead, QWidget):
+class ScenarioEditor(VisualTabOrderMixin, QWidget):
     """Window owned by the main window. Unsaved changes are never discarded without a question."""
 
     closed = Signal()
@@ -96,8 +96,8 @@ class ScenarioEditor(TabAsRead, QWidget):
     # ---- construction
 
     def _make_head(self) -> None:
-        self._title = CutLabel()
-        self._state = CutLabel()
+        self._title = ElidedLabel()
+        self._state = ElidedLabel()
         self._state.setObjectName("editor_state")
         self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, look="ghost")
         self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, look="ghost")

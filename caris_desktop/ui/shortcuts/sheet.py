@@ -11,7 +11,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.key_bindings import PressedKey
 from caris_desktop.ui.key_choices import Keys, changed, owners, refusal
 from caris_desktop.ui.overlay import Overlay
@@ -36,7 +36,9 @@ class _Asked:
 class ShortcutSheet(Overlay):
     """Shortcut sheet of this scenario. Click a key, then press the new one; conflicts are reported at once."""
 
-    def __init__(self, theme: Theme, window: QWidget, actions: Actions, keys: WizardKeys, hold: HoldToDrive) -> None:
+    def __init__(
+        self, theme: Theme, window: QWidget, actions: Actions, keys: WizardKeys, hold: DriveInputFilter
+    ) -> None:
         super().__init__(theme, window, width_px=_WIDTH_PX)
         self.setObjectName("shortcut_sheet")
         self._actions = actions

@@ -14,7 +14,7 @@ from caris_desktop.ui.key_choices import COLUMNS, Column
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 _CELL_PX = 28
@@ -82,7 +82,7 @@ class ShortcutRow(QWidget):
     def __init__(self, theme: Theme, spec: ActionSpec) -> None:
         super().__init__()
         self.spec = spec
-        self._words = CutLabel()
+        self._words = ElidedLabel()
         self.cells: dict[Column, KeyCell] = {column: KeyCell(theme, column) for column in COLUMNS}
         self._back = ActionButton(theme, "", icon="arrow-counter-clockwise", look="ghost", height_px=_CELL_PX)
         self._back.clicked.connect(self.put_back)

@@ -9,12 +9,12 @@ from caris_desktop.live.status import AskedGap
 from caris_desktop.ui import boxes, tokens, words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 
 _QUESTIONS = {NAME: QT_TR_NOOP("Which name?"), PLACE: QT_TR_NOOP("Which place?")}
 
 
-class GapRow(QWidget):
+class PlaceholderPrompt(QWidget):
     """Input field; Enter submits the value, Esc cancels."""
 
     filled = Signal(str)
@@ -25,7 +25,7 @@ class GapRow(QWidget):
         self._theme = theme
         self.setObjectName("gap_row")
         self._question = QLabel()
-        self.field = EnterField()
+        self.field = SubmitLineEdit()
         self.field.setObjectName("gap_field")
         self.field.setMaxLength(200)
         self.field.setMinimumWidth(90)

@@ -16,8 +16,8 @@ from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import CutLabel
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.key_cap import KeyCap
 
 ROW_PX = 30
@@ -188,8 +188,8 @@ class _QueueRow(QWidget):
         self._template = ""
         self.setFixedHeight(ROW_PX)
         self._number = QLabel()
-        self.label = CutLabel()
-        self._editor = EnterField()
+        self.label = ElidedLabel()
+        self._editor = SubmitLineEdit()
         self._editor.setObjectName("queue_editor")
         self._editor.setAccessibleName(tr("What is said instead"))
         self._editor.setMaxLength(1000)

@@ -15,7 +15,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import boxes_fit
@@ -87,7 +87,7 @@ class SmallPicture(QAbstractButton):
         self._frame: FrameRef | None = None
         self._taken_s = -math.inf
         self._said = ""
-        self._painted = PaintedOnce()
+        self._painted = PixmapCache()
         theme.changed.connect(self._on_theme_changed)
         self._stream = panel.state.frame_of(camera)
         self._stream.changed.connect(self._on_frame_changed)
@@ -249,7 +249,7 @@ class CameraStrip(QWidget):
         self._panel = panel
         self._pictures: dict[str, SmallPicture] = {}
         self._place = NO_PLACE
-        self._painted = PaintedOnce()
+        self._painted = PixmapCache()
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         theme.changed.connect(self._on_theme_changed)
         self.hide()

@@ -14,7 +14,7 @@ from caris_desktop.ui.control_words import value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 SEND_EVERY_MS = 100
@@ -24,7 +24,7 @@ _CHOICES_SIDE_BY_SIDE = 4
 _TITLE_PX = 92
 
 
-class ControlFace(QWidget):
+class ControlWidget(QWidget):
     """Widget of one kind of control."""
 
     tip = ""
@@ -51,7 +51,7 @@ class ControlFace(QWidget):
 _STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warning"}
 
 
-class _TitledFace(ControlFace):
+class _TitledFace(ControlWidget):
     """Title with the value beside it, or below it in a narrow dock."""
 
     def __init__(self, theme: Theme, control: RobotControl) -> None:
@@ -76,7 +76,7 @@ def row_direction(*, narrow: bool) -> QBoxLayout.Direction:
     return QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
 
 
-class _ButtonFace(ControlFace):
+class _ButtonFace(ControlWidget):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._button = ActionButton(theme, control.title, may_shrink=True)
@@ -104,7 +104,7 @@ class _ButtonFace(ControlFace):
         )
 
 
-class _ToggleFace(ControlFace):
+class _ToggleFace(ControlWidget):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._use = use
@@ -396,7 +396,7 @@ class _TextFace(_TitledFace):
         super().__init__(theme, control)
         self._use = use
         self._now = QLabel(textFormat=Qt.TextFormat.PlainText)
-        self._field = EnterField()
+        self._field = SubmitLineEdit()
         self._field.setObjectName(f"control_{control.id}_field")
         self._field.setAccessibleName(control.title)
         self._field.setMaxLength(500)
@@ -423,7 +423,7 @@ class _TextFace(_TitledFace):
         self._field.selectAll()
 
 
-class _ReadoutFace(ControlFace):
+class _ReadoutFace(ControlWidget):
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__(theme, control)
         self._title = QLabel(control.title)
@@ -461,7 +461,7 @@ class _ReadoutFace(ControlFace):
         painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
 
 
-def face_for(theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> ControlFace:
+def create_control_widget(theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> ControlWidget:
     match control.kind:
         case "button":
             return _ButtonFace(theme, control, use)

@@ -5,7 +5,7 @@ from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy
 
 
-class CutLabel(QLabel):
+class ElidedLabel(QLabel):
     """Elided label; its tooltip has the whole text."""
 
     def __init__(self) -> None:

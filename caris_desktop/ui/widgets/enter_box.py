@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QPlainTextEdit
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
-class EnterBox(QPlainTextEdit):
+class SubmitTextEdit(QPlainTextEdit):
     """The field handles Enter even if it is a window shortcut; Ctrl+Enter goes to the window."""
 
     entered = Signal()

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QLineEdit
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
-class EnterField(QLineEdit):
+class SubmitLineEdit(QLineEdit):
     """The field handles Enter even if it is a window shortcut. Unused keys are consumed, except Esc."""
 
     def event(self, event: QEvent) -> bool:

@@ -13,7 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.ui import boxes, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import EnterField
+from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 
 
 class FloatingCard(QWidget):
@@ -113,7 +113,7 @@ class NameCard(FloatingCard):
     def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
         super().__init__(theme, parent)
         self.setObjectName(name)
-        self.field = EnterField()
+        self.field = SubmitLineEdit()
         self.field.setObjectName(f"{name}_field")
         self.field.setMinimumWidth(150)
         self.field.setMaxLength(60)

@@ -26,7 +26,7 @@ from caris_desktop.domain.sensing import CameraState, FrameRef, People, PersonBo
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens, words
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
@@ -128,7 +128,7 @@ class FrameView(QWidget):
         self.setAccessibleName(tr("Picture from the robot's camera"))
         # Every pixel is painted, so Qt need not paint what lies below.
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        self._painted = PaintedOnce()
+        self._painted = PixmapCache()
         self._dash_strips: dict[tuple[str, str], QPixmap] = {}
         theme.changed.connect(self._on_theme_changed)
 

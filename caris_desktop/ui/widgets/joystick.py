@@ -8,11 +8,11 @@ from PySide6.QtGui import QAccessible, QHideEvent, QMouseEvent, QPainter, QPaint
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.motion_wish import AT_REST, MotionWish
+from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.told_state import ToldState
+from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
 
 StickUse = Literal["base", "head"]
 
@@ -21,7 +21,7 @@ _RING = 0.74  # the ring outside this share of the radius moves sideways
 _KNOB = 0.28
 
 
-def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> MotionWish:
+def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> TeleopCommand:
     """Command for a stick at (right, up), each -1..1; with a round dead zone, the rest is rescaled."""
     reach = math.hypot(across, up)
     if reach <= _DEAD_ZONE:
@@ -29,14 +29,14 @@ def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> Mo
     scale = min(1.0, (reach - _DEAD_ZONE) / (1.0 - _DEAD_ZONE)) / reach
     right, ahead = round(across * scale, 2) + 0.0, round(up * scale, 2) + 0.0
     if use == "head":
-        return MotionWish(pan=-right, tilt=-ahead)
-    return MotionWish(forward=ahead, left=-right) if sideways else MotionWish(forward=ahead, turn=-right)
+        return TeleopCommand(pan=-right, tilt=-ahead)
+    return TeleopCommand(forward=ahead, left=-right) if sideways else TeleopCommand(forward=ahead, turn=-right)
 
 
 class Joystick(QWidget):
     """Joystick. On a holonomic base, a drag from the outer ring or with Shift moves sideways.
 
-    ``moved(MotionWish)`` on each change, and AT_REST at once on release, hiding or disabling.
+    ``moved(TeleopCommand)`` on each change, and AT_REST at once on release, hiding or disabling.
     """
 
     accessible_role = QAccessible.Role.Graphic
@@ -58,7 +58,7 @@ class Joystick(QWidget):
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, let go to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
-        self._told = ToldState(self, self.told)
+        self._told = ThrottledAccessibleDescription(self, self.told)
 
     def told(self) -> str:
         """Current command as text."""
@@ -81,7 +81,7 @@ class Joystick(QWidget):
         return ", ".join(parts) or tr("At rest")
 
     @property
-    def wish(self) -> MotionWish:
+    def wish(self) -> TeleopCommand:
         return self._wish
 
     @property
@@ -178,7 +178,7 @@ class Joystick(QWidget):
         self._knob = offset / length if length > 1.0 else offset
         self._tell(stick_wish(self._knob.x(), -self._knob.y(), use=self._use, sideways=self._sideways))
 
-    def _tell(self, wish: MotionWish) -> None:
+    def _tell(self, wish: TeleopCommand) -> None:
         self.update()
         if wish != self._wish:
             self._wish = wish

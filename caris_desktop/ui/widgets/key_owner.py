@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.drive_keys import HoldToDrive, KeyOwner
+from caris_desktop.ui.drive_keys import DriveInputFilter, KeyOwner
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
@@ -49,7 +49,7 @@ class KeyOwnerChip(QWidget):
 
     accessible_role = QAccessible.Role.StaticText
 
-    def __init__(self, theme: Theme, hold: HoldToDrive) -> None:
+    def __init__(self, theme: Theme, hold: DriveInputFilter) -> None:
         super().__init__()
         self.setObjectName("key_owner")
         self._theme = theme

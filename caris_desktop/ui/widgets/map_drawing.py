@@ -19,7 +19,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PaintedOnce
+from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_grid import GridLayer
 from caris_desktop.ui.widgets.map_layers import (
@@ -56,7 +56,7 @@ class Aim:
 
 
 @dataclass(slots=True)
-class MapShown:
+class MapState:
     """Map state besides the grid.
 
     ``people``: position, label, and whether it is a given name; ``meant``: id of the selected person. ``chips``: lines
@@ -98,8 +98,8 @@ class MapDrawing:
         self._view = view
         self._viewport = viewport
         self._grid = grid
-        self.shown = MapShown()
-        self.painted = PaintedOnce()
+        self.shown = MapState()
+        self.painted = PixmapCache()
         self.place_rects: dict[str, QRectF] = {}
 
     def paint(self, painter: QPainter) -> None:

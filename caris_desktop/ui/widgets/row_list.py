@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTableView
 
 
-class RowList(QTableView):
+class FastTableView(QTableView):
     """Displays a list model in rows of equal height.
 
     Not a QListView, which queries every row on each insertion, even with uniform item sizes. A click does not take the

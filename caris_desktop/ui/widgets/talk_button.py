@@ -6,7 +6,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import HoldToDrive
+from caris_desktop.ui.drive_keys import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -17,7 +17,7 @@ TALK = "push_to_talk"
 class TalkButton(ActionButton):
     """Blue while the participant hears the wizard, amber until then."""
 
-    def __init__(self, theme: Theme, actions: Actions, hold: HoldToDrive, state: LiveState) -> None:
+    def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter, state: LiveState) -> None:
         super().__init__(theme, tr("Talk"), icon="microphone", height_px=30, may_lose_words=True)
         self.setObjectName("talk_button")
         self.setToolTip(tr("Hold it and speak: your own voice comes out of the robot"))

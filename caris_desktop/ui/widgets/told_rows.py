@@ -10,7 +10,7 @@ from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class ToldSpot:
+class AccessibleRegion:
     """Accessible region of a painted item. ``key`` identifies it.
 
     ``rect``: in the coordinates of the painting widget. ``name``: accessible name; ``about``: accessible description.
@@ -22,7 +22,7 @@ class ToldSpot:
     about: str = ""
 
 
-class ToldRows(QObject):
+class AccessibleRegions(QObject):
     """Keeps an invisible control over each painted item, so that the accessibility interface can find and press it.
 
     ``painted``: the painting widget; ``over``: it or an ancestor that gets the controls, because Qt exposes no children
@@ -34,7 +34,7 @@ class ToldRows(QObject):
         self,
         over: QWidget,
         painted: QWidget,
-        spots: Callable[[], Sequence[ToldSpot]],
+        spots: Callable[[], Sequence[AccessibleRegion]],
         press: Callable[[tuple[str, ...]], object],
     ) -> None:
         super().__init__(painted)
@@ -85,7 +85,7 @@ class _Control(QAbstractButton):
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.hide()
 
-    def tell(self, spot: ToldSpot, place: QRect) -> None:
+    def tell(self, spot: AccessibleRegion, place: QRect) -> None:
         self.key = spot.key
         if self.accessibleName() != spot.name:
             self.setAccessibleName(spot.name)

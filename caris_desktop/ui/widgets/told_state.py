@@ -10,7 +10,7 @@ EVERY_MS = 1000
 _LOOKS = (QEvent.Type.FocusIn, QEvent.Type.Enter, QEvent.Type.Show)
 
 
-class ToldState(QObject):
+class ThrottledAccessibleDescription(QObject):
     """Sets the accessible description of ``widget`` to ``words()``, which is called only when needed.
 
     Changes are spoken while the widget is focused: use a longer ``every_ms`` for longer texts.

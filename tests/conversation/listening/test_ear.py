@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import Stretch
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.turn_words import with_words
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.domain.actor import CONSOLE
@@ -48,7 +48,7 @@ class Plain(EchoCanceller):
         return None
 
 
-class Known(OwnWords):
+class Known(RobotSpeechFilter):
     """The robot says what is in ``words``."""
 
     words = ""
@@ -68,7 +68,7 @@ class Bench:
     """An ear whose recogniser hears two words in a second of voice: w0, w1, ... of each turn, five a sentence."""
 
     def __init__(
-        self, source: str = ROBOT_MICROPHONE, turn_over: float = 0.95, own_words: OwnWords | None = None
+        self, source: str = ROBOT_MICROPHONE, turn_over: float = 0.95, own_words: RobotSpeechFilter | None = None
     ) -> None:
         self.canceller = Plain()
         self.own_words: Any = own_words or Known()
@@ -76,7 +76,7 @@ class Bench:
         self.now_s = 10.0
         self.asked: list[Stretch] = []
         self.answer: Callable[[Stretch], HeardText | None] = self.words
-        self.ear = Ear(
+        self.ear = SpeechSegmenter(
             source,
             TurnTaking(SilenceOfPeople(), SilenceBounds()),
             Loud(),
@@ -233,7 +233,7 @@ def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> HeardText:
 @pytest.mark.parametrize("late_s", [-1.0, 0.0, 0.8, 1.6, 2.4, 3.2])
 def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(late_s: float, between_s: float) -> None:
     """A robot with a voice of its own, on a busy machine: its sound comes ``late_s`` after what is told of it."""
-    own_words = OwnWords()
+    own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     bench.answer = lambda stretch: _said(stretch.sound, {7000: ROBOT_SAYS, 9000: PARTICIPANT_SAYS})
     bench.hear(2)
@@ -259,7 +259,7 @@ def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(l
     assert finished == [PARTICIPANT_SAYS]
 
 
-def _unasked(own_words: OwnWords, at_s: float, text: str = ROBOT_SAYS, *, estimated: bool = True) -> None:
+def _unasked(own_words: RobotSpeechFilter, at_s: float, text: str = ROBOT_SAYS, *, estimated: bool = True) -> None:
     """A robot that speaks of its own accord tells of it, then."""
     told = UtteranceChanged(round(at_s * 1e9), "r-1", "robot", text, "heard", "started", estimated=estimated)
     own_words.robot_says(told)
@@ -267,7 +267,7 @@ def _unasked(own_words: OwnWords, at_s: float, text: str = ROBOT_SAYS, *, estima
 
 @pytest.mark.parametrize("pause_s", [0.0, 1.0], ids=["one turn", "two turns"])
 def test_a_robot_that_tells_of_its_sentence_afterwards_gets_its_turns_back(pause_s: float) -> None:
-    own_words = OwnWords()
+    own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     first, rest = ROBOT_SAYS.split(maxsplit=1)
     texts = {6000: "Yes.", 7000: "No.", 9000: ROBOT_SAYS} | ({8000: first, 9000: rest} if pause_s else {})
@@ -300,7 +300,7 @@ def test_a_robot_that_tells_of_its_sentence_afterwards_gets_its_turns_back(pause
     ids=["it answers with their words", "it says something else", "long after", "it tells exactly when"],
 )
 def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, after_s: float, estimated: bool) -> None:
-    own_words = OwnWords()
+    own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     bench.answer = lambda stretch: _said(stretch.sound, {9000: ROBOT_SAYS})
     bench.hear(1).hear(1.8, 9000).hear(1.5)

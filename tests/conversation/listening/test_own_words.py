@@ -1,7 +1,7 @@
 import pytest
 
 from caris_desktop.conversation.listening import own_words
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from tests.benchmarks.echo import _PARTICIPANTS_SAY, _ROBOT_SAYS
 
@@ -19,8 +19,10 @@ def _told(
     return UtteranceChanged(_ns(at_s), utterance_id, "robot", text, "typed", state, estimated=estimated)
 
 
-def _robot(text: str = _SAYS, *, ended: bool = True, estimated: bool = False, ends_s: float = _ENDS_S) -> OwnWords:
-    words = OwnWords()
+def _robot(
+    text: str = _SAYS, *, ended: bool = True, estimated: bool = False, ends_s: float = _ENDS_S
+) -> RobotSpeechFilter:
+    words = RobotSpeechFilter()
     words.robot_says(_told("requested", _STARTS_S - 0.3, text))
     words.robot_says(_told("started", _STARTS_S, text, estimated=estimated))
     if ended:
@@ -181,7 +183,7 @@ def test_what_could_not_be_said_is_nobodys() -> None:
 
 
 def test_without_a_word_there_is_nothing_to_tell() -> None:
-    assert OwnWords().is_robots("hello", _ns(1.0), _ns(2.0)) == 0.0
+    assert RobotSpeechFilter().is_robots("hello", _ns(1.0), _ns(2.0)) == 0.0
     assert _robot().is_robots("", _ns(10.1), _ns(13.0), 0.5) == 0.0
 
 
@@ -230,7 +232,7 @@ def test_no_beginning_is_the_robots_where_it_is_all_its_own_or_none_of_it(
     text: str, from_s: float, until_s: float
 ) -> None:
     assert _robot().robots_beginning(_heard(text, from_s, until_s), _ns(from_s)) == 0
-    assert OwnWords().robots_beginning([], 0) == 0
+    assert RobotSpeechFilter().robots_beginning([], 0) == 0
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.conversation.listening import recogniser_files
-from caris_desktop.conversation.listening.engine import NoEngine
+from caris_desktop.conversation.listening.engine import NoEngineError
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
@@ -44,7 +44,7 @@ def test_the_usual_one_is_in_a_models_folder_or_in_the_package(
     own = _model(folders[1] / "faster-whisper")
     assert find_recogniser(SETTINGS, folders=folders) == own
     monkeypatch.setattr(recogniser_files, "packaged_file", lambda *_parts: None)
-    with pytest.raises(NoEngine, match="No speech recogniser") as told:
+    with pytest.raises(NoEngineError, match="No speech recogniser") as told:
         find_recogniser(SETTINGS, folders=(folders[0],))
     assert "pip install" in told.value.advice
 
@@ -72,7 +72,7 @@ def test_a_named_one_is_beside_the_scenario_or_in_a_models_folder(tmp_path: Path
 )
 def test_what_was_configured_is_never_replaced(folders: tuple[Path, Path], change: dict[str, Any], words: str) -> None:
     _model(folders[0] / "small")
-    with pytest.raises(NoEngine, match=words):
+    with pytest.raises(NoEngineError, match=words):
         find_recogniser(replace(SETTINGS, **change), folders=folders)
 
 
@@ -122,7 +122,7 @@ def test_an_address_is_fetched_once_and_nothing_of_it_leaves_its_folder(
     assert find_recogniser(wanted, folders=folders) == found
     assert [path.name for path in found.parent.iterdir()] == [found.name], "nothing else is left of it"
     (found / "config.json").write_bytes(b"{ }")
-    with pytest.raises(NoEngine, match=r"config\.json of a model is not the one"):
+    with pytest.raises(NoEngineError, match=r"config\.json of a model is not the one"):
         LocalEngine(replace(SETTINGS, model=str(found)))
 
 
@@ -131,6 +131,6 @@ def test_an_archive_without_a_model_leaves_nothing(folders: tuple[Path, Path], s
     packed = _packed(**{"readme.txt": b"nothing"})
     (folder / "small.zip").write_bytes(packed)
     wanted = replace(SETTINGS, model=f"{address}/small.zip", sha256=hashlib.sha256(packed).hexdigest())
-    with pytest.raises(NoEngine, match="could not be unpacked"):
+    with pytest.raises(NoEngineError, match="could not be unpacked"):
         find_recogniser(wanted, folders=folders)
     assert list((folders[1] / "named").iterdir()) == []

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.conversation.listening import server_engine
-from caris_desktop.conversation.listening.engine import EngineAway, NoEngine
+from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.server_engine import KEY_NAME, SERVER_NAME, ServerEngine
 from tests.conversation.listening.transcription_server import Server, serving
@@ -90,7 +90,7 @@ def test_what_a_server_does_wrong_is_told_and_the_key_is_not(
 ) -> None:
     asked = engine(server.address)
     server.status, server.body = status, body
-    with pytest.raises(EngineAway, match=words) as told:
+    with pytest.raises(EngineUnavailableError, match=words) as told:
         asked.transcribe(SOUND, "", careful=True)
     assert "sk-secret" not in str(told.value)
     server.status, server.body = 200, b'{"text": "Hello."}'
@@ -130,7 +130,7 @@ def test_fields_that_a_server_refuses_are_left_out(server: Server) -> None:
     assert len(server.fields) == 4 and "prompt" not in server.fields[-1]
     server.answers = lambda _fields: (400, b'{"error": "the model is unknown"}')
     asked = engine(server.address)
-    with pytest.raises(EngineAway, match="the model is unknown"):
+    with pytest.raises(EngineUnavailableError, match="the model is unknown"):
         asked.transcribe(SOUND, "", careful=True)
     server.answers = None
     assert asked.transcribe(SOUND, "", careful=True).words
@@ -151,21 +151,21 @@ def test_one_that_never_answers_is_given_up(server: Server, monkeypatch: pytest.
     monkeypatch.setattr(server_engine, "_TIMEOUT", httpx.Timeout(0.2))
     server.wait_s = 5.0
     asked, began_s = engine(server.address), time.monotonic()
-    with pytest.raises(EngineAway, match="did not answer in time"):
+    with pytest.raises(EngineUnavailableError, match="did not answer in time"):
         asked.transcribe(SOUND, "", careful=True)
     assert time.monotonic() - began_s < 4
 
 
 def test_one_that_is_not_there_is_told() -> None:
-    with pytest.raises(EngineAway, match="cannot be reached"):
+    with pytest.raises(EngineUnavailableError, match="cannot be reached"):
         engine("http://127.0.0.1:1/v1").transcribe(SOUND, "", careful=True)
 
 
 def test_without_cloud_models_no_other_computer_gets_sound(server: Server) -> None:
-    with pytest.raises(NoEngine, match="not on this computer"):
+    with pytest.raises(NoEngineError, match="not on this computer"):
         engine("https://transcriptions.example.org/v1", cloud_models=False)
     assert engine(server.address, cloud_models=False).transcribe(SOUND, "", careful=True).words
-    with pytest.raises(NoEngine, match="does not say which server"):
+    with pytest.raises(NoEngineError, match="does not say which server"):
         engine("")
 
 
@@ -181,5 +181,5 @@ def test_a_scenario_does_not_choose_where_the_key_goes(server: Server, monkeypat
     "address", ["http://192.0.2.1/v1", "http://localhost.example.org", "http://127.0.0.1@192.0.2.1/"]
 )
 def test_speech_is_not_sent_where_others_can_read_it(address: str) -> None:
-    with pytest.raises(NoEngine, match="is not sent to"):
+    with pytest.raises(NoEngineError, match="is not sent to"):
         engine(address)

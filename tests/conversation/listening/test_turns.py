@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.listening.learnt_silence import LearntSilence, SilenceOfPeople
+from caris_desktop.conversation.listening.learnt_silence import EndpointDelayModel, SilenceOfPeople
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking, silence_to_wait_s
 
 WINDOW_NS = 32_000_000
@@ -74,17 +74,17 @@ def test_the_wait_keeps_within_the_bounds_of_the_scenario(turn_over: float | Non
 
 
 def test_silence_is_learnt_from_somebodys_own_pauses() -> None:
-    quick, slow = LearntSilence(), LearntSilence()
+    quick, slow = EndpointDelayModel(), EndpointDelayModel()
     for _ in range(30):
         quick.learn(0.25)
         slow.learn(1.4)
-    assert quick.seconds < LearntSilence().seconds < slow.seconds
+    assert quick.seconds < EndpointDelayModel().seconds < slow.seconds
     assert quick.seconds >= 0.5
     assert slow.seconds <= 3.0
 
 
 def test_one_long_pause_changes_little() -> None:
-    silence = LearntSilence()
+    silence = EndpointDelayModel()
     for _ in range(20):
         silence.learn(0.4)
     before_s = silence.seconds

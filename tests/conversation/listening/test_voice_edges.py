@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.conversation.listening.ear import Ear
+from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
-from caris_desktop.conversation.listening.own_words import OwnWords
+from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
 from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
@@ -64,9 +64,11 @@ def scene() -> tuple[NDArray[np.int16], list[tuple[float, float, str]]]:
     return np.clip(sound + room(len(sound) / RATE_HZ)[: len(sound)], -32768, 32767).astype(np.int16), said
 
 
-def _heard(samples: NDArray[np.int16], text_at: "list[tuple[float, float, str]]", own: OwnWords) -> list[object]:
+def _heard(
+    samples: NDArray[np.int16], text_at: "list[tuple[float, float, str]]", own: RobotSpeechFilter
+) -> list[object]:
     told: list[object] = []
-    ear = Ear(
+    ear = SpeechSegmenter(
         ROBOT_MICROPHONE, TurnTaking(SilenceOfPeople(), SilenceBounds()), VoiceActivity(), canceller=Plain(),
         own_words=own, turn_over=lambda _sound: 1.0, tell=told.append,
     )  # fmt: skip
@@ -97,7 +99,7 @@ def test_a_participants_voice_begins_and_ends_as_its_samples_do(
 ) -> None:
     samples, said = scene
     turns: dict[str, list[float]] = {}
-    for event in _heard(samples, said, OwnWords()):
+    for event in _heard(samples, said, RobotSpeechFilter()):
         at_s = (event.stamp_ns - _BEGAN_NS) / 1e9  # type: ignore[attr-defined] # each has one
         if isinstance(event, UtteranceChanged):
             turns.setdefault(event.utterance_id, []).append(at_s)
@@ -113,7 +115,7 @@ def test_a_robot_with_a_voice_of_its_own_is_timed_by_what_is_heard_of_it(
     scene: tuple[NDArray[np.int16], list[tuple[float, float, str]]],
 ) -> None:
     samples, said = scene
-    own = OwnWords()
+    own = RobotSpeechFilter()
     for number, (first_s, end_s, text) in enumerate(said):
         # As a robot tells it that counts the silence of its voice: a little early, and a third of a second late.
         for state, at_s in (("started", first_s - 0.1), ("finished", end_s + 0.35)):

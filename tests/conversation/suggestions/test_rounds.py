@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from caris_desktop.conversation.suggestions.rounds import EXPIRES_NS, PAUSE_NS, TO_READ_NS, Round, Rounds
+from caris_desktop.conversation.suggestions.rounds import EXPIRES_NS, PAUSE_NS, TO_READ_NS, Round, SuggestionCycle
 from caris_desktop.domain.actor import CONSOLE, MODEL, WIZARD
 from caris_desktop.domain.events import SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
@@ -48,12 +48,12 @@ def heard() -> Follower:
 
 
 @pytest.fixture
-def rounds(heard: Follower) -> Rounds:
+def rounds(heard: Follower) -> SuggestionCycle:
     numbers = count(1)
-    return Rounds(heard, lambda: f"s-{next(numbers)}")
+    return SuggestionCycle(heard, lambda: f"s-{next(numbers)}")
 
 
-def begun(rounds: Rounds, heard: Follower, *texts: str) -> Round:
+def begun(rounds: SuggestionCycle, heard: Follower, *texts: str) -> Round:
     """A round at the first pause, with these replies shown at 5.5 s."""
     rounds.hear(SILENT)
     rounds.pass_time(5 * S + PAUSE_NS)
@@ -62,7 +62,7 @@ def begun(rounds: Rounds, heard: Follower, *texts: str) -> Round:
     return heard.asked[-1]
 
 
-def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: Rounds, heard: Follower) -> None:
+def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: SuggestionCycle, heard: Follower) -> None:
     rounds.hear(SILENT)
     assert rounds.next_ns == 5 * S + PAUSE_NS
     rounds.pass_time(5 * S + PAUSE_NS - 1)
@@ -71,14 +71,14 @@ def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: Rounds, heard
     assert heard.asked == [Round("t-1", 1, "can it hurt people", 5 * S)]
 
 
-def test_who_speaks_on_gets_no_reply_to_the_half_of_it(rounds: Rounds, heard: Follower) -> None:
+def test_who_speaks_on_gets_no_reply_to_the_half_of_it(rounds: SuggestionCycle, heard: Follower) -> None:
     rounds.hear(SILENT)
     rounds.hear(SPEAKING)
     rounds.pass_time(9 * S)
     assert heard.asked == []
 
 
-def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: Rounds, heard: Follower) -> None:
+def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: SuggestionCycle, heard: Follower) -> None:
     first = begun(rounds, heard, "It stops at once.")
     rounds.hear(SPEAKING)
     assert heard.dropped and rounds.cards == ()
@@ -92,7 +92,7 @@ def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: Rounds, hea
     assert heard.fates == [(1, "superseded")] and heard.asked[-1].revision == 3
 
 
-def test_a_pause_that_was_missed_is_told_by_when_it_began(rounds: Rounds, heard: Follower) -> None:
+def test_a_pause_that_was_missed_is_told_by_when_it_began(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.hear(replace(SILENT, stamp_ns=8 * S, silent_since_ns=8 * S, revision=3))
     assert heard.fates == [(1, "superseded")]
@@ -100,7 +100,9 @@ def test_a_pause_that_was_missed_is_told_by_when_it_began(rounds: Rounds, heard:
     assert [(each.turn_id, each.revision) for each in heard.asked] == [("t-1", 1), ("t-1", 3)]
 
 
-def test_place_and_key_stay_and_a_second_one_with_the_same_intention_gets_none(rounds: Rounds, heard: Follower) -> None:
+def test_place_and_key_stay_and_a_second_one_with_the_same_intention_gets_none(
+    rounds: SuggestionCycle, heard: Follower
+) -> None:
     first = begun(rounds, heard, "It stops as soon as it touches something.")
     assert not rounds.offer(first, "It stops once it touches something.", "small", 6 * S)
     assert rounds.offer(first, "Good question! There is a safety zone around it.", "small", 6 * S)
@@ -110,13 +112,13 @@ def test_place_and_key_stay_and_a_second_one_with_the_same_intention_gets_none(r
     assert heard.told[0].latency_ms == 500.0 and heard.told[0].actor == MODEL
 
 
-def test_no_reply_is_a_valid_answer(rounds: Rounds, heard: Follower) -> None:
+def test_no_reply_is_a_valid_answer(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard)
     rounds.on_robot(ROBOT, 7 * S)
     assert heard.told == [] and rounds.round is None
 
 
-def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: Rounds, heard: Follower) -> None:
+def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     card = rounds.card("s-2", 6 * S)
     assert card is not None
@@ -127,14 +129,14 @@ def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: Rou
     assert rounds.card("s-2", 7 * S) is None, "it is not said twice"
 
 
-def test_an_edited_one_says_how_much_was_changed(rounds: Rounds, heard: Follower) -> None:
+def test_an_edited_one_says_how_much_was_changed(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.take(rounds.cards[0], "It halts at once!", "u-7", WIZARD, 6 * S)
     assert [(event.state, event.edit_distance) for event in heard.told[1:]] == [("edited", 5)]
 
 
 def test_a_turn_that_was_replied_to_needs_no_other_reply_when_its_final_words_come(
-    rounds: Rounds, heard: Follower
+    rounds: SuggestionCycle, heard: Follower
 ) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.take(rounds.cards[0], "It stops at once.", "u-7", WIZARD, 6 * S)
@@ -143,7 +145,9 @@ def test_a_turn_that_was_replied_to_needs_no_other_reply_when_its_final_words_co
     assert len(heard.asked) == 1
 
 
-def test_final_words_that_are_the_same_leave_the_replies_where_they_are(rounds: Rounds, heard: Follower) -> None:
+def test_final_words_that_are_the_same_leave_the_replies_where_they_are(
+    rounds: SuggestionCycle, heard: Follower
+) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_participant(FINISHED, 6 * S)
     assert len(heard.asked) == 1 and rounds.round is not None and rounds.round.person_id == "p-luis"
@@ -152,14 +156,16 @@ def test_final_words_that_are_the_same_leave_the_replies_where_they_are(rounds: 
     assert heard.asked[-1].revision == 2
 
 
-def test_a_turn_is_replied_to_also_where_its_end_is_told_before_the_silence(rounds: Rounds, heard: Follower) -> None:
+def test_a_turn_is_replied_to_also_where_its_end_is_told_before_the_silence(
+    rounds: SuggestionCycle, heard: Follower
+) -> None:
     rounds.hear(replace(SPEAKING, stamp_ns=4 * S))
     rounds.on_participant(FINISHED, 6 * S)
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
 
 def test_a_turn_whose_end_is_told_while_somebody_speaks_again_waits_for_what_that_is(
-    rounds: Rounds, heard: Follower
+    rounds: SuggestionCycle, heard: Follower
 ) -> None:
     again = replace(SPEAKING, utterance_id="t-2", committed="")
     rounds.hear(again)
@@ -170,7 +176,7 @@ def test_a_turn_whose_end_is_told_while_somebody_speaks_again_waits_for_what_tha
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
 
-def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: Rounds, heard: Follower) -> None:
+def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_participant(replace(FINISHED, state="failed", text=""), 6 * S)
     rounds.pass_time(9 * S)
@@ -180,7 +186,7 @@ def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: Rounds, hea
     assert len(heard.asked) == 1
 
 
-def test_after_a_noise_the_turn_before_it_is_still_to_be_replied_to(rounds: Rounds, heard: Follower) -> None:
+def test_after_a_noise_the_turn_before_it_is_still_to_be_replied_to(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     noise = replace(SPEAKING, utterance_id="t-2", committed="", speaker="")
     rounds.hear(noise)
@@ -192,7 +198,9 @@ def test_after_a_noise_the_turn_before_it_is_still_to_be_replied_to(rounds: Roun
     ]
 
 
-def test_a_filler_leaves_the_replies_and_every_other_sentence_ends_them(rounds: Rounds, heard: Follower) -> None:
+def test_a_filler_leaves_the_replies_and_every_other_sentence_ends_them(
+    rounds: SuggestionCycle, heard: Follower
+) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_robot(replace(ROBOT, origin="filler"), 6 * S)
     assert len(rounds.cards) == 1
@@ -201,7 +209,7 @@ def test_a_filler_leaves_the_replies_and_every_other_sentence_ends_them(rounds: 
 
 
 def test_a_sentence_that_waited_in_the_queue_moves_nothing_on_when_it_is_started(
-    rounds: Rounds, heard: Follower
+    rounds: SuggestionCycle, heard: Follower
 ) -> None:
     for number in (1, 2):
         rounds.on_robot(replace(ROBOT, utterance_id=f"u-{number}"), 4 * S)
@@ -211,7 +219,7 @@ def test_a_sentence_that_waited_in_the_queue_moves_nothing_on_when_it_is_started
     assert len(rounds.cards) == 1
 
 
-def test_dismissed_ones_do_not_return_with_the_next_noise(rounds: Rounds, heard: Follower) -> None:
+def test_dismissed_ones_do_not_return_with_the_next_noise(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     rounds.dismiss(WIZARD, 6 * S)
     assert heard.fates == [(1, "dismissed"), (2, "dismissed")]
@@ -221,7 +229,7 @@ def test_dismissed_ones_do_not_return_with_the_next_noise(rounds: Rounds, heard:
     assert len(heard.asked) == 1
 
 
-def test_what_nobody_wanted_expires_once(rounds: Rounds, heard: Follower) -> None:
+def test_what_nobody_wanted_expires_once(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     shown_ns = rounds.cards[0].shown_ns
     rounds.pass_time(shown_ns + EXPIRES_NS - 1)
@@ -231,7 +239,7 @@ def test_what_nobody_wanted_expires_once(rounds: Rounds, heard: Follower) -> Non
     assert heard.fates == [(1, "expired")]
 
 
-def test_a_key_that_was_meant_for_the_one_before_says_nothing(rounds: Rounds, heard: Follower) -> None:
+def test_a_key_that_was_meant_for_the_one_before_says_nothing(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_participant(replace(FINISHED, text="Can it help people?"), 5 * S + S // 2)
     rounds.offer(heard.asked[-1], "Yes, in the kitchen.", "small", 5 * S + S // 2)
@@ -241,7 +249,7 @@ def test_a_key_that_was_meant_for_the_one_before_says_nothing(rounds: Rounds, he
 
 
 def test_nothing_is_said_without_a_key_unless_the_level_says_so_and_then_in_its_second_alone(
-    rounds: Rounds, heard: Follower
+    rounds: SuggestionCycle, heard: Follower
 ) -> None:
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     shown_ns = rounds.cards[0].shown_ns
@@ -254,7 +262,7 @@ def test_nothing_is_said_without_a_key_unless_the_level_says_so_and_then_in_its_
     assert rounds.due(shown_ns + 3 * S) is None
 
 
-def test_a_corrected_turn_is_replied_to_as_corrected(rounds: Rounds, heard: Follower) -> None:
+def test_a_corrected_turn_is_replied_to_as_corrected(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.reword("Can it heat people?", 7 * S)
     assert heard.asked[-1].text == "Can it heat people?" and heard.fates == [(1, "superseded")]

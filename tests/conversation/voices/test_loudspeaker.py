@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.voices.loudspeaker import _Playback
-from caris_desktop.conversation.voices.sound import GrowingSound
+from caris_desktop.conversation.voices.sound import StreamingBuffer
 from tests.support.polling import wait_for
 
 RATE_HZ = 1000
@@ -19,7 +19,7 @@ class Card:
     """A sound card that asks for ``blocks`` at once as it starts; its clock is moved by hand."""
 
     def __init__(self) -> None:
-        self.sound = GrowingSound(RATE_HZ, lambda: None)
+        self.sound = StreamingBuffer(RATE_HZ, lambda: None)
         self.silenced = threading.Event()
         self.now_ns = 0
         self.playback = _Playback(self.sound, self.silenced, threading.Event(), now_ns=lambda: self.now_ns)

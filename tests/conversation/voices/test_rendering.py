@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.conversation.voices.rendering import Rendering
-from caris_desktop.conversation.voices.sound import GrowingSound, Samples, Stop
+from caris_desktop.conversation.voices.sound import Samples, Stop, StreamingBuffer
 from tests.support.polling import wait_for
 
 
@@ -54,20 +54,20 @@ def rendering(voice: SlowVoice) -> Iterator[Rendering]:
     assert not thread.is_alive()
 
 
-Say = Callable[[str], tuple[GrowingSound, list[int]]]
+Say = Callable[[str], tuple[StreamingBuffer, list[int]]]
 
 
 @pytest.fixture
 def say(rendering: Rendering) -> Say:
-    def ask(text: str) -> tuple[GrowingSound, list[int]]:
-        sound, told = GrowingSound(1000, lambda: None), []
+    def ask(text: str) -> tuple[StreamingBuffer, list[int]]:
+        sound, told = StreamingBuffer(1000, lambda: None), []
         rendering.say(text, sound, lambda at, part: told.append(len(part)))
         return sound, told
 
     return ask
 
 
-def spoken(sound: GrowingSound) -> str:
+def spoken(sound: StreamingBuffer) -> str:
     return "".join(chr(value) for value in sound.take(sound.end)[::10])
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from caris_desktop.conversation.voices.sound import GrowingSound, KeptSounds, Samples, Stop, trimmed
+from caris_desktop.conversation.voices.sound import Samples, SoundCache, Stop, StreamingBuffer, trimmed
 
 RATE_HZ = 1000
 KEPT = 5
@@ -41,7 +41,7 @@ def test_of_a_whole_sound_the_loudest_sample_says_what_silence_is() -> None:
 
 @given(lengths=st.lists(st.integers(1, 30), min_size=1, max_size=8), frames=st.integers(1, 40))
 def test_what_is_appended_is_taken_once_and_in_order(lengths: list[int], frames: int) -> None:
-    sound = GrowingSound(RATE_HZ, lambda: None)
+    sound = StreamingBuffer(RATE_HZ, lambda: None)
     values = np.arange(1, sum(lengths) + 1, dtype=np.int16)
     places = []
     taken: list[Samples] = []
@@ -58,7 +58,7 @@ def test_what_is_appended_is_taken_once_and_in_order(lengths: list[int], frames:
 
 
 def test_a_sound_of_which_nothing_was_heard_is_played_from_its_beginning() -> None:
-    sound = GrowingSound(RATE_HZ, lambda: None)
+    sound = StreamingBuffer(RATE_HZ, lambda: None)
     sound.append(some(1, 2, 3))
     sound.take(2)
     sound.rewind()
@@ -68,7 +68,7 @@ def test_a_sound_of_which_nothing_was_heard_is_played_from_its_beginning() -> No
 
 
 def test_what_is_kept_is_bounded_and_what_is_wanted_stays() -> None:
-    kept = KeptSounds(at_most_bytes=8)
+    kept = SoundCache(at_most_bytes=8)
     kept.want(["phrase"])
     assert kept.put("phrase", some(1, 2))
     assert kept.put("said", some(3, 4))

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.bus import Bus
@@ -82,7 +82,7 @@ class FakeModel(QObject):
 
     def ask(self, messages: Any, **told: Any) -> Question:
         if not self.there:
-            raise ToldFailure("The assistant cannot answer now.", "Nothing was asked.", "It is starting.")
+            raise UserFacingError("The assistant cannot answer now.", "Nothing was asked.", "It is starting.")
         self.asked.append(Question(messages, told, f"x-{len(self.asked)}"))
         return self.asked[-1]
 
@@ -146,7 +146,7 @@ class Desk:
             if handler is not None:
                 try:
                     handler(intent)
-                except ToldFailure as failure:
+                except UserFacingError as failure:
                     return failure.what
                 self.bus.take_in()
                 return ""

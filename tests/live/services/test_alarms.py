@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import AlarmChanged, LinkQuality, Problem, RecordingPaused, RobotChosen, SessionStarted
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, FrameRef, LaserScan
 from caris_desktop.live.services.alarms import AlarmsService
@@ -162,7 +162,7 @@ def test_after_a_pause_the_record_has_what_is_wrong_still(desk: Desk) -> None:
 
 def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
-    with pytest.raises(ToldFailure, match="still wrong"):
+    with pytest.raises(UserFacingError, match="still wrong"):
         desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
     assert desk.alarms == ["link"]
 

@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.services.another_robot import AnotherRobotService
 
 
@@ -31,9 +31,13 @@ class LaterWork:
     """Slow work, done one after the other when the test says so."""
 
     def __init__(self) -> None:
-        self.waiting: deque[tuple[Callable[[], Any], Callable[[Any], None], Callable[[ToldFailure], None]]] = deque()
+        self.waiting: deque[tuple[Callable[[], Any], Callable[[Any], None], Callable[[UserFacingError], None]]] = (
+            deque()
+        )
 
-    def do(self, work: Callable[[], Any], done: Callable[[Any], None], failed: Callable[[ToldFailure], None]) -> None:
+    def do(
+        self, work: Callable[[], Any], done: Callable[[Any], None], failed: Callable[[UserFacingError], None]
+    ) -> None:
         self.waiting.append((work, done, failed))
 
     def run(self, number: int = 1) -> None:
@@ -41,7 +45,7 @@ class LaterWork:
             work, done, failed = self.waiting.popleft()
             try:
                 found = work()
-            except ToldFailure as failure:
+            except UserFacingError as failure:
                 failed(failure)
             else:
                 done(found)
@@ -104,7 +108,7 @@ def test_one_that_cannot_be_found_is_told_and_leaves_the_present_one(
     service: AnotherRobotService, calls: list[str], work: LaterWork
 ) -> None:
     def find() -> Any:
-        raise ToldFailure("No robot of this name.", "", "")
+        raise UserFacingError("No robot of this name.", "", "")
 
     service.use(find)
     work.run()

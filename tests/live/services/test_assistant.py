@@ -13,7 +13,7 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_en
 from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Along
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
@@ -126,7 +126,7 @@ def test_a_picture_goes_to_no_model_that_cannot_or_may_not_see_it(
     qtbot: QtBot, settings: AssistantSettings, expected: str
 ) -> None:
     desk = Desk(NOBODY, settings)
-    with pytest.raises(ToldFailure, match=expected):
+    with pytest.raises(UserFacingError, match=expected):
         desk.do(intents.Ask("What is this?", pictures=("camera robot",)))
     assert desk.rows == ()
 
@@ -151,8 +151,8 @@ def test_a_picture_that_cannot_be_read_leaves_the_question_with_the_reason(
 ) -> None:
     desk = new_desk(replace(SETTINGS, pictures=True))
 
-    def gone(_names: object, _done: object, failed: Callable[[ToldFailure], None]) -> None:
-        failed(ToldFailure("There is no such photo.", "It was deleted.", "Choose another one."))
+    def gone(_names: object, _done: object, failed: Callable[[UserFacingError], None]) -> None:
+        failed(UserFacingError("There is no such photo.", "It was deleted.", "Choose another one."))
 
     desk.service.use_pictures(gone)
     desk.do(intents.Ask("What is this?", pictures=("photos/1.png",)))
@@ -180,9 +180,9 @@ def test_the_wizards_words_hold_for_the_session_and_are_put_back(new_desk: Calla
     assert desk.setup.edited, "the scenario says the same of the assistant"
     desk.do(intents.ResetPrompts())
     assert (desk.setup.edited, desk.setup.role, desk.setup.notes) == (False, "", "The arm is being repaired.")
-    with pytest.raises(ToldFailure, match="no role of that name"):
+    with pytest.raises(UserFacingError, match="no role of that name"):
         desk.do(intents.ChoosePrompt("role", "Pirate"))
-    with pytest.raises(ToldFailure, match="characters too long"):
+    with pytest.raises(UserFacingError, match="characters too long"):
         desk.do(intents.EditPrompt("notes", "x" * 5000))
 
 
@@ -199,7 +199,7 @@ def test_the_models_to_choose_from_are_the_scenarios_and_what_is_found_here(
     desk.do(intents.ChooseModel("ollama:found"))
     exchange = answered(desk, qtbot, intents.Ask("Where?"))
     assert (exchange.model, exchange.provider) == ("found", "ollama")
-    with pytest.raises(ToldFailure, match="cannot be chosen"):
+    with pytest.raises(UserFacingError, match="cannot be chosen"):
         desk.do(intents.ChooseModel("openai:somewhere-else"))
 
 
@@ -208,13 +208,13 @@ def test_with_local_models_only_no_other_is_offered_or_asked(new_desk: Callable[
     desk.service._lists._look()
     qtbot.waitUntil(lambda: len(desk.setup.models) > 2)
     assert [choice.model for choice in desk.setup.models] == ["ollama:small", "embedded", "ollama:found"]
-    with pytest.raises(ToldFailure, match="cannot be chosen"):
+    with pytest.raises(UserFacingError, match="cannot be chosen"):
         desk.do(intents.ChooseModel("openai:large"))
     answered(desk, qtbot, intents.Ask("Where?"))
     assert desk.asked[-1][2]["local_only"] is True
     elsewhere = new_desk(replace(SETTINGS, model="gemini:large"), cloud_models=False)
     assert "permits only models that are" in elsewhere.state.assistant.value.detail
-    with pytest.raises(ToldFailure, match="kept in the field"):
+    with pytest.raises(UserFacingError, match="kept in the field"):
         elsewhere.do(intents.Ask("Where?"))
 
 

@@ -10,29 +10,29 @@ from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import CameraState, FrameRef
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody, RingToWrite
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.services import cameras
 from caris_desktop.live.services.cameras import CamerasService, OwnCamera, WantedCameras
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo
 from caris_desktop.robot.profile import CameraTopic
 from caris_desktop.scenario.model import PanelLeaf, Scenario
 
-DESK = OwnCamera("desk", ProcessBody("camera desk", print, ("0",)))
-DOOR = OwnCamera("door", ProcessBody("camera door", print, ("1",)), CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0))
+DESK = OwnCamera("desk", ProcessSpec("camera desk", print, ("0",)))
+DOOR = OwnCamera("door", ProcessSpec("camera door", print, ("1",)), CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0))
 SCENARIO = Scenario("Test", PanelLeaf("video"))
 
 
 class Child:
     """Stands for a camera's process."""
 
-    def __init__(self, body: ProcessBody, ended: Callable[[ChildProcess], None]) -> None:
+    def __init__(self, body: ProcessSpec, ended: Callable[[ChildProcess], None]) -> None:
         self.body = body
         self.ended = ended
         self.sent: list[Any] = []
@@ -60,7 +60,7 @@ class Bench:
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value))
         self.children: list[Child] = []
-        self.slow_work = SlowWork(self.owner)
+        self.slow_work = BackgroundWorker(self.owner)
         self.frames = FrameRings([])
         self.wanted = WantedCameras((DESK, DOOR))
         self.service = CamerasService(
@@ -73,7 +73,7 @@ class Bench:
             parent=self.owner,
         )
 
-    def start(self, body: ProcessBody, *, ended: Callable[[ChildProcess], None], heard: object) -> Child:
+    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: object) -> Child:
         self.children.append(Child(body, ended))
         return self.children[-1]
 
@@ -184,7 +184,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
 
 @pytest.mark.logs("bus")
 def test_what_cannot_be_used_is_told_and_the_others_run(bench: Bench) -> None:
-    bench.wanted = WantedCameras((DESK,), failures=(ToldFailure("No such camera.", "Not used.", "Correct it."),))
+    bench.wanted = WantedCameras((DESK,), failures=(UserFacingError("No such camera.", "Not used.", "Correct it."),))
     bench.service.use_scenario(SCENARIO)
     bench.service.start()
     assert bench.problems() == ["No such camera."]

@@ -20,14 +20,14 @@ from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
 from caris_desktop.conversation.face.file import load_face, save_face
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import FaceChanged, Problem, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing, PlayedSound
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.face import FaceService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.people.presence import PersonRow
@@ -46,7 +46,7 @@ class Bench:
         self.owner = QObject()
         self.state = LiveState(self.owner)
         self.bus = Bus(self.state, self.owner)
-        self.slow_work = SlowWork(self.owner)
+        self.slow_work = BackgroundWorker(self.owner)
         self.asyncio = AsyncioThread()
         self.service = FaceService(
             self.state, self.bus, self.slow_work, self.asyncio, frames=Frames(), parent=self.owner,
@@ -101,7 +101,7 @@ def test_a_scenario_without_a_face_has_none_and_one_with_it_begins_calm(bench: B
     forbidding = replace(bench.scenario, permissions=replace(bench.scenario.permissions, face=False))
     bench.service.use_scenario(forbidding)
     assert (bench.state.face.value.what, bench.shown) == ("off", None)
-    with pytest.raises(ToldFailure, match="not ready"):
+    with pytest.raises(UserFacingError, match="not ready"):
         bench.do(intents.ShowExpression("happy"))
 
 
@@ -111,7 +111,7 @@ def test_an_expression_shows_and_is_on_record_and_an_unknown_one_is_refused(benc
     bench.until(lambda: bench.shapes(Lips)[0].lower > before.lower + 1)
     bench.until(lambda: [each for each in bench.happened if isinstance(each, FaceChanged)][-1].expression == "happy")
     assert bench.happened[-1].actor == "wizard:b"
-    with pytest.raises(ToldFailure, match="no expression"):
+    with pytest.raises(UserFacingError, match="no expression"):
         bench.do(intents.ShowExpression("dancing"))
 
 
@@ -176,10 +176,10 @@ def test_a_text_a_photo_and_the_live_picture_stand_in_place_of_the_face(bench: B
     bench.do(intents.ShowOnFace("face"))
     bench.until(lambda: isinstance(bench.shown, Drawing) and bench.shapes(Lips))
     for refused in (intents.ShowOnFace("text", "  "), intents.ShowOnFace("photo", "photos/2.png")):
-        with pytest.raises(ToldFailure):
+        with pytest.raises(UserFacingError):
             bench.do(refused)
     bench.service.use_scenario(replace(bench.scenario, face=replace(bench.scenario.face, live_picture=False)))
-    with pytest.raises(ToldFailure, match="does not show"):
+    with pytest.raises(UserFacingError, match="does not show"):
         bench.do(intents.ShowOnFace("live"))
 
 
@@ -187,7 +187,7 @@ def test_a_face_of_ones_own_is_kept_and_worn_and_a_broken_one_refused(bench: Ben
     text = 'version: 1\ntitle: Green\nink: "#00ff00"\n'
     bench.do(intents.KeepFace("green", text))
     bench.until(lambda: bench.state.face.value.face == "green" and bench.shapes(Box)[0].ink == "#00ff00")
-    with pytest.raises(ToldFailure, match="line 3"):
+    with pytest.raises(UserFacingError, match="line 3"):
         bench.do(intents.KeepFace("green", text.replace("#00ff00", "green")))
     bench.do(intents.UseFace("nobody-has-it"))
     problem = bench.until(lambda: next((one for one in bench.happened if isinstance(one, Problem)), None))

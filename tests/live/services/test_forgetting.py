@@ -16,11 +16,11 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import bodies
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PersonForgotten, Problem
-from caris_desktop.domain.failure import ToldFailure
-from caris_desktop.domain.translation import QT_TR_NOOP, filled, tr
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.forgetting import ForgettingAsked, ForgettingEnded, ForgettingProgress
 from caris_desktop.live.services.forgetting import ForgettingService
 from caris_desktop.live.state import LiveState
@@ -52,7 +52,7 @@ def leave_a_photo(connection: Connection, photo: Path) -> None:
     try:
         media.covered_picture(photo, photo.with_suffix(".part"), ())
     except media.UnreadableMediaError as error:
-        removed = filled(QT_TR_NOOP("{why}; it was removed."), why=error)
+        removed = localized(QT_TR_NOOP("{why}; it was removed."), why=error)
         connection.send(ForgettingEnded(Forgotten(Path("receipt"), None, 0, (), (removed,))))
 
 
@@ -64,13 +64,13 @@ class Bench:
         self.bus = Bus(self.state, self.state)
         self.told: list[str] = []
         self.forgotten: list[intents.ForgetPerson] = []
-        self.refuses: ToldFailure | None = None
+        self.refuses: UserFacingError | None = None
         self.bus.tap(lambda value, _raw: self.told.append(f"{value.what} {value.meaning} {value.advice}"), (Problem,))
-        self.body = ProcessBody("forgetting", fail)
+        self.body = ProcessSpec("forgetting", fail)
         self.service = ForgettingService(
             self.state,
             self.bus,
-            Children(self.bus, self.state),
+            ProcessManager(self.bus, self.state),
             lambda _person_id: self.body,
             then=self.forget,
             parent=self.state,
@@ -103,11 +103,11 @@ def test_a_person_is_forgotten_in_the_study_and_then_in_the_console(bench: Bench
         store.describe(person_id, About(name="Zoë Quillfeather"))
     (tmp_path / "notes.txt").write_text("Zoë Quillfeather came early.\n", encoding="utf-8")
     asked = ForgettingAsked(tmp_path, tmp_path / "people.sqlite", person_id, texts="redact")
-    bench.body = ProcessBody("forgetting", bodies.forgetting, (asked,))
+    bench.body = ProcessSpec("forgetting", bodies.forgetting, (asked,))
     wish = intents.ForgetPerson(person_id)
     bench.ask(wish)
     assert "is being forgotten" in bench.told[0]
-    with pytest.raises(ToldFailure, match="already"):
+    with pytest.raises(UserFacingError, match="already"):
         bench.ask(wish)
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert bench.forgotten == [wish]
@@ -120,7 +120,7 @@ def test_a_person_is_forgotten_in_the_study_and_then_in_the_console(bench: Bench
 @pytest.mark.parametrize("state", ["starting", "recording", "paused"])
 def test_nobody_is_forgotten_while_a_session_is_recorded(bench: Bench, state: str) -> None:
     bench.state.recording.set(replace(bench.state.recording.value, state=state))
-    with pytest.raises(ToldFailure, match="End the recording"):
+    with pytest.raises(UserFacingError, match="End the recording"):
         bench.ask(intents.ForgetPerson("p-1"))
     assert bench.over()
 
@@ -130,7 +130,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(bench: Bench, state: st
 def test_what_goes_wrong_is_told_and_the_person_stays_known(
     bench: Bench, qtbot: QtBot, body: Callable[[Connection], None], words: str
 ) -> None:
-    bench.body = ProcessBody("forgetting", body)
+    bench.body = ProcessSpec("forgetting", body)
     bench.ask(intents.ForgetPerson("p-1"))
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert words in bench.told[-1]
@@ -139,7 +139,7 @@ def test_what_goes_wrong_is_told_and_the_person_stays_known(
 
 @pytest.mark.logs("did not end within")
 def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Bench) -> None:
-    bench.body = ProcessBody("forgetting", take_long)
+    bench.body = ProcessSpec("forgetting", take_long)
     bench.ask(intents.ForgetPerson("p-1"))
     (child,) = bench.service.processes().values()
     bench.service.stop()
@@ -153,8 +153,8 @@ def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Benc
 def test_where_nobody_looks_for_people_it_is_told_all_the_same(bench: Bench, qtbot: QtBot) -> None:
     happened: list[PersonForgotten] = []
     bench.bus.tap(lambda value, _raw: happened.append(value), (PersonForgotten,))
-    bench.refuses = ToldFailure("People are not looked for here.", "Nothing was changed.", "Start with detection.")
-    bench.body = ProcessBody("forgetting", leave_one)
+    bench.refuses = UserFacingError("People are not looked for here.", "Nothing was changed.", "Start with detection.")
+    bench.body = ProcessSpec("forgetting", leave_one)
     bench.ask(intents.ForgetPerson("p-1", actor="wizard:Ann"))
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert [(event.person_id, event.actor) for event in happened] == [("p-1", "wizard:Ann")]
@@ -166,7 +166,7 @@ def test_where_nobody_looks_for_people_it_is_told_all_the_same(bench: Bench, qtb
 @pytest.mark.usefixtures("trial_language")
 def test_what_could_not_be_done_is_said_in_the_wizards_language(bench: Bench, qtbot: QtBot, tmp_path: Path) -> None:
     (tmp_path / "photo.png").write_bytes(b"no picture")
-    bench.body = ProcessBody("forgetting", leave_a_photo, (tmp_path / "photo.png",))
+    bench.body = ProcessSpec("forgetting", leave_a_photo, (tmp_path / "photo.png",))
     bench.ask(intents.ForgetPerson("p-01"))
     qtbot.waitUntil(bench.over, timeout=30_000)
     why = tr("{file} cannot be read as a picture").format(file="photo.png")

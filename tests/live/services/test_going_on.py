@@ -12,12 +12,12 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial import TrialDetails
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.going_on import GoingOnParts, GoingOnService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.services.going_on import CrashRecoveryAdapters, CrashRecoveryService
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.people.presence import PersonRow
@@ -42,10 +42,10 @@ class Run:
         self.told: list[Any] = []
         self.asked: list[intents.Intent] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (TrialResumed, ConfirmedAsBefore))
-        self.slow_work = SlowWork(self.state)
+        self.slow_work = BackgroundWorker(self.state)
         robot: Any = SimpleNamespace(connection=_connection("simulated", "Simulated robot"))
-        self.service = GoingOnService(
-            self.state, self.bus, GoingOnParts(folder / "trials", folder / "sessions", lambda _session: P07),
+        self.service = CrashRecoveryService(
+            self.state, self.bus, CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _session: P07),
             self.slow_work, robot=robot, do=self.do, parent=self.state,
         )  # fmt: skip
         self.scenario = load_scenario(find_scenario("tour-guide"))
@@ -70,7 +70,7 @@ class Run:
 
     def settle(self) -> None:
         self.slow_work.finish(lambda _what, work: work())
-        self.slow_work = SlowWork(self.state)
+        self.slow_work = BackgroundWorker(self.state)
         self.service._slow_work = self.slow_work
 
     def crash(self) -> None:
@@ -213,7 +213,7 @@ def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run
 def test_a_trial_does_not_go_on_in_the_midst_of_another_recording(after_a_crash: Run) -> None:
     run = after_a_crash
     run.state.recording.set(replace(run.state.recording.value, state="starting"))
-    with pytest.raises(ToldFailure, match="under way"):
+    with pytest.raises(UserFacingError, match="under way"):
         run.ask(intents.GoOnWithTrial())
     assert run.asked == [] and run.told == []
 
@@ -241,7 +241,7 @@ def test_after_an_end_in_order_nothing_is_offered(run: Run, runs: Callable[[], R
     another = runs()
     another.start()
     assert another.state.going_on.value.state == ""
-    with pytest.raises(ToldFailure):
+    with pytest.raises(UserFacingError):
         another.ask(intents.GoOnWithTrial())
 
 

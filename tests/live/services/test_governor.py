@@ -22,8 +22,8 @@ from caris_desktop.live.services.governor import (
     LOOK_EVERY_MS,
     STEPS,
     STEPS_WITH_BLUR,
-    GovernorService,
-    LoadSteps,
+    LoadLevels,
+    LoadSheddingService,
     Step,
 )
 from caris_desktop.live.state import LiveState
@@ -37,7 +37,7 @@ class Machine:
     """Looks at the steps ten times a second of a clock of its own."""
 
     def __init__(self) -> None:
-        self.steps = LoadSteps()
+        self.steps = LoadLevels()
         self.now_ns = 100 * SECOND_NS
 
     def run(
@@ -180,7 +180,7 @@ class Governed:
         self.models = ModelClient(
             asyncio_thread or nobody, answers_for_ever, lambda _: None, self.owner, ask_version=no_version
         )
-        self.governor = GovernorService(
+        self.governor = LoadSheddingService(
             self.state, self.bus, self.people, self.models, parent=self.owner,  # type: ignore[arg-type]
             now_ns=lambda: self.now_ns,
         )  # fmt: skip

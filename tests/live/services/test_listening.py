@@ -24,7 +24,7 @@ from caris_desktop.domain.events import Gap, Problem, UtteranceChanged, Utteranc
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.listening_feed import STREAM, ListeningFeed
 from caris_desktop.live.services.listening import ListeningService
 from caris_desktop.live.state import LiveState
@@ -41,7 +41,7 @@ _PROBLEM = Problem(1, "warning", "It cannot.", "No text.", "Nothing to do.", unt
 class FakeChild:
     """Stands for the recogniser: keeps what it is sent; ``stuck`` while it reads nothing."""
 
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
         self.got: list[Any] = []
         self.silences: list[UseSilence] = []
@@ -67,7 +67,7 @@ class FakeChildren:
     def __init__(self) -> None:
         self.started: list[FakeChild] = []
 
-    def start(self, body: ProcessBody, **_told: object) -> FakeChild:
+    def start(self, body: ProcessSpec, **_told: object) -> FakeChild:
         self.started.append(FakeChild(body))
         return self.started[-1]
 
@@ -89,7 +89,7 @@ class Bench:
             self.state,
             self.bus,
             self.children,  # type: ignore[arg-type]
-            lambda scenario: ProcessBody("recogniser", echo, (scenario.listening.language,)),
+            lambda scenario: ProcessSpec("recogniser", echo, (scenario.listening.language,)),
             parent=self.owner,
         )
 
@@ -256,7 +256,7 @@ def test_one_that_ends_by_itself_is_started_again_three_times(bench: Bench) -> N
 
 
 def test_the_feed_ends_while_its_reader_is_stuck() -> None:
-    child = FakeChild(ProcessBody("recogniser", echo))
+    child = FakeChild(ProcessSpec("recogniser", echo))
     child.reads.clear()
     feed = ListeningFeed(child, lambda _gap: None)  # type: ignore[arg-type]
     feed.put(pickle.dumps(1))

@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.services.marks import MarksService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import RecordingStatus
@@ -141,6 +141,6 @@ def test_of_a_mark_only_its_note_is_removed(recorded: Desk) -> None:
 
 
 def test_a_note_without_a_recording_is_refused_instead_of_lost(desk: Desk) -> None:
-    with pytest.raises(ToldFailure, match="Nothing is being recorded now"):
+    with pytest.raises(UserFacingError, match="Nothing is being recorded now"):
         desk.marks.add_note(intents.AddNote("Asks twice"))
     assert desk.told == []

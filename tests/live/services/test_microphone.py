@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import Role
 from caris_desktop.live import distant_ear, local_microphone
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.services import microphone
 from caris_desktop.live.services.microphone import MicrophoneParts, MicrophoneService
@@ -40,7 +40,7 @@ HEADSET = MicrophoneOpened("Headset", 16000)
 class FakeChild:
     """Stands for the microphone's process: keeps what it is asked."""
 
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
         self.asked: list[object] = []
         self.send = self.asked.append
@@ -57,7 +57,7 @@ class FakeChildren:
         self.of_wizard: list[FakeChild] = []
         self.told: list[dict[str, Callable[[Any], None]]] = []
 
-    def start(self, body: ProcessBody, **told: Any) -> FakeChild:
+    def start(self, body: ProcessSpec, **told: Any) -> FakeChild:
         child = FakeChild(body)
         if body.name == "participant":
             self.started.append(child)
@@ -95,7 +95,7 @@ class Bench:
         self.permit(**permissions)
 
     def _choice(self, role: Role, chosen: str | None) -> MicrophoneChoice:
-        body = ProcessBody(role, echo)
+        body = ProcessSpec(role, echo)
         return MicrophoneChoice(body, chosen=lambda: chosen, keep=lambda name: self.kept.append((role, name)))
 
     def permit(self, *, ear: str = "auto", **permissions: bool) -> None:

@@ -9,19 +9,19 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import intents
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.people import PeopleParts, PeopleService
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import GoingOnStatus
+from caris_desktop.live.status import CrashRecoveryStatus
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.presence import Presence
+from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.people.sealing import About
 from caris_desktop.scenario.model import Scenario
 from tests.live import bodies
 
 
-def _by_model(body: ProcessBody, scenario: Scenario) -> ProcessBody:
+def _by_model(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
     return replace(body, arguments=(scenario.perception.model,))
 
 
@@ -29,7 +29,7 @@ def _by_model(body: ProcessBody, scenario: Scenario) -> ProcessBody:
 def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_for_no_other(qtbot: QtBot) -> None:
     owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
     state = LiveState(owner)
-    parts = PeopleParts(ProcessBody("inference", bodies.brightness), lambda: (Presence(), []), _by_model)
+    parts = PeopleParts(ProcessSpec("inference", bodies.brightness), lambda: (PresenceTracker(), []), _by_model)
     service = PeopleService(
         state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
     )
@@ -58,7 +58,7 @@ def test_what_people_agreed_to_counts_no_more_until_it_is_confirmed_after_a_tria
         known.describe(person, About(name=person))
         known.note_consent(person, kind, given=True)  # type: ignore[arg-type]
     known.note_consent("p-1", "video", given=True)
-    parts = PeopleParts(ProcessBody("inference", bodies.brightness, ("",)), lambda: (Presence(known), []))
+    parts = PeopleParts(ProcessSpec("inference", bodies.brightness, ("",)), lambda: (PresenceTracker(known), []))
     service = PeopleService(
         state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
     )
@@ -71,7 +71,7 @@ def test_what_people_agreed_to_counts_no_more_until_it_is_confirmed_after_a_tria
     service.start()
     try:
         qtbot.waitUntil(lambda: agreed() == before, timeout=30_000)
-        going_on = GoingOnStatus("unconfirmed", unconfirmed=("map", "consent"))
+        going_on = CrashRecoveryStatus("unconfirmed", unconfirmed=("map", "consent"))
         state.going_on.set(going_on)
         qtbot.waitUntil(lambda: agreed() == {"p-1": (), "p-2": ()})
         service.decide(intents.NoteConsent("p-1", "photo", given=True))

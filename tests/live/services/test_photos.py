@@ -16,14 +16,14 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, Problem, SessionEnded, SessionStarted
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.assistant import ReadPictures
 from caris_desktop.live.services.photos import PhotosService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.photo_file import texts_of, with_texts
 from tests.support.polling import wait_for
@@ -37,9 +37,9 @@ class Recording:
 
 @dataclass
 class Assistant:
-    refusal: ToldFailure | None = None
+    refusal: UserFacingError | None = None
     asked: list[Any] = field(default_factory=list)
-    refused: list[ToldFailure] = field(default_factory=list)
+    refused: list[UserFacingError] = field(default_factory=list)
     read: ReadPictures | None = None
 
     def use_pictures(self, read: ReadPictures) -> None:
@@ -68,7 +68,7 @@ class Bench:
         self.state = LiveState(self.owner)
         bus = self.bus = Bus(self.state, self.owner)
         self.recording, self.assistant = Recording(), Assistant()
-        self.slow_work = SlowWork(self.owner)
+        self.slow_work = BackgroundWorker(self.owner)
         self.service = PhotosService(
             self.state, bus, self.slow_work, self.recording, self.assistant,  # type: ignore[arg-type]
             frames=Frames(), study=study, parent=self.owner,  # type: ignore[arg-type]
@@ -135,7 +135,7 @@ def test_tags_are_in_the_file_and_in_the_record(bench: Bench) -> None:
     assert (event.file_name, event.tags, event.actor) == (photo, ("robot arm", "door"), "wizard:b")
     assert bench.state.photos.value[0].tags == ("robot arm", "door")
     assert texts_of((session / photo).read_bytes())["Keywords"] == "robot arm, door"
-    with pytest.raises(ToldFailure, match="was not tagged"):
+    with pytest.raises(UserFacingError, match="was not tagged"):
         bench.do(intents.TagPhoto(photo, ("x" * 41,)))
 
 
@@ -147,7 +147,7 @@ def test_a_deleted_photo_is_not_in_the_session_and_comes_back_until_it_ends(benc
     bench.told(PhotoDeleted)
     assert bench.state.photos.value[0].deleted
     assert not list(session.rglob("*.png"))
-    with pytest.raises(ToldFailure, match="no such photo"):
+    with pytest.raises(UserFacingError, match="no such photo"):
         bench.do(intents.TagPhoto(photo, ("door",)))
     bench.do(intents.RestorePhoto(photo))
     bench.until(lambda: not bench.state.photos.value[0].deleted)
@@ -164,7 +164,7 @@ def test_when_the_session_ends_what_was_deleted_is_gone_and_the_rest_stays_as_it
     bench.until(lambda: list(bench.study.rglob("*.png")) == [session / kept])
     assert [(entry.file_name, entry.changeable) for entry in bench.state.photos.value] == [(kept, False)]
     for asked in (intents.DeletePhoto(kept), intents.TagPhoto(kept, ("door",)), intents.RestorePhoto(deleted)):
-        with pytest.raises(ToldFailure):
+        with pytest.raises(UserFacingError):
             bench.do(asked)
     bench.bus.publish(SessionStarted(4, "s2"))
     bench.until(lambda: not bench.state.photos.value)
@@ -191,7 +191,7 @@ def test_without_the_permission_there_are_none(bench: Bench) -> None:
     tour = find_scenario("tour-guide")
     bench.service.use_scenario(replace(tour, permissions=replace(tour.permissions, photos=False)))
     assert bench.state.photos.value == ()
-    with pytest.raises(ToldFailure, match="takes no photos"):
+    with pytest.raises(UserFacingError, match="takes no photos"):
         bench.do(intents.AskAboutPhoto(photo, "What is this?"))
 
 
@@ -201,14 +201,14 @@ def test_the_model_gets_the_picture_where_it_may_and_can_see(bench: Bench) -> No
     ((asked, (jpeg,)),) = bench.until(lambda: bench.assistant.asked)
     assert asked == intents.Ask("What is this?", pictures=(photo,), actor="wizard:b")
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape[1] == 1024
-    bench.assistant.refusal = ToldFailure("It cannot see.", "", "")
-    with pytest.raises(ToldFailure, match="cannot see"):
+    bench.assistant.refusal = UserFacingError("It cannot see.", "", "")
+    with pytest.raises(UserFacingError, match="cannot see"):
         bench.do(intents.AskAboutPhoto(photo, "What is this?"))
 
 
 def test_the_model_gets_what_a_camera_shows_now(bench: Bench) -> None:
     asked = intents.Ask("What is this?", pictures=("camera front",))
-    with pytest.raises(ToldFailure, match="shows no picture now"):
+    with pytest.raises(UserFacingError, match="shows no picture now"):
         bench.assistant.ask(asked)
     bench.state.take(FrameRef(clock.now_ns(), None, "front", "", 0, 1, 1280, 720))
     bench.assistant.ask(asked)

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, PhotoTaken, PracticeEnded, PracticeStepEnded, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice import STEPS
 from caris_desktop.live.services.practice import PracticeParts, PracticeService
@@ -101,7 +101,7 @@ def test_it_begins_once_the_stage_is_set(stage: Stage) -> None:
 
 def test_it_does_not_begin_in_a_recording(stage: Stage) -> None:
     stage.state.recording.set(replace(stage.state.recording.value, state="recording"))
-    with pytest.raises(ToldFailure):
+    with pytest.raises(UserFacingError):
         stage.ask(intents.BeginPractice())
     assert stage.asked == [] and stage.robots == []
 

@@ -9,9 +9,9 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import LinkChanged, LinkState, PreflightChecked, RobotChosen, SessionEnded
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.services.preflight import PreflightService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.scenario.model import Permissions, Scenario
@@ -28,7 +28,7 @@ class Bench:
         self.state = LiveState()
         self.told: list[Any] = []
         self.free_bytes = 10**12
-        self.slow_work = SlowWork()
+        self.slow_work = BackgroundWorker()
         self.service = PreflightService(
             self.state, self.told.append, self.slow_work,
             disk=self.disk, microphone_chosen=lambda: True,
@@ -74,7 +74,7 @@ def test_a_tick_says_who_and_when_and_can_be_taken_back(bench: Bench) -> None:
     )
     bench.tick(done=False)
     assert bench.check(SIGNED).state == bench.told[-1].state == "not checked"
-    with pytest.raises(ToldFailure, match="no such check"):
+    with pytest.raises(UserFacingError, match="no such check"):
         bench.service.handlers()[intents.TickCheck](intents.TickCheck("robot"))
 
 

@@ -17,11 +17,11 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox, RobotPose, StatusShown
-from caris_desktop.domain.translation import filled, tr
+from caris_desktop.domain.translation import localized, tr
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody, RingsToRead
+from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.services.recording import RecordingService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.people.presence import PersonRow
@@ -64,9 +64,9 @@ class Bench:
         self.state = LiveState(owner)
         self.bus = Bus(self.state, owner)
         self.recorder = Recorder()
-        self.slow_work = SlowWork(owner)
+        self.slow_work = BackgroundWorker(owner)
         self.service = RecordingService(
-            self.state, self.bus, self.recorder, ProcessBody("recorder", print), self.slow_work,  # type: ignore[arg-type]
+            self.state, self.bus, self.recorder, ProcessSpec("recorder", print), self.slow_work,  # type: ignore[arg-type]
             rings=RingsToRead(()), parent=owner,
         )  # fmt: skip
         self.use(BlurSettings("without_consent", "faces"))
@@ -143,7 +143,7 @@ def details(bench: Bench) -> Iterator[list[str]]:
 def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
     bench: Bench, details: list[str], tmp_path: Path
 ) -> None:
-    slow = filled("every second frame is recorded: {why}", why=filled("the disk is slow"))
+    slow = localized("every second frame is recorded: {why}", why=localized("the disk is slow"))
     bench.service.on_report(RecorderReport(1, "recording", tmp_path, detail=slow))
     assert details[-1] == "every second frame is recorded: the disk is slow"
     assert tr(slow) == tr(bench.state.recording.value.detail) != slow

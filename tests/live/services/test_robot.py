@@ -23,15 +23,15 @@ from caris_desktop.domain.events import (
     MapRequestChanged,
     TrafficMeasured,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, FrameRef, OccupancyGrid, RobotPose
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
 from caris_desktop.live.services.robot import RobotConnection, RobotService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import CameraTopic, RobotProfile, VelocityTopic
@@ -46,7 +46,7 @@ STOPS_BY_ITSELF = VelocityTopic(timeout_s=0.5, timeout_source="its manual")
 class Child:
     """Stands for a link process: takes down what it is sent."""
 
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
         self.sent: list[Any] = []
         self.stopped = False
@@ -76,7 +76,7 @@ class Bench:
         self.problems: list[str] = []
         self.goals_begun = 0
         self.asyncio = AsyncioThread()
-        self.slow_work = SlowWork(self.owner)
+        self.slow_work = BackgroundWorker(self.owner)
         self.wanted = WantedCameras()
         self.robot = RobotService(
             self.state,
@@ -91,7 +91,7 @@ class Bench:
             parent=self.owner,
         )
 
-    def _new_child(self, body: ProcessBody) -> Child:
+    def _new_child(self, body: ProcessSpec) -> Child:
         child = Child(body)
         child.others = list(self.children)
         self.children.append(child)
@@ -104,7 +104,7 @@ class Bench:
 
     def connect(self, profile: RobotProfile | None = None) -> None:
         profile = profile or RobotProfile("r", "R", velocity=STOPS_BY_ITSELF, controls=(WAVE,))
-        bodies = ProcessBody("control", print), ProcessBody("media", print)
+        bodies = ProcessSpec("control", print), ProcessSpec("media", print)
         self.robot.connect_robot(RobotConnection("R", "ws://r:9090", profile, *bodies))
         self.robot.on_event(LinkChanged(1, "control", "connected", "ws://r:9090"))
         self.state.drive.set(replace(self.state.drive.value, allowed=True, reason=""))
@@ -319,7 +319,7 @@ def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, q
 
 def test_a_goal_under_way_ends_with_its_link_process_and_the_next_one_cancels_it(bench: Bench, qtbot: QtBot) -> None:
     settings = LinkSettings(RobotProfile("r", "R"), "ws://r:9090")
-    bodies = ProcessBody("control", print, (settings,)), ProcessBody("media", print, (settings,))
+    bodies = ProcessSpec("control", print, (settings,)), ProcessSpec("media", print, (settings,))
     bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", settings.profile, *bodies))
     control = bench.children[0]
     assert control.body.arguments[0].follows_crash is False
@@ -366,14 +366,14 @@ def test_neither_connecting_nor_trouble_takes_anything_away_and_loss_only_what_c
 
 
 def test_a_robot_whose_ros_is_open_is_asked_until_it_answers(bench: Bench, qtbot: QtBot) -> None:
-    bodies = ProcessBody("control", print), ProcessBody("media", print)
+    bodies = ProcessSpec("control", print), ProcessSpec("media", print)
     settled = RobotConnection("R2", "ws://r:9090", RobotProfile("r2", "R2", ros=2), *bodies)
     asked = []
 
     async def settle() -> RobotConnection:
         asked.append(1)
         if len(asked) == 1:
-            raise ToldFailure("Nobody answers.", "There is no robot.", "Start it.")
+            raise UserFacingError("Nobody answers.", "There is no robot.", "Start it.")
         return settled
 
     bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", RobotProfile("r", "R"), *bodies, settle))
@@ -387,7 +387,7 @@ def test_another_scenarios_choice_of_cameras_reaches_the_link_for_pictures_alone
     cameras = (CameraTopic("front", "/front"), CameraTopic("rear", "/rear"))
     profile = RobotProfile("r", "R", velocity=STOPS_BY_ITSELF, cameras=cameras)
     settings = LinkSettings(profile, "ws://r:9090")
-    bodies = ProcessBody("control", print, (settings,)), ProcessBody("media", print, (settings,))
+    bodies = ProcessSpec("control", print, (settings,)), ProcessSpec("media", print, (settings,))
     scenario = Scenario("Test", PanelLeaf("video"))
     bench.wanted = WantedCameras(of_robot=("rear",))
     bench.robot.use_scenario(scenario)
@@ -397,7 +397,7 @@ def test_another_scenarios_choice_of_cameras_reaches_the_link_for_pictures_alone
     assert media.body.arguments[0].profile.cameras == cameras[1:]
     bench.robot.use_scenario(scenario)
     assert not media.asked_to_end
-    bench.wanted = WantedCameras((OwnCamera("front", ProcessBody("camera front", print)),))
+    bench.wanted = WantedCameras((OwnCamera("front", ProcessSpec("camera front", print)),))
     bench.robot.use_scenario(scenario)
     qtbot.waitUntil(lambda: len(bench.children) == 3)
     assert (control.asked_to_end, media.stopped) == (False, True)

@@ -17,7 +17,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live import scenario_watch
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.scenario import ScenarioService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.file import load_scenario
 
@@ -40,7 +40,7 @@ class Bench:
         self.bus = Bus(self.state, parent)
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value))
-        self.slow_work = SlowWork(parent)
+        self.slow_work = BackgroundWorker(parent)
         parts = composition.parts(study=composition.open_study(path.parent / "study")).scenario
         self.applied: list[bool] = []
         self.service = ScenarioService(

@@ -10,10 +10,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem, ScenarioOpened
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.scenario import Imported, ScenarioParts, ScenarioService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import RecordingStatus, SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
@@ -34,7 +34,7 @@ class Bench:
         self.shown_then: list[str] = []
         self.state = LiveState()
         self.bus = Bus(self.state, parent)
-        self.slow_work = SlowWork(parent)
+        self.slow_work = BackgroundWorker(parent)
         parts = ScenarioParts(
             load=lambda path: replace(OPEN, title=self.files[path], path=path),
             save_places=lambda scenario: scenario,
@@ -49,7 +49,7 @@ class Bench:
 
     def write(self, text: str, path: Path, _edited: Path | None, replaces: str) -> str:
         if replaces == "wrong":
-            failure = ToldFailure("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
+            failure = UserFacingError("The scenario was not saved.", "It was changed by somebody else.", "Compare.")
             raise failure from OtherFileError()
         self.files[path] = text
         return text

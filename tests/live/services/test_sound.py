@@ -22,13 +22,13 @@ from caris_desktop.conversation.sound.playback_messages import (
 from caris_desktop.domain import clock
 from caris_desktop.domain.commands import PlayOnRobot
 from caris_desktop.domain.events import LinkChanged, Problem, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import HearRobot, PushToTalk
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import PlayedSound
 from caris_desktop.live import own_voice
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services import sound
 from caris_desktop.live.services.sound import SoundParts, SoundService
 from caris_desktop.live.state import LiveState
@@ -44,7 +44,7 @@ OTHER = "wizard:b"
 
 
 class FakeChild:
-    def __init__(self, body: ProcessBody) -> None:
+    def __init__(self, body: ProcessSpec) -> None:
         self.body = body
         self.asked: list[Any] = []
         self.killed = False
@@ -64,7 +64,7 @@ class FakeChildren:
         self.started: dict[str, FakeChild] = {}
         self.told: dict[str, dict[str, Callable[..., None]]] = {}
 
-    def start(self, body: ProcessBody, **told: Any) -> FakeChild:
+    def start(self, body: ProcessSpec, **told: Any) -> FakeChild:
         self.told[body.name] = told
         return self.started.setdefault(body.name, FakeChild(body))
 
@@ -123,7 +123,7 @@ class Bench:
             self.state,
             self.bus,
             self.children,  # type: ignore[arg-type]
-            SoundParts(ProcessBody("hearing", echo), ProcessBody("voice", echo)),
+            SoundParts(ProcessSpec("hearing", echo), ProcessSpec("voice", echo)),
             microphones=self.microphones,  # type: ignore[arg-type]
             robot=robot,  # type: ignore[arg-type]
             speech=self.speech,  # type: ignore[arg-type]
@@ -237,7 +237,7 @@ def test_dictation_opens_the_microphone_and_says_nothing(bench: Bench) -> None:
 
 def test_whoever_has_no_microphone_is_told_so(bench: Bench) -> None:
     bench.microphones.wizards_choice = None
-    with pytest.raises(ToldFailure, match="no microphone"):
+    with pytest.raises(UserFacingError, match="no microphone"):
         bench.do(PushToTalk(on=True))
     assert bench.utterances() == []
 
@@ -313,7 +313,7 @@ def test_headphones_that_go_away_are_told_and_a_scenario_can_forbid_it(bench: Be
     bench.do(HearRobot(on=True))
     bench.service.use_scenario(replace(bench.scenario, sound=SoundSettings()))
     assert not bench.state.sound.value.hearing
-    with pytest.raises(ToldFailure, match="does not hear along"):
+    with pytest.raises(UserFacingError, match="does not hear along"):
         bench.do(HearRobot(on=True))
 
 

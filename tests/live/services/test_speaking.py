@@ -11,13 +11,13 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import GoalChanged, UtteranceChanged
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.speaking import SpeakingService
-from caris_desktop.live.slow_work import SlowWork
+from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AskedGap
@@ -85,7 +85,7 @@ def desk(qtbot: QtBot, tmp_path: Path) -> Iterator[Desk]:
     state = LiveState()
     bus = Bus(state, state)
     voice, events, done = Voice(), [], []
-    slow_work = SlowWork(state)
+    slow_work = BackgroundWorker(state)
     heard: list[Any] = []
 
     def publish(event: UtteranceChanged, _raw: bytes | None) -> None:
@@ -162,7 +162,7 @@ def test_a_gap_that_is_left_is_not_said_after_all(desk: Desk) -> None:
 
 
 def test_who_cannot_be_asked_is_refused(desk: Desk) -> None:
-    with pytest.raises(ToldFailure, match="Nobody here has a name"):
+    with pytest.raises(UserFacingError, match="Nobody here has a name"):
         desk.say("Hello, {name}!", actor="model")
     assert desk.events == [] and desk.state.speech.value.gap is None
 
@@ -182,7 +182,7 @@ def test_a_queued_sentence_is_changed_with_its_gaps_filled(desk: Desk) -> None:
     (waiting,) = desk.state.speech.value.waiting
     desk.ask(intents.EditQueued(waiting.utterance_id, "Bye, {name}."))
     assert [event.text for event in desk.state.speech.value.waiting] == ["Bye, {p-1}."]
-    with pytest.raises(ToldFailure):
+    with pytest.raises(UserFacingError):
         desk.ask(intents.EditQueued(waiting.utterance_id, "On {day}."))
     desk.tell(desk.voice.said[0][0], "finished")
     assert desk.spoken == ["One", "Bye, Luis."]
@@ -190,7 +190,7 @@ def test_a_queued_sentence_is_changed_with_its_gaps_filled(desk: Desk) -> None:
         intents.EditQueued(waiting.utterance_id, "x"), intents.MoveQueued(waiting.utterance_id, 0),
         intents.CancelQueued(waiting.utterance_id),
     ):  # fmt: skip
-        with pytest.raises(ToldFailure, match="being said already"):
+        with pytest.raises(UserFacingError, match="being said already"):
             desk.ask(late)
 
 

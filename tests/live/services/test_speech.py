@@ -26,8 +26,8 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.intents import DraftSpeech, SetVoice
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ChildProcess, ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
 from caris_desktop.live.services.alarms import AlarmsService
 from caris_desktop.live.services.speech import SpeechService
@@ -78,9 +78,9 @@ class Bench:
         self.feed = RecorderFeed(self.recorder)  # type: ignore[arg-type]
         self.bus.tap(self.feed.put)
         self.feed.start("begin")
-        self.children = Children(self.bus, self.owner)
+        self.children = ProcessManager(self.bus, self.owner)
         self.speech = SpeechService(
-            self.state, self.bus, self.children, ProcessBody("speech", voice), robot=self, parent=self.owner
+            self.state, self.bus, self.children, ProcessSpec("speech", voice), robot=self, parent=self.owner
         )
         self.bus.follow(self.speech.follows())
         self.speech.start()
@@ -89,7 +89,7 @@ class Bench:
 
     def new_link(self) -> ChildProcess:
         return self.children.start(
-            ProcessBody("control", voice), ended=lambda _child: None, heard=self.speech.on_heard, reads=self.speech.read
+            ProcessSpec("control", voice), ended=lambda _child: None, heard=self.speech.on_heard, reads=self.speech.read
         )
 
     def send(self, command: RobotCommand) -> bool:
@@ -167,7 +167,7 @@ def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Be
 def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot: QtBot) -> None:
     bench.speech.queue.use_voice("robot")
     before = bench.link
-    mute = ChildProcess(ProcessBody("control", voice), on_message=lambda _value, _raw: None)
+    mute = ChildProcess(ProcessSpec("control", voice), on_message=lambda _value, _raw: None)
     mute.start()
     bench.link = mute  # a link that takes the sentence and dies
     bench.speech.queue.say("Hello", "typed")

@@ -23,8 +23,8 @@ from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound import ROBOT_VOICE
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.child_process import ProcessBody
-from caris_desktop.live.children import Children
+from caris_desktop.live.child_process import ProcessSpec
+from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.services.speech import SpeechService
 from caris_desktop.live.state import LiveState
@@ -45,8 +45,8 @@ class Bench:
         self.bus = Bus(self.state, self.owner)
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value))
-        self.children = Children(self.bus, self.owner)
-        body = ProcessBody("speech", bodies.speech)
+        self.children = ProcessManager(self.bus, self.owner)
+        body = ProcessSpec("speech", bodies.speech)
         self.service = SpeechService(self.state, self.bus, self.children, body, robot=self, parent=self.owner)
         self.service._restarts = Restarts(at_most=1000)
         self.bus.follow(self.service.follows())

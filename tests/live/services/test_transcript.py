@@ -16,7 +16,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceCorrected,
 )
-from caris_desktop.domain.failure import ToldFailure
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.response_time import ResponseTimeService
 from caris_desktop.live.services.transcript import TranscriptService
@@ -83,7 +83,7 @@ def test_what_is_of_another_session_is_not_corrected(desk: Desk) -> None:
     desk.say(HEARD)
     desk.say(SessionStarted(0, "next"))
     assert desk.state.transcript.value == ()
-    with pytest.raises(ToldFailure, match="not of this session"):
+    with pytest.raises(UserFacingError, match="not of this session"):
         desk.correct(text="Anything")
 
 

@@ -18,7 +18,7 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.cameras import camera_process, http_camera
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
-from caris_desktop.perception.cameras.far_clock import FarClock
+from caris_desktop.perception.cameras.far_clock import RemoteClockEstimate
 from caris_desktop.perception.cameras.http_camera import HttpCamera, MultipartReader
 from caris_desktop.perception.cameras.open_camera import open_camera
 from tests.perception.cameras.running_camera import RunningCamera, has_state, write_video
@@ -199,7 +199,7 @@ def test_a_far_clock_is_known_best_by_the_quickest_way() -> None:
         here_ns += back_ns
         return far_ns
 
-    far = FarClock(ask, now_ns=now_ns)
+    far = RemoteClockEstimate(ask, now_ns=now_ns)
     assert far.here(5) is None
     for _ in range(3):
         far.measure()

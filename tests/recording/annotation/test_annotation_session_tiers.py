@@ -41,7 +41,7 @@ from caris_desktop.recording.annotation import editing
 from caris_desktop.recording.annotation.event_summary import EVENTS_IN_WORDS, type_in_words
 from caris_desktop.recording.annotation.model import AnnotationDocument
 from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
-from caris_desktop.recording.annotation.session_tiers import SessionRecord, session_tiers, streams_of_tiers
+from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, session_tiers, streams_of_tiers
 from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.csv import write_csv
@@ -381,7 +381,7 @@ def test_whoever_does_not_want_to_wait_ends_it(tmp_path: Path) -> None:
 
 
 def test_the_rows_of_all_events_are_known_to_whoever_translates_them(tmp_path: Path) -> None:
-    record = SessionRecord(told(tmp_path, []))
+    record = TimelineBuilder(told(tmp_path, []))
     others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - record._folded.keys() | {StepTicked}
     assert {type_in_words(kind) for kind in others} == set(EVENTS_IN_WORDS)
 

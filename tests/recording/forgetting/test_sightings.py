@@ -11,7 +11,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.sightings import (
     WHOLE,
     Area,
-    Sightings,
+    PersonTracks,
     _put_together,
     everyone_who_is,
     links_in,
@@ -23,7 +23,7 @@ SECOND_NS = 1_000_000_000
 
 def sightings(
     boxes: dict[float, tuple[float, float]], looks_s: list[float], *, person_id: str = "p-1", width: float = 0.1
-) -> Sightings:
+) -> PersonTracks:
     """Boxes by moment, at a place in the picture; ``width`` wide and half as high as it."""
     made = [
         ("front", 7, round(at_s * SECOND_NS), person_id, Area(left, top, left + width, top + 0.5))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.export import ExportRequest, export_all
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.canaries import ForgettingStopped, all_of
+from caris_desktop.recording.forgetting.canaries import ErasureStoppedError, all_of
 from caris_desktop.recording.forgetting.review import read_review
 from caris_desktop.recording.forgetting.sightings import messages_of
 from caris_desktop.recording.forgetting.study import ForgetRequest, Forgotten, forget_person, under_way
@@ -260,7 +260,7 @@ def test_exports_that_name_or_show_them_go_and_what_others_wrote_stays(study: Pa
 
 def test_nobody_is_forgotten_while_a_session_is_recorded(study: Path) -> None:
     before = every_file(study)
-    with hold(sessions_of(study)[1]), pytest.raises(ForgettingStopped, match="is being recorded"):
+    with hold(sessions_of(study)[1]), pytest.raises(ErasureStoppedError, match="is being recorded"):
         forget(study)
     assert every_file(study) == before
 
@@ -278,7 +278,7 @@ def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monk
         return really(self, data)
 
     monkeypatch.setattr(DiskFile, "write", write)
-    with pytest.raises(ForgettingStopped, match=r"The disk is full\..*goes on where it stopped"):
+    with pytest.raises(ErasureStoppedError, match=r"The disk is full\..*goes on where it stopped"):
         forget(study)
     now = every_file(study)
     assert {name: now.get(name) for name in before} == before

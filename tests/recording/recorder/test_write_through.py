@@ -18,7 +18,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.messages import RecorderReport
-from caris_desktop.recording.recorder.write_through import WriteThrough
+from caris_desktop.recording.recorder.write_through import FsyncThread
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, mark, start
 from tests.support.polling import wait_for
@@ -141,7 +141,7 @@ def test_a_round_in_progress_counts_as_long_as_it_takes_already(
     release = threading.Event()
     monkeypatch.setattr(os, "fdatasync", lambda _descriptor: release.wait(20))
     file = DiskFile(tmp_path / "f")
-    lane = WriteThrough("test", lambda: [file], every_s=0.01)
+    lane = FsyncThread("test", lambda: [file], every_s=0.01)
     file.write(b"x")
     lane.start()
     wait_for(lambda: max(lane.delays_s(time.monotonic(), within_s=1.0)) > 0.1, "the round takes long")
@@ -165,7 +165,7 @@ def test_what_the_disk_refuses_is_remembered_and_the_rest_is_synced(
 
     monkeypatch.setattr(os, "fdatasync", refuse_bad)
     files = [DiskFile(tmp_path / name) for name in ("bad", "good")]
-    lane = WriteThrough("test", lambda: files, every_s=1.0)
+    lane = FsyncThread("test", lambda: files, every_s=1.0)
     for file in files:
         file.write(b"x")
     lane.note(tmp_path / "gone meanwhile")

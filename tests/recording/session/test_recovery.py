@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.sensing import FrameRef, RobotPose
-from caris_desktop.domain.translation import Filled, filled
+from caris_desktop.domain.translation import LocalizedText, localized
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.plain_files import PlainFiles
@@ -402,9 +402,9 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
 def test_what_is_kept_of_losses_is_found_again_for_another_language() -> None:
     values = {"file": "a.mp4", "camera": "front, rear", "count": 9, "recorded": 8, "bytes": 7, "seconds": "6.5"}
     for text in LOSSES:
-        said = filled(text, **values, left="0.1", all=3, values=2)
+        said = localized(text, **values, left="0.1", all=3, values=2)
         kept = read_loss("".join(said))
-        assert isinstance(kept, Filled)
+        assert isinstance(kept, LocalizedText)
         assert (kept, kept.template) == (said, said.template)
 
 

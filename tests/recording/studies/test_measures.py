@@ -28,13 +28,13 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies.completeness import what_is_missing
+from caris_desktop.recording.studies.completeness import data_quality_problems
 from caris_desktop.recording.studies.measures import (
-    FIGURES,
+    MEASURES,
+    Interval,
     Measures,
-    SessionFacts,
-    Spread,
-    Stretch,
+    SessionData,
+    SummaryStats,
     covered_s,
     driving_stretches,
     goal_stretches,
@@ -317,7 +317,7 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
         "lost",
         "connecting",
     ]
-    assert not any("robot's clock" in sentence for sentence in what_is_missing(facts, measures))
+    assert not any("robot's clock" in sentence for sentence in data_quality_problems(facts, measures))
     assert measures.lost == {"frame": 7, "scan": 1}
     assert measures.problems == {"warning": 1, "info": 1}
     assert (measures.people, measures.identities) == (2, 3)
@@ -332,8 +332,8 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
 def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
     facts = read_facts(open_session(tell(tmp_path / "s", [], lasts_s=0.0)))
     measures = measure(facts)
-    values = {figure.name: figure.of(measures) for figure in FIGURES}
-    assert any("robot's clock" in sentence for sentence in what_is_missing(facts, measures))
+    values = {figure.name: figure.of(measures) for figure in MEASURES}
+    assert any("robot's clock" in sentence for sentence in data_quality_problems(facts, measures))
     unknown = {name for name, value in values.items() if value is None}
     assert unknown == {
         "response_time_s", "content_response_time_s", "reaction_time_s", "llm_accepted_fraction", "distance_m",
@@ -342,20 +342,20 @@ def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
         "protocol_steps", "steps_visited", "steps_skipped", "steps_late", "steps_late_s",
     }  # fmt: skip
     assert {value for value in values.values() if value is not None} == {0}
-    assert len(values) == len(FIGURES)
+    assert len(values) == len(MEASURES)
 
 
 def test_spread_of_one_value_has_no_deviation() -> None:
-    assert Spread.of([]) is None
-    assert Spread.of([2.0]) == Spread(1, 2.0, None, 2.0, 2.0, 2.0)
-    assert Spread.of([1.0, 3.0]) == Spread(2, 2.0, pytest.approx(2**0.5), 2.0, 1.0, 3.0)
+    assert SummaryStats.of([]) is None
+    assert SummaryStats.of([2.0]) == SummaryStats(1, 2.0, None, 2.0, 2.0, 2.0)
+    assert SummaryStats.of([1.0, 3.0]) == SummaryStats(2, 2.0, pytest.approx(2**0.5), 2.0, 1.0, 3.0)
 
 
 def test_overlapping_stretches_count_once() -> None:
     stretches = [
-        Stretch(0, 4_000_000_000, ""),
-        Stretch(1_000_000_000, 2_000_000_000, ""),
-        Stretch(3 * 10**9, 6 * 10**9, ""),
+        Interval(0, 4_000_000_000, ""),
+        Interval(1_000_000_000, 2_000_000_000, ""),
+        Interval(3 * 10**9, 6 * 10**9, ""),
     ]
     assert covered_s(stretches) == 6.0
     assert covered_s([]) == 0.0
@@ -364,7 +364,7 @@ def test_overlapping_stretches_count_once() -> None:
     assert way_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0
 
 
-def _one_number(facts: SessionFacts) -> tuple[float, float, float, float]:
+def _one_number(facts: SessionData) -> tuple[float, float, float, float]:
     """Driving time by the measures, the report, and the two tiers of it."""
     tiers = session_tiers(facts.session)
     names = {tier.tier_id: tier.name for tier in tiers.tiers}
@@ -406,7 +406,7 @@ def test_without_odometry_the_distance_is_not_known_and_without_places_it_is_the
     tell(tmp_path / "s", poses, lasts_s=30)
     facts = read_facts(open_session(tmp_path / "s"))
     assert measure(facts).driving.distance_m is None
-    assert any("the distance is not known" in sentence for sentence in what_is_missing(facts, measure(facts)))
+    assert any("the distance is not known" in sentence for sentence in data_quality_problems(facts, measure(facts)))
     driven = [Odometry(at(1 + n / 10), None, Pose2D(0.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)) for n in range(51)]
     tell(tmp_path / "t", driven, lasts_s=30)
     assert measure(read_facts(open_session(tmp_path / "t"))).driving.distance_m == pytest.approx(1.0, abs=0.01)

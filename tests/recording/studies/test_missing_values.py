@@ -12,8 +12,8 @@ from caris_desktop.recording.export import ExportRequest, export_all
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.session import mcap_blocks
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies.completeness import what_is_missing
-from caris_desktop.recording.studies.measures import FIGURES, measure, read_facts
+from caris_desktop.recording.studies.completeness import data_quality_problems
+from caris_desktop.recording.studies.measures import MEASURES, measure, read_facts
 from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.support.recorded_session import MadeSession
 
@@ -49,8 +49,8 @@ def test_what_is_gone_is_told_alike_wherever_a_session_is_read(damaged: Path, tm
     assert _told(list(session.losses)) == expected
     facts = read_facts(session)
     measures = measure(facts)
-    assert _told(list(what_is_missing(facts, measures))) == expected  # the report
-    (figure,) = (figure for figure in FIGURES if figure.name == "missing_values")
+    assert _told(list(data_quality_problems(facts, measures))) == expected  # the report
+    (figure,) = (figure for figure in MEASURES if figure.name == "missing_values")
     assert figure.of(measures) == gone  # statistics and its tables
     answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
     assert _told(answers) == expected

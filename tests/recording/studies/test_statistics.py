@@ -29,7 +29,7 @@ from caris_desktop.recording.annotation.model import Annotation, AnnotationDocum
 from caris_desktop.recording.annotation.store import save_coder
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
-from caris_desktop.recording.studies.measures import FIGURES, Measures, measure, read_facts
+from caris_desktop.recording.studies.measures import MEASURES, Measures, measure, read_facts
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
 from tests.recording.told_session import TRIAL, at, exchange, silenced, stepped, tell, tour
 
@@ -114,7 +114,7 @@ def test_the_queries_agree_with_the_figures_of_each_session(
 ) -> None:
     assert (made.sessions, made.exported, made.problems) == (4, 4, ())
     for row in made.measures:
-        expected = {figure.name: figure.of(measures[row["session"]]) for figure in FIGURES}
+        expected = {figure.name: figure.of(measures[row["session"]]) for figure in MEASURES}
         for name, value in expected.items():
             assert (row[name] is None) == (value is None), name
             assert value is None or math.isclose(row[name], value, rel_tol=1e-6, abs_tol=1e-6), name
@@ -126,7 +126,7 @@ def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, m
     rows = {(row.condition, row.measure): row for row in made.summary}
     compared = 0
     for condition, names in groups.items():
-        for figure in FIGURES:
+        for figure in MEASURES:
             values = [value for name in names if (value := figure.of(measures[name])) is not None]
             row = rows.pop((condition, figure.name), None)
             if not values:

@@ -24,7 +24,7 @@ from caris_desktop.live.status import (
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.model import Permissions
-from caris_desktop.ui.bands import QuestionBand
+from caris_desktop.ui.bands import QuestionBanner
 from caris_desktop.ui.first_use.drive_hint import DriveHint
 from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, FirstUse
 from caris_desktop.ui.first_use.set_up_page import SetUpPage
@@ -67,7 +67,7 @@ def ground(qtbot: QtBot) -> QWidget:
 
 @pytest.fixture
 def page(theme: Theme, ground: QWidget, console: FakeConsole) -> SetUpPage:
-    robots = RobotChooser(theme, console, QuestionBand(theme), ground)
+    robots = RobotChooser(theme, console, QuestionBanner(theme), ground)
     made = SetUpPage(theme, ground, console, robots)
     made.open_welcome()
     return made
@@ -147,7 +147,7 @@ def test_the_buttons_of_the_robots_stay_where_they_are_while_one_is_tried(
 def test_a_robot_whose_profile_was_just_saved_has_its_button(
     qtbot: QtBot, theme: Theme, ground: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robots = RobotChooser(theme, console, QuestionBand(theme), ground)
+    robots = RobotChooser(theme, console, QuestionBanner(theme), ground)
     robots.use_explorer(MemoryExplorer())
     page = SetUpPage(theme, ground, console, robots)
     page.open_welcome()

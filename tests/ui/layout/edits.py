@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.scenario.model import PanelName
 from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import Arrangement
+from caris_desktop.ui.layout.arrangement import DockLayout
 from caris_desktop.ui.layout.placing import dragged, place
 from caris_desktop.ui.layout.rect import Rect
 
@@ -24,7 +24,7 @@ EDIT = st.tuples(
 )
 
 
-def edited(arrangement: Arrangement, edit: tuple[str, int, int, int, int], spare: list[PanelName]) -> Arrangement:
+def edited(arrangement: DockLayout, edit: tuple[str, int, int, int, int], spare: list[PanelName]) -> DockLayout:
     """What the edit makes of it; the numbers choose among what is there. ``spare`` are panels that can be added."""
     kind, first, second, side, pixels = edit
     panel = arrangement.panels[first % len(arrangement.panels)]

@@ -13,7 +13,7 @@ from caris_desktop.scenario.file import load_scenario, save_layout
 from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_data, arrangement_from, arrangement_of
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_data, arrangement_from, arrangement_of
 from caris_desktop.ui.layout.history import History
 from caris_desktop.ui.layout.placing import place
 from caris_desktop.ui.layout.rect import Rect
@@ -26,7 +26,7 @@ TOUR = arrangement_of(TOUR_LAYOUT)
 PLACE = Rect(100, 100, 420, 300)
 
 
-def through_json(arrangement: Arrangement) -> Arrangement:
+def through_json(arrangement: DockLayout) -> DockLayout:
     return arrangement_from(json.loads(json.dumps(arrangement_data(arrangement))))
 
 

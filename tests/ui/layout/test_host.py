@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.scenario.model import PanelLeaf, PanelName, TabNode
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.layout.arrangement import (
-    Arrangement,
+    DockLayout,
     arrangement_data,
     arrangement_from,
     arrangement_of,
@@ -40,7 +40,7 @@ def host(window: MainWindow) -> DockHost:
     return window.dock_host
 
 
-def arranged(host: DockHost) -> Arrangement:
+def arranged(host: DockHost) -> DockLayout:
     assert host.arrangement is not None
     return host.arrangement
 

@@ -17,7 +17,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.layout import checked_layout, layout_data, layout_from_data, layout_text
 from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
-from caris_desktop.ui.layout.arrangement import Arrangement, arrangement_of
+from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_of
 from caris_desktop.ui.layout.rect import Rect
 from caris_desktop.ui.layout.tree import panels_in, tidy
 from caris_desktop.ui.layout_menu import TitleDialog
@@ -39,7 +39,7 @@ def told(window: MainWindow) -> list[str]:
     return told
 
 
-def arranged(window: MainWindow) -> Arrangement:
+def arranged(window: MainWindow) -> DockLayout:
     arrangement = window.dock_host.arrangement
     assert arrangement is not None
     return arrangement

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.transcript import Turn
-from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice, PartAlong
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPartStatus, ExchangeStatus, ModelChoice
 from caris_desktop.scenario.assistant import NamedText
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.assistant import AssistantPanel
@@ -29,7 +29,7 @@ SETUP = AssistantSetup(
     templates=(NamedText("Meaning", "What is meant by {said}?"),),
     notes="The arm rests.",
     pictures=True,
-    parts=(PartAlong("conversation", "Conversation", 6, 124), PartAlong("notes", "Notes", 1, 1)),
+    parts=(ContextPartStatus("conversation", "Conversation", 6, 124), ContextPartStatus("notes", "Notes", 1, 1)),
 )
 WRITING = ExchangeStatus("x3", "What could I ask?", "answering", "Small", "You could")
 ANSWERED = ExchangeStatus("x2", "Is it dangerous?", "answered", "Small", "It stops at once.")

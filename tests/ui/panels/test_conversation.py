@@ -24,7 +24,7 @@ from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation import ConversationPanel
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.enter_box import EnterBox
+from caris_desktop.ui.widgets.enter_box import SubmitTextEdit
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from tests.support.yardstick import in_yardsticks
 from tests.ui import samples
@@ -226,7 +226,7 @@ def test_words_are_corrected_in_place_by_keyboard_alone(
     go_to(panel, "t5")
     press(qtbot, panel, Qt.Key.Key_Return)
     field = find(panel.window(), "transcript_field")
-    assert isinstance(field, EnterBox)
+    assert isinstance(field, SubmitTextEdit)
     assert field.toPlainText() == "Can it hurt people when it moves?"
     field.setPlainText("Can it hurt puppies?")
     QTest.keyClick(field, Qt.Key.Key_Return)
@@ -256,7 +256,7 @@ def test_tags_and_a_mark(qtbot: QtBot, panel: ConversationPanel, console: FakeCo
     go_to(panel, "t1")
     press(qtbot, panel, Qt.Key.Key_T)
     field = find(panel.window(), "transcript_field")
-    assert isinstance(field, EnterBox)
+    assert isinstance(field, SubmitTextEdit)
     field.setPlainText("greeting,  polite , greeting")
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert panel.view.rows[0].tags == ("greeting", "polite")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.domain.declared import Form, keys_of
+from caris_desktop.domain.declared import ValueForm, keys_of
 from caris_desktop.domain.declared_places import ABSENT
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.shipped import layouts_dir
@@ -59,7 +59,7 @@ def saved_text(editor: ScenarioEditor) -> str:
 
 
 def test_each_field_is_in_the_form_and_changes_its_own_lines_alone(
-    editor: ScenarioEditor, sampled: Callable[[list[tuple[KeyPath, Form]]], list[tuple[KeyPath, Form]]]
+    editor: ScenarioEditor, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
 ) -> None:
     text = editor.document.text
     judge = ScenarioDocument(text, editor.document.path)
