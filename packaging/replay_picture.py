@@ -9,8 +9,8 @@ from pathlib import Path
 from PySide6.QtCore import QSettings, QTimer
 
 from caris_desktop.app.replay_command import ReplayRun
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.model import Vocabulary, VocabularyEntry
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import Vocabulary, VocabularyEntry
 
 _SIZE_PX = (1920, 1080)
 _GIVE_UP_MS = 60_000
@@ -37,12 +37,14 @@ def main(session: Path, picture: Path, theme: str) -> int:
 
         def code() -> None:
             values = tuple(VocabularyEntry(value) for value in ("Curious", "Engaged", "Confused", "Distracted"))
-            replay.edit(lambda document: editing.add_vocabulary(document, Vocabulary("Engagement", values)))
-            replay.edit(lambda document: editing.add_tier(document, "Visitor", coder="Kim", vocabulary="Engagement"))
+            replay.edit(lambda document: annotation_editing.add_vocabulary(document, Vocabulary("Engagement", values)))
+            replay.edit(
+                lambda document: annotation_editing.add_tier(document, "Visitor", coder="Kim", vocabulary="Engagement")
+            )
             tier_id = replay.coding.value.tiers[-1].tier_id
             for start_s, end_s, value in _CODED:
                 replay.edit(
-                    lambda document, start_s=start_s, end_s=end_s, value=value: editing.add_annotation(
+                    lambda document, start_s=start_s, end_s=end_s, value=value: annotation_editing.add_annotation(
                         document, tier_id, round(start_s * 1000), round(end_s * 1000), value
                     )
                 )

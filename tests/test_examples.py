@@ -12,7 +12,7 @@ import pytest
 
 from caris_desktop.app.read_back import read_back
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EXAMPLES = REPOSITORY / "examples"

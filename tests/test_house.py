@@ -20,7 +20,7 @@ LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
 IN_GUI_THREAD = ("ui/", "live/services/")
 WRITING_MODULES = {
     "caris_desktop.domain.file_replacement",
-    "caris_desktop.study.folder",
+    "caris_desktop.study.study_folder",
     "shutil",
     "sqlite3",
     "tempfile",
@@ -36,16 +36,16 @@ NOT_GUI_THREAD = {
     "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
 }
 READ_ASIDE = {
-    "live/coding_desk.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
-    "live/live_robots.py: _meeting_place": "slow work",
-    "live/live_robots.py: _own_place": "slow work",
-    "live/live_robots.py: _found_consoles": "slow work",
+    "live/annotation_session.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
+    "live/robot_connections.py: _meeting_place": "slow work",
+    "live/robot_connections.py: _own_place": "slow work",
+    "live/robot_connections.py: _found_consoles": "slow work",
     "live/replay_photos.py: _pictures": "slow work",
-    "live/said_before.py: _read": "slow work",
+    "live/speech_history.py: _read": "slow work",
     "live/scenario_watch.py: _touched": "slow work",
     "live/scenario_watch.py: _checksum": "slow work",
-    "live/services/photos.py": "slow work",
-    "live/services/scenario.py: ScenarioService._save.work": "slow work",
+    "live/services/photos_service.py": "slow work",
+    "live/services/scenario_service.py: ScenarioService._save.work": "slow work",
     "live/session_library.py: _begun_replay": "slow work",
     "live/session_library.py: _holds_something": "slow work",
     "live/session_library.py: _not_yet_there": "slow work",
@@ -54,9 +54,9 @@ READ_ASIDE = {
     "ui/icons.py": "the program's own files, once",
     "ui/language.py": "the program's own files, once",
     "ui/main_window.py: _read_scenario": "read aside",
-    "ui/scenario_editor/opened.py": "read aside",
-    "ui/scenario_editor/window.py: ScenarioEditor._others": "read aside",
-    "ui/shortcuts/reference.py": "writes the pages of the guide, without a window",
+    "ui/scenario_editor/opened_scenario.py": "read aside",
+    "ui/scenario_editor/editor_window.py: ScenarioEditor._others": "read aside",
+    "ui/shortcuts/shortcut_reference.py": "writes the pages of the guide, without a window",
 }
 READING_NAMES = {
     "check_output", "list_profiles", "list_scenarios", "load_documents", "load_profile", "load_scenario", "open",
@@ -167,8 +167,8 @@ class Dialog:
         ("Dialog.show", "open"), ("Dialog.show", "exists"), ("Dialog.show", "run"),
         ("Dialog.show.later", "load_profile"),
     ]  # fmt: skip
-    assert excused("live/said_before.py", "_read.inner") == {"live/said_before.py: _read"}
-    assert excused("live/said_before.py", "_read_more") == set()
+    assert excused("live/speech_history.py", "_read.inner") == {"live/speech_history.py: _read"}
+    assert excused("live/speech_history.py", "_read_more") == set()
 
 
 def test_no_file_is_too_long() -> None:
@@ -181,7 +181,7 @@ def test_what_everything_goes_through_is_short(name: str, lines: int) -> None:
 
 
 def test_what_the_gui_thread_runs_writes_no_file_itself() -> None:
-    """It is handed to ``live/slow_work.py``, or to a process: a disk may take longer than driving can wait."""
+    """It is handed to ``live/background_worker.py``, or to a process: a disk may take longer than driving can wait."""
     written = {name: files_written(text) for name, text in files().items() if name.startswith(IN_GUI_THREAD)}
     assert len(written) > 20
     assert {name: found for name, found in written.items() if found} == {}
@@ -189,7 +189,9 @@ def test_what_the_gui_thread_runs_writes_no_file_itself() -> None:
 
 def test_writing_is_seen_however_it_is_done() -> None:
     assert files_written("import sqlite3, json\n") == ["sqlite3"]
-    assert files_written("from caris_desktop.scenario.file import load_scenario, save_places\n") == ["save_places"]
+    assert files_written("from caris_desktop.scenario.scenario_file import load_scenario, save_places\n") == [
+        "save_places"
+    ]
     assert files_written("from caris_desktop.domain.file_replacement import replace_file\n")
     assert files_written("open(path)\npath.parent.mkdir()\npath.read_text()\nos.fsync(3)\n") == [
         "open",

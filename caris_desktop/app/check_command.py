@@ -15,9 +15,9 @@ from caris_desktop.app.simulated_camera import open_any_camera
 from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
-from caris_desktop.conversation.preflight import probe_language_model, probe_sound
+from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
-from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.picture_checks import PictureError, fitted
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
@@ -25,10 +25,10 @@ from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_c
 from caris_desktop.perception.cameras.found_cameras import found_cameras
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import WeightsError, find_weights
-from caris_desktop.robot.explore import load_profile_blocking
+from caris_desktop.robot.discovery import load_profile_blocking
 from caris_desktop.robot.link import check_robot, robot_queue_advice
 from caris_desktop.robot.profile import ProfileError
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 ENOUGH_FREE_BYTES = 5 * 10**9
 _SECOND_OF_SOUND = 16_000

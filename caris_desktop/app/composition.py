@@ -15,56 +15,56 @@ from typing import TYPE_CHECKING
 import platformdirs
 
 from caris_desktop import __version__
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.sound import MICROPHONE, WIZARD_MICROPHONE, Role
+from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
+from caris_desktop.live.adapters import Adapters, RobotParts
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
-from caris_desktop.live.parts import Adapters, RobotParts
-from caris_desktop.live.services.assistant import AssistantParts
-from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
-from caris_desktop.live.services.going_on import CrashRecoveryAdapters
-from caris_desktop.live.services.microphone import MicrophoneParts
-from caris_desktop.live.services.people import PeopleParts
-from caris_desktop.live.services.practice import PracticeParts
-from caris_desktop.live.services.robot import RobotConnection
-from caris_desktop.live.services.scenario import ScenarioParts
-from caris_desktop.live.services.session import SessionParts
-from caris_desktop.live.services.sound import SoundParts
+from caris_desktop.live.services.assistant_service import AssistantParts
+from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
+from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
+from caris_desktop.live.services.microphone_service import MicrophoneParts
+from caris_desktop.live.services.people_service import PeopleParts
+from caris_desktop.live.services.practice_service import PracticeParts
+from caris_desktop.live.services.robot_service import RobotConnection
+from caris_desktop.live.services.scenario_service import ScenarioParts
+from caris_desktop.live.services.session_service import SessionParts
+from caris_desktop.live.services.sound_service import SoundParts
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import PresenceTracker
-from caris_desktop.people.store import PeopleStore
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
-from caris_desktop.recording.recorder.messages import SessionHeader
+from caris_desktop.recording.recorder.recorder_messages import SessionHeader
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.scenario.file import ScenarioError, load_scenario, save_places, save_text, scenario_text
-from caris_desktop.scenario.library import find_scenario as find_scenario_file
-from caris_desktop.scenario.library import own_file
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.study.folder import (
+from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, save_places, save_text, scenario_text
+from caris_desktop.scenario.scenario_library import find_scenario as find_scenario_file
+from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.study.study_folder import (
     StudyFolder,
     StudyFolderError,
     default_study_path,
@@ -74,7 +74,7 @@ from caris_desktop.study.folder import (
     open_study_folder,
     save_last_details,
 )
-from caris_desktop.study.trial import following, with_recording_number
+from caris_desktop.study.trial_order import following, with_recording_number
 
 if TYPE_CHECKING:
     from caris_desktop.recording.forgetting.own_files import OwnFiles
@@ -175,17 +175,17 @@ def parts(
     chosen = None if cameras is None else tuple(_chosen_camera(text) for text in cameras)
     inference = InferenceSettings(face_model=study.path / "models" / "face.onnx")
     return Adapters(
-        recorder=ProcessSpec("recorder", bodies.recorder),
-        speech=ProcessSpec("speech", bodies.speech),
+        recorder=ProcessSpec("recorder", process_entry_points.recorder),
+        speech=ProcessSpec("speech", process_entry_points.speech),
         said_before=said_before_file(study.path),
         people=PeopleParts(
-            inference=ProcessSpec("inference", bodies.inference, (inference,)),
+            inference=ProcessSpec("inference", process_entry_points.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
             as_told=_inference_as_told,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantParts(
-            server=ProcessSpec("language-model", bodies.language_model),
+            server=ProcessSpec("language-model", process_entry_points.language_model),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
             list_models=local_models,
@@ -220,7 +220,10 @@ def parts(
         ),
         forgetting=functools.partial(_forgetting, study),
         listening=_recogniser,
-        sound=SoundParts(ProcessSpec("hearing along", bodies.playback), ProcessSpec("own voice", bodies.playback)),
+        sound=SoundParts(
+            ProcessSpec("hearing along", process_entry_points.playback),
+            ProcessSpec("own voice", process_entry_points.playback),
+        ),
         microphone=microphones(lambda _role: None, lambda _role, _name: None) if microphone is None else microphone,
     )
 
@@ -229,7 +232,7 @@ def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str 
     """Microphones of this computer, with the stored choice of those used."""
 
     def choice(role: Role, source: str) -> MicrophoneChoice:
-        body = ProcessSpec(source, bodies.microphone, (source,))
+        body = ProcessSpec(source, process_entry_points.microphone, (source,))
         return MicrophoneChoice(body, functools.partial(chosen, role), functools.partial(keep, role))
 
     return MicrophoneParts(choice("participant", MICROPHONE), choice("wizard", WIZARD_MICROPHONE))
@@ -248,15 +251,15 @@ def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
 
 
 def _recogniser(scenario: Scenario) -> ProcessSpec:
-    return ProcessSpec("recogniser", bodies.recogniser, (recogniser_settings(scenario),))
+    return ProcessSpec("recogniser", process_entry_points.recogniser, (recogniser_settings(scenario),))
 
 
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
     """Process that forgets the person in the whole study."""
-    from caris_desktop.live.forgetting import ForgettingAsked
+    from caris_desktop.live.erasure_run import ForgettingAsked
 
     asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path))
-    return ProcessSpec("forgetting", bodies.forgetting, (asked,))
+    return ProcessSpec("forgetting", process_entry_points.forgetting, (asked,))
 
 
 def own_files(study: Path) -> "OwnFiles":
@@ -314,7 +317,9 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
         for camera in with_distinct_names(camera for camera in chosen if camera.kind != "robot")
     )
     of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
-    bodies_of = {camera.name: ProcessSpec(f"camera {camera.name}", bodies.camera, (camera,)) for camera in own}
+    bodies_of = {
+        camera.name: ProcessSpec(f"camera {camera.name}", process_entry_points.camera, (camera,)) for camera in own
+    }
     return WantedCameras(
         tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
         None if "" in of_robot else tuple(of_robot),
@@ -368,8 +373,8 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None) ->
         name=profile.title,
         address=without_credentials(settings.address),
         profile=profile,
-        control=ProcessSpec("control", bodies.control_link, (settings,)),
-        media=ProcessSpec("media", bodies.media_link, (settings,)),
+        control=ProcessSpec("control", process_entry_points.control_link, (settings,)),
+        media=ProcessSpec("media", process_entry_points.media_link, (settings,)),
         settle=functools.partial(_ask_for_ros, name_or_path_or_url)
         if address is None and leaves_ros_open(name_or_path_or_url)
         else None,
@@ -379,7 +384,7 @@ def robot_connection(name_or_path_or_url: str, *, address: str | None = None) ->
 async def _ask_for_ros(url: str) -> RobotConnection:
     """Detect the ROS version at an address. Raises UserFacingError while the robot does not answer."""
     # Importing the link code takes long, and most runs name a profile.
-    from caris_desktop.robot.explore import ExploreError, detect_dialect
+    from caris_desktop.robot.discovery import ExploreError, detect_dialect
     from caris_desktop.robot.link_process import UNREACHABLE_MEANING
 
     try:

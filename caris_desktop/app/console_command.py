@@ -16,29 +16,29 @@ from pathlib import Path
 from PySide6.QtCore import QSettings, Qt, QTimer
 
 from caris_desktop import __version__
-from caris_desktop.app import composition, one_console, simulator_calls
+from caris_desktop.app import composition, simulator_calls, single_instance
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
-from caris_desktop.app.kept_settings import SavedSettings
 from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
+from caris_desktop.app.saved_settings import SavedSettings
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
-from caris_desktop.domain.sound import Role
+from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import ConfirmationNeededError
 from caris_desktop.live.console import Console
-from caris_desktop.live.garbage import GarbageCollector
-from caris_desktop.live.live_robots import RobotConnections
+from caris_desktop.live.garbage_collection import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
+from caris_desktop.live.robot_connections import RobotConnections
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
-from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.closing_window import ClosingWindow
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
@@ -336,9 +336,9 @@ def run(arguments: argparse.Namespace) -> int:
     configure_logging(log_file(), verbose=arguments.verbose)
     _log.info("CARIS Desktop %s starts", __version__)
     try:
-        with one_console.held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
+        with single_instance.held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
             return _run(ConsoleRun(arguments))
-    except one_console.AlreadyOpenError as shown:
+    except single_instance.AlreadyOpenError as shown:
         print(shown)
         return 0
     except composition.StartError as refusal:

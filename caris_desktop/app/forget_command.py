@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.forgetting import ForgettingAsked, forget, person_of
-from caris_desktop.recording.forgetting.study import Forgotten, receipt_words
+from caris_desktop.live.erasure_run import ForgettingAsked, forget, person_of
+from caris_desktop.recording.forgetting.study_erasure import Forgotten, receipt_words
 from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.recording.terminal import ProgressLine
-from caris_desktop.study.folder import StudyFolder
+from caris_desktop.study.study_folder import StudyFolder
 
 _CANCELLED = 130
 _YES = "forget"

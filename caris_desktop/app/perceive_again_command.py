@@ -11,28 +11,28 @@ from pathlib import Path
 
 from caris_desktop import __version__
 from caris_desktop.app.progress_bar import ProgressBar
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.perception.camera_rotation import CameraTurning
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
 from caris_desktop.perception.inference_settings import TRACKERS, default_threads
-from caris_desktop.perception.looking_back import looked_back
+from caris_desktop.perception.offline_smoothing import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TrackedBox
-from caris_desktop.perception.turning import CameraTurning
 from caris_desktop.perception.weights import WeightsError
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.export import ExportError, sessions_in
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import ExportError, sessions_in
 from caris_desktop.robot.profile import ProfileError, parse_profile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")

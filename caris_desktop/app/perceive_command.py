@@ -12,8 +12,8 @@ from typing import get_args
 from caris_desktop.domain.address import before_port, is_loopback_host
 from caris_desktop.domain.certificates import WrongFilesError, server_context
 from caris_desktop.domain.translation import tr
-from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
+from caris_desktop.perception.backends.selected_runtime import open_chosen
 from caris_desktop.perception.backends.serving import serving
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
 from caris_desktop.perception.weights import DetectorChoice, WeightsError

@@ -21,7 +21,7 @@ from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.console import Console
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.main_window import MainWindow
 

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from caris_desktop.conversation.face.file import FaceError, parse_face, user_faces_dir
+from caris_desktop.conversation.face.face_file import FaceError, parse_face, user_faces_dir
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.services.scenario import Imported
+from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.robot.profile import (
     ProfileError,
     load_profile,
@@ -31,9 +31,9 @@ from caris_desktop.scenario.bundle import (
     unpack,
     write_bundle,
 )
-from caris_desktop.scenario.file import scenario_text
-from caris_desktop.scenario.library import user_scenarios_dir
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_file import scenario_text
+from caris_desktop.scenario.scenario_library import user_scenarios_dir
+from caris_desktop.scenario.scenario_model import Scenario
 
 
 def share_scenario(scenario: Scenario, path: Path) -> None:

@@ -18,9 +18,9 @@ class SimulatedCamera:
     """Camera at the simulated robot's start position, in rooms of its own, without a moving robot."""
 
     def __init__(self) -> None:
-        from caris_desktop.simulator.camera import new_painter
         from caris_desktop.simulator.camera_model import HEIGHT_PX, RATE_HZ, WIDTH_PX
-        from caris_desktop.simulator.robot import Robot
+        from caris_desktop.simulator.robot_simulation import Robot
+        from caris_desktop.simulator.simulated_camera_process import new_painter
 
         self.width_px, self.height_px = WIDTH_PX, HEIGHT_PX
         self.fps: float | None = RATE_HZ

@@ -13,8 +13,8 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import TRACKERS, default_threads
 from caris_desktop.perception.perceiver import open_perceiver
+from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.perception.tracker import TrackedBox
-from caris_desktop.perception.video_file import VideoFile, VideoFileError
 from caris_desktop.perception.weights import WeightsError
 
 

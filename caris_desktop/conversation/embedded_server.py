@@ -16,7 +16,7 @@ from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, E
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
-from caris_desktop.domain.priority import step_back
+from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
-from caris_desktop.conversation.transcript import Turn
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import person_marks
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass

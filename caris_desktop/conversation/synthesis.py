@@ -25,12 +25,12 @@ from caris_desktop.conversation.synthesis_messages import (
     VoicesFound,
 )
 from caris_desktop.conversation.voices.engine_process import VoiceEngine
-from caris_desktop.conversation.voices.found import GET_PIPER_VOICES
+from caris_desktop.conversation.voices.installed_voices import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.sound_values import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 

@@ -18,10 +18,10 @@ import traceback
 from pathlib import Path
 from typing import IO, Any
 
-from caris_desktop.conversation.voices.choice import VoiceChoice, every_voice, open_voice
 from caris_desktop.conversation.voices.loudspeaker import DeviceTroubleError, Loudspeaker
-from caris_desktop.conversation.voices.rendering import Rendering
-from caris_desktop.conversation.voices.sound import Samples, StreamingBuffer, Voice, words_of
+from caris_desktop.conversation.voices.synthesis_worker import Rendering
+from caris_desktop.conversation.voices.utterance_sound import Samples, StreamingBuffer, Voice, words_of
+from caris_desktop.conversation.voices.voice_selection import VoiceChoice, every_voice, open_voice
 from caris_desktop.domain.process_title import title_process
 
 

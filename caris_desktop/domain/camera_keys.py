@@ -4,9 +4,9 @@ import math
 from dataclasses import replace
 from typing import Annotated, Any
 
-from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.declared import FieldSpec
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 _FOV_DEG = (5.0, 170.0)

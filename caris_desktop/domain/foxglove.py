@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import events, sensing
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import PLAIN_BYTES, Base64, in_few_digits
 from caris_desktop.domain.value_class import dataclass

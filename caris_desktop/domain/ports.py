@@ -5,8 +5,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import ProblemEnd, Severity
+from caris_desktop.domain.link_commands import RobotCommand
 from caris_desktop.domain.sensing import FrameRef
 
 

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.value_class import dataclass
 

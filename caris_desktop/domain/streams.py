@@ -8,7 +8,7 @@ import re
 from enum import Enum
 from typing import Any, Literal, get_args
 
-from caris_desktop.domain import events, foxglove, sensing, sound
+from caris_desktop.domain import events, foxglove, sensing, sound_values
 from caris_desktop.domain.foxglove import WellKnown
 from caris_desktop.domain.value_class import dataclass
 
@@ -87,7 +87,7 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("readings", sensing.ControlReadings, Delivery.LATEST),
     StreamSpec("lens", sensing.CameraLens, Delivery.LATEST, source="camera", well_known=foxglove.CALIBRATION),
     StreamSpec("audio", sensing.AudioBlock, Delivery.LATEST, 0.2, keyed_by="source"),
-    StreamSpec("hearing", sound.Hearing, Delivery.LATEST, source="source"),
+    StreamSpec("hearing", sound_values.Hearing, Delivery.LATEST, source="source"),
     StreamSpec("status", sensing.StatusShown, Delivery.LATEST, keyed_by="name"),
     StreamSpec("depth", sensing.DepthGrid, Delivery.LATEST, 0.3, source="camera", record_every_s=0.5),
     StreamSpec("camera_state", sensing.CameraState, Delivery.LATEST, source="camera"),
@@ -97,8 +97,8 @@ STATE_STREAMS: tuple[StreamSpec, ...] = (
 # For taps only, never in the log itself: sound goes into its own file, and played sound is the echo reference.
 CARRIER_STREAMS: tuple[StreamSpec, ...] = (
     StreamSpec("audio_chunk", sensing.AudioChunk, Delivery.MEDIA),
-    StreamSpec("played_sound", sound.PlayedSound, Delivery.MEDIA),
-    StreamSpec("played_sound_ended", sound.PlayedSoundEnded, Delivery.MEDIA),
+    StreamSpec("played_sound", sound_values.PlayedSound, Delivery.MEDIA),
+    StreamSpec("played_sound_ended", sound_values.PlayedSoundEnded, Delivery.MEDIA),
 )
 
 _WELL_KNOWN_EVENTS: dict[type[Any], WellKnown] = {

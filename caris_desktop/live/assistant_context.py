@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Container, Sequence
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.prompts import (
     MAX_HISTORY_CHARACTERS,
     MAX_LABEL_CHARACTERS,
@@ -10,14 +11,13 @@ from caris_desktop.conversation.prompts import (
     context_lines,
     conversation_words,
 )
-from caris_desktop.conversation.transcript import Turn
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistant import AssistantPeople
+from caris_desktop.scenario.assistant_settings import AssistantPeople
 
 
 class AssistantContext:

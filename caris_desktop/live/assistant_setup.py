@@ -4,7 +4,7 @@ from typing import Literal
 
 from caris_desktop.conversation.prompts import system_text
 from caris_desktop.live.status import AssistantSetup
-from caris_desktop.scenario.assistant import PROMPT_CHARACTERS, TEXT_CHARACTERS, AssistantSettings, NamedText
+from caris_desktop.scenario.assistant_settings import PROMPT_CHARACTERS, TEXT_CHARACTERS, AssistantSettings, NamedText
 
 Kind = Literal["system_prompt", "notes", "role", "style"]
 

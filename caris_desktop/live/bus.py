@@ -14,9 +14,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.streams import CARRIER_STREAMS, ShownAs
 from caris_desktop.live.confirmed_files import ConfirmationNeededError
 from caris_desktop.live.mailbox import Mailbox
-from caris_desktop.live.pace import UiThrottle
 from caris_desktop.live.service import Follows
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.ui_throttle import UiThrottle
 
 _log = logging.getLogger(__name__)
 _CARRIERS = frozenset(spec.value_type for spec in CARRIER_STREAMS)  # for taps only: no panel reads audio

@@ -16,14 +16,14 @@ from urllib.parse import parse_qs, urlsplit
 import platformdirs
 
 from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
-from caris_desktop.domain.controls import RobotControl, decided
-from caris_desktop.domain.declared import External, data_of, externals_in
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
 from caris_desktop.domain.printable import printable
+from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
@@ -35,7 +35,7 @@ from caris_desktop.robot.profile import (
     load_profile,
     profile_file,
 )
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)
 _FILES_KEPT = 300

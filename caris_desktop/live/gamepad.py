@@ -25,9 +25,9 @@ from caris_desktop.live.gamepad_mapping import (
     pressed_actions,
     stick_wish,
 )
-from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
+from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 
 _log = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, get_args
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.motion_wish import TeleopCommand
+from caris_desktop.live.teleop_command import TeleopCommand
 
 MAPPINGS_VERSION: Final = 1
 

@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL, WIZARD, in_words
-from caris_desktop.domain.controls import RobotControl
+from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.scenario_model import Permissions
 
 _NOT_PERMITTED: dict[Permission, tuple[str, str]] = {
     "driving": (QT_TR_NOOP("This scenario does not drive."), QT_TR_NOOP("Nothing was sent to the robot.")),

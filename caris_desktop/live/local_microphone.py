@@ -15,12 +15,12 @@ from caris_desktop.conversation.microphone_messages import (
     OpenMicrophone,
 )
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import WIZARD_MICROPHONE
+from caris_desktop.domain.sound_values import WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.children import ProcessManager, told_here
+from caris_desktop.live.process_manager import ProcessManager, told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus

@@ -16,10 +16,10 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.models.question import Cut
 from caris_desktop.conversation.models.reasoning import Withdrawn
-from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome

@@ -13,9 +13,9 @@ from typing import Any
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Event, Problem
-from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import (
     CameraLens,
@@ -29,13 +29,15 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.children import told_here
+from caris_desktop.live.process_manager import told_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
-from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PresenceTracker, RecognitionSettings
+from caris_desktop.perception.camera_rotation import CameraTurning
+from caris_desktop.perception.camera_schedule import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraRotation, DetectionRate
 from caris_desktop.perception.inference_messages import (
     DetectionRequest,
     DetectorAway,
@@ -43,8 +45,6 @@ from caris_desktop.perception.inference_messages import (
     InferenceFailed,
     InferenceReady,
 )
-from caris_desktop.perception.turning import CameraTurning
-from caris_desktop.perception.turns import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraRotation, DetectionRate
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2

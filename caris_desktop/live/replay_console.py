@@ -22,24 +22,24 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.annotation_session import AnnotationSession
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.coding_desk import AnnotationSession
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.gate import Gate, Refusal
-from caris_desktop.live.live_robots import LiveRobots
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_photos import ReplayPhotos
 from caris_desktop.live.replay_player import ReplayPlayer
 from caris_desktop.live.replay_transcript import ReplayTranscript
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.robot_connections import LiveRobots
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
 _log = logging.getLogger(__name__)
 _REFUSE_EVERY_NS = 8_000_000_000

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews

@@ -4,11 +4,11 @@ import logging
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.transcript import Turn, turns_of
+from caris_desktop.conversation.conversation_transcript import Turn, turns_of
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.state import LiveState
-from caris_desktop.recording.session.marks import FinalMark, final_marks, notes_among
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
 

@@ -27,7 +27,7 @@ from caris_desktop.robot.profile import (
 )
 
 if TYPE_CHECKING:  # imported at first use
-    from caris_desktop.robot.explore import Exploration, StreamCheck
+    from caris_desktop.robot.discovery import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +67,7 @@ class LiveRobotExplorer(QObject):
         number = self._begin()
 
         async def ask() -> "Exploration":
-            from caris_desktop.robot.explore import explore_robot
+            from caris_desktop.robot.discovery import explore_robot
 
             return await explore_robot(
                 address, security=security, on_progress=lambda words: self._answered.emit(number, progress, words)
@@ -85,7 +85,7 @@ class LiveRobotExplorer(QObject):
         number = self._begin()
 
         async def listen() -> "tuple[StreamCheck, ...]":
-            from caris_desktop.robot.explore import check_streams
+            from caris_desktop.robot.discovery import check_streams
 
             return await check_streams(profile, on_check=lambda check: self._answered.emit(number, progress, check))
 

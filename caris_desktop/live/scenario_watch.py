@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.background_worker import BackgroundWorker
 
 LOOK_EVERY_MS = 1000
 AT_REST_MS = 250

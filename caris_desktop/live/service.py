@@ -9,7 +9,7 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ChildProcess, Health
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 PANELS_FIRST_MS = 600
 """Delay of preparatory work after a scenario change: the window needs the processors first, and a further change may

@@ -25,12 +25,12 @@ from caris_desktop.domain.events import Severity
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.slow_work import BackgroundWorker
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ExportStatus, LibraryStatus
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording.studies.study_query import SessionQuery
 
 if TYPE_CHECKING:
     from caris_desktop.recording.studies.study_index import StudyIndex
@@ -222,7 +222,7 @@ class LiveSessionLibrary(QObject):
     ) -> None:
         if self._exporter is not None:
             return
-        from caris_desktop.recording.export import ExportRequest, run_exports
+        from caris_desktop.recording.session_export import ExportRequest, run_exports
 
         self._out = out
         request = ExportRequest(
@@ -253,7 +253,7 @@ class LiveSessionLibrary(QObject):
     def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:
         if exporter is not self._exporter:
             return
-        from caris_desktop.recording.export import ExportFinished, ExportProgress
+        from caris_desktop.recording.session_export import ExportFinished, ExportProgress
 
         if isinstance(message, ExportProgress):
             self.export.set(ExportStatus("running", message.fraction, tr(message.what)))
@@ -286,7 +286,7 @@ class LiveSessionLibrary(QObject):
 
 def _end_and_tidy(exporter: ChildProcess, out: Path) -> None:
     exporter.stop(grace_s=0.0)
-    from caris_desktop.recording.export import remove_partial_exports
+    from caris_desktop.recording.session_export import remove_partial_exports
 
     try:
         remove_partial_exports(out)

@@ -13,8 +13,8 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.perception import blur
 from caris_desktop.recording.recorder.blurring import NEAR_NS, parts_at
-from caris_desktop.recording.recorder.messages import BlurDemand
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.recording.recorder.recorder_messages import BlurDemand
+from caris_desktop.scenario.scenario_model import Scenario
 
 _SEEN_WITHIN_NS = 500_000_000
 """Blur at the last known positions, as a live frame cannot wait for its detection; after this time positions are

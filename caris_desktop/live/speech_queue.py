@@ -14,7 +14,7 @@ from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
-from caris_desktop.domain.sound import PlayedSound
+from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.addressee import addressee

@@ -17,7 +17,7 @@ from caris_desktop.domain.events import (
     PersonRejected,
 )
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PeopleInMap, PersonPlace
-from caris_desktop.domain.sound import Hearing
+from caris_desktop.domain.sound_values import Hearing
 from caris_desktop.domain.streams import (
     BY_NAME,
     BY_TYPE,
@@ -55,7 +55,7 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
     VoiceStatus,
 )
-from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.scenario.phrases import phrase_groups
 
 LOST_AFTER_S = 2.0

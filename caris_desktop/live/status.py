@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.events import (
     AssistanceLevel,
     GuardState,
@@ -21,13 +21,13 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import AsBefore
-from caris_desktop.domain.sound import Role
+from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.people.store import HistoryEntry
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.assistant import NamedText
+from caris_desktop.people.people_store import HistoryEntry
+from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.scenario.assistant_settings import NamedText
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,12 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.controls import RobotControl
-from caris_desktop.domain.declared import data_of, value_from
+from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.events import GoalChanged, TrafficMeasured
+from caris_desktop.domain.recorded_messages import retranslate
 from caris_desktop.domain.schema import from_jsonable, require_recordable, to_jsonable
+from caris_desktop.domain.schema_fields import data_of, value_from
 from caris_desktop.domain.sensing import StatusShown
-from caris_desktop.domain.told_again import retranslate
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -39,7 +39,7 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
 )
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 
 _log = logging.getLogger(__name__)
 

@@ -12,17 +12,17 @@ from PySide6.QtCore import SignalInstance
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
-    from caris_desktop.recording.annotation.model import AnnotationDocument
+    from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
     from caris_desktop.recording.session.session_reader import Session
-    from caris_desktop.recording.studies.query import SessionQuery
+    from caris_desktop.recording.studies.study_query import SessionQuery
 
 T = TypeVar("T")
 

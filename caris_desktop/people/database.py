@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
-from caris_desktop.people.sealing import About, about_bytes, new_key, seal
+from caris_desktop.people.envelope_encryption import About, about_bytes, new_key, seal
 
 _log = logging.getLogger(__name__)
 

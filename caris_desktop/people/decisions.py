@@ -28,11 +28,11 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.envelope_encryption import About
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
-from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.sealing import About
-from caris_desktop.people.visits import Visit, VisitLog
+from caris_desktop.people.portrait_store import Portraits
+from caris_desktop.people.visit_log import Visit, VisitLog
 
 MAX_NAME_LENGTH = 80
 MAX_NOTE_LENGTH = 4000

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from caris_desktop.domain.people import LooksKind, PersonLooks
+from caris_desktop.domain.person_values import LooksKind, PersonLooks
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.gallery import GOOD_QUALITY, Gallery, Vectors, Views
 

@@ -8,13 +8,13 @@ from typing import TypeVar
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
-from caris_desktop.domain.people import LooksKind
+from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.envelope_encryption import About
 from caris_desktop.people.identities import Identities
-from caris_desktop.people.sealing import About
-from caris_desktop.people.store import (
+from caris_desktop.people.people_store import (
     Consent,
     HistoryEntry,
     HistoryKind,

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import (
     DepthGrid,

@@ -21,18 +21,18 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.heard import HeardHistory
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.patience import PresenceTimeout
-from caris_desktop.people.portraits import Portraits
-from caris_desktop.people.several_cameras import MultiCameraTracks
-from caris_desktop.people.store import HistoryEntry
+from caris_desktop.people.multi_camera_tracks import MultiCameraTracks
+from caris_desktop.people.people_store import HistoryEntry
+from caris_desktop.people.portrait_store import Portraits
+from caris_desktop.people.presence_timeout import PresenceTimeout
 from caris_desktop.people.track_joining import SHORT_GAP_NS, Candidate, is_lost, same_visit
-from caris_desktop.people.visits import Track, Visit, VisitLog
+from caris_desktop.people.visit_log import Track, Visit, VisitLog
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 
-from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.gallery import GOOD_QUALITY
-from caris_desktop.people.visits import Spot, Visit
+from caris_desktop.people.visit_log import Spot, Visit
 
 JOINED_WITHIN_NS = 30_000_000_000
 """Whoever was lost for longer is recognised anew."""

@@ -12,8 +12,8 @@ from dataclasses import field
 import numpy as np
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.following import AppearanceOf, Followed
-from caris_desktop.perception.motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
+from caris_desktop.perception.box_motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
+from caris_desktop.perception.kalman_tracker import AppearanceOf, Followed
 
 _LEAST_CONFIDENCE = 0.3
 _CONFIRM_AFTER = 3
@@ -52,7 +52,7 @@ class DeepSort:
         shift_px: tuple[float, float] = (0.0, 0.0),
         appearance_of: AppearanceOf | None = None,
     ) -> list[Followed]:
-        """Add the next frame; as :meth:`caris_desktop.perception.following.CameraTracker.follow`."""
+        """Add the next frame; as :meth:`caris_desktop.perception.kalman_tracker.CameraTracker.follow`."""
         for track in self._tracks:
             track.advance(stamp_s, shift_px)
         boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.model_files import WrongChecksum, read_checked
-from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass

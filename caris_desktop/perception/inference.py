@@ -11,9 +11,9 @@ import numpy as np
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.people import LooksKind, PersonLooks
+from caris_desktop.domain.person_values import LooksKind, PersonLooks
 from caris_desktop.domain.ports import FrameReader
-from caris_desktop.domain.priority import step_back
+from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.detector import DetectorAwayError

@@ -1,7 +1,7 @@
 """Messages between the console and the inference process, besides values of the stream table."""
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.people import LooksKind
+from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.model_files import models_dirs
-from caris_desktop.domain.people import PersonPortrait
+from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.sensing import PersonBox, ThingBox
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.appearance import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.backends.chosen import Chosen, open_chosen
+from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
+from caris_desktop.perception.backends.selected_runtime import Chosen, open_chosen
+from caris_desktop.perception.best_portraits import PortraitTaker
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, TrackerName
-from caris_desktop.perception.portraits import PortraitTaker
 from caris_desktop.perception.pose import Pose, Poses
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 

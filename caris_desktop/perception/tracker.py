@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.appearance_embedding import AppearanceModel
+from caris_desktop.perception.box_motion import overlaps
 from caris_desktop.perception.deep_sort import DeepSort
 from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.following import AppearanceOf, CameraTracker, Followed, view_qualities
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import TrackerName
+from caris_desktop.perception.kalman_tracker import AppearanceOf, CameraTracker, Followed, view_qualities
 from caris_desktop.perception.library_trackers import LibraryName, LibraryTracker
-from caris_desktop.perception.motion import overlaps
 
 _SAME_PERSON = 0.7
 

@@ -11,7 +11,7 @@ import roslibpy
 
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.transport import SafeRos, SafeTopic
-from caris_desktop.ros.actions import (
+from caris_desktop.ros.action_messages import (
     ACTIVE,
     PENDING,
     PREEMPTING,
@@ -32,7 +32,7 @@ from caris_desktop.ros.actions import (
     encode_goal_id,
 )
 from caris_desktop.ros.dialect import Dialect, action_type_name, service_type_name, type_name
-from caris_desktop.ros.fields import Message, MessageError
+from caris_desktop.ros.message_fields import Message, MessageError
 
 logger = logging.getLogger(__name__)
 

@@ -14,10 +14,10 @@ from roslibpy.core import GoalStatus
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.bridge_security import SecurityError, auth_operation
+from caris_desktop.robot.bridge_wire import Wire, open_wire
 from caris_desktop.robot.profile import SecuritySettings
 from caris_desktop.robot.real_time import LARGE_BYTES, go_back
-from caris_desktop.robot.security import SecurityError, auth_operation
-from caris_desktop.robot.wire import Wire, open_wire
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 
 if TYPE_CHECKING:  # its factory creates instances of this

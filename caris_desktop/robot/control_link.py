@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any
 
-from caris_desktop.domain import commands
+from caris_desktop.domain import link_commands
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by, in_words
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import (
@@ -23,30 +23,30 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.controls import RobotControls
+from caris_desktop.robot.console_sender import ConsoleSender
+from caris_desktop.robot.control_interfaces import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardChangeDetector, GuardLimit, ObstacleGuard
-from caris_desktop.robot.handled import HANDLED_TOPIC, HandledOperations
-from caris_desktop.robot.head import RobotHead
+from caris_desktop.robot.handled_operations import HANDLED_TOPIC, HandledOperations
+from caris_desktop.robot.head_control import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
-from caris_desktop.robot.navigation import Navigator
+from caris_desktop.robot.navigation_client import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
-from caris_desktop.robot.outbox import ConsoleSender
-from caris_desktop.robot.preflight import missing_from, nothing_is_missing, problem_of_missing, take_inventory
 from caris_desktop.robot.profile import RobotProfile, interface_names
+from caris_desktop.robot.robot_checks import missing_from, nothing_is_missing, problem_of_missing, take_inventory
+from caris_desktop.robot.robot_speech_choice import RobotSpeech
 from caris_desktop.robot.sensors import Sensors
+from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
-from caris_desktop.robot.voices import RobotSpeech
-from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.messages import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
+from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
+from caris_desktop.ros.message_fields import MessageError
 
 logger = logging.getLogger(__name__)
 
@@ -188,9 +188,9 @@ class ControlLink:
         self._in_background(self._watch_guard())
         self._in_background(self._watch_handling())
 
-    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute commands in order, then send what is due: one Twist per batch, within this call."""
-        held_by = [c.stamp_ns for c in received if isinstance(c, (commands.Drive, commands.RenewLease))]
+        held_by = [c.stamp_ns for c in received if isinstance(c, (link_commands.Drive, link_commands.RenewLease))]
         newest_s = min(max(held_by, default=0) / 1e9, self._loop.time())
         for command in received:
             try:
@@ -225,20 +225,20 @@ class ControlLink:
 
     # Commands
 
-    def _obey(self, command: commands.RobotCommand, newest_s: float) -> None:
+    def _obey(self, command: link_commands.RobotCommand, newest_s: float) -> None:
         """``newest_s`` is the newest known time at which the console held the lease."""
         now_s = self._loop.time()
         # A stamp from the future would extend a lease.
         given_s = min(command.stamp_ns / 1e9, now_s)
         match command:
-            case commands.Drive():
+            case link_commands.Drive():
                 self._drive(command, given_s, now_s - newest_s)
-            case commands.RenewLease():
+            case link_commands.RenewLease():
                 self._lease.renew(given_s)
-            case commands.Release():
+            case link_commands.Release():
                 self._driver = command.actor
                 self._lease.release(now_s)
-            case commands.StopMotion():
+            case link_commands.StopMotion():
                 self._stopper = command.actor
                 self._lease.stop(now_s)
                 self._send_zero_first()
@@ -248,38 +248,38 @@ class ControlLink:
                 reason = localized(QT_TR_NOOP("stopped by {who}"), who=localized(in_words(command.actor)))
                 self._navigator.cancel_all(reason, command.actor)
                 self._controls.cancel_goals(reason)
-            case commands.SetEmergencyStop():
+            case link_commands.SetEmergencyStop():
                 self._emergency_stop.set(command)
-            case commands.SetGuard(on=on):
+            case link_commands.SetGuard(on=on):
                 self._guard_switcher = command.actor
                 self._guard.switch(on=on)
                 self._lease.reconsider(now_s)
                 if not self._lease.held:
                     self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
-            case commands.GoTo():
+            case link_commands.GoTo():
                 self._go_to(command)
-            case commands.LimitGoals():
+            case link_commands.LimitGoals():
                 self._goal_speed.limit(command)
-            case commands.CancelGoal():
+            case link_commands.CancelGoal():
                 self._navigator.cancel(cancelled_by(command.actor), command.actor)
-            case commands.SetInitialPose():
+            case link_commands.SetInitialPose():
                 self._refused(QT_TR_NOOP("The robot was not told where it is"), self._maps.set_initial_pose(command))
-            case commands.RequestMap():
+            case link_commands.RequestMap():
                 self._maps.request(command)
-            case commands.MoveHead():
+            case link_commands.MoveHead():
                 self._refused(QT_TR_NOOP("The head does not turn"), self._head.move(command))
-            case commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
+            case link_commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
                 self._controls.offer(controls, driving_permitted=driving_permitted)
                 if self._control_goals_left and self._connected:
                     self._control_goals_left = False
                     self._controls.cancel_left_goals()
-            case commands.UseControl():
+            case link_commands.UseControl():
                 self._controls.use(command)
                 if self._controls.may_move(command.control):
                     self._movement.control_used(now_s)
-            case commands.Say():
+            case link_commands.Say():
                 self._voice.say(command)
-            case commands.Silence():
+            case link_commands.Silence():
                 if not self._voice.silence(command.actor) and self._connected:
                     self._report.problems.count(
                         "silence", severity="info", cause=ANSWER,
@@ -287,7 +287,7 @@ class ControlLink:
                         meaning=QT_TR_NOOP("It finishes its sentence."),
                         advice=QT_TR_NOOP("Name the robot's stop topic under 'speech' in its profile, if it has one."),
                     )  # fmt: skip
-            case commands.ListenToRobot() | commands.PlayOnRobot() | commands.CloseLink():
+            case link_commands.ListenToRobot() | link_commands.PlayOnRobot() | link_commands.CloseLink():
                 pass
 
     def _refused(self, what: str, refusal: str) -> None:
@@ -301,7 +301,7 @@ class ControlLink:
                 else QT_TR_NOOP("Try again when the robot is connected again."),
             )  # fmt: skip
 
-    def _drive(self, command: commands.Drive, given_s: float, age_s: float) -> None:
+    def _drive(self, command: link_commands.Drive, given_s: float, age_s: float) -> None:
         refusal = self._drive_refusal(command, age_s)
         if refusal:
             self._lease.end(self._loop.time())
@@ -327,7 +327,7 @@ class ControlLink:
             return QT_TR_NOOP("The link to the robot is in trouble")
         return ""
 
-    def _drive_refusal(self, command: commands.Drive, age_s: float) -> str:
+    def _drive_refusal(self, command: link_commands.Drive, age_s: float) -> str:
         refusal = self._motion_refusal()
         if refusal:
             return refusal
@@ -337,10 +337,10 @@ class ControlLink:
             return QT_TR_NOOP("The command came too late; press the key again")
         return ""
 
-    def _came_too_late(self, command: commands.Drive | commands.GoTo) -> bool:
+    def _came_too_late(self, command: link_commands.Drive | link_commands.GoTo) -> bool:
         return command.stamp_ns < self._drives_count_from_ns or (now_ns() - command.stamp_ns) / 1e9 > OLDEST_DRIVE_S
 
-    def _go_to(self, command: commands.GoTo) -> None:
+    def _go_to(self, command: link_commands.GoTo) -> None:
         refusal = self._motion_refusal()
         if not refusal and self._came_too_late(command):
             refusal = QT_TR_NOOP("The command came too late; give it again")

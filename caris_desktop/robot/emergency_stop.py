@@ -7,15 +7,15 @@ from typing import Any, Literal, Protocol
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
+from caris_desktop.domain.link_commands import SetEmergencyStop
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.preflight import RobotInventory, absolute_name
 from caris_desktop.robot.profile import EmergencyStopInterface
+from caris_desktop.robot.robot_checks import RobotInventory, absolute_name
+from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
-from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.messages import decode_bool, encode_bool
+from caris_desktop.ros.message_conversion import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("it refused")

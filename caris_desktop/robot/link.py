@@ -64,7 +64,7 @@ def check_robot(profile: RobotProfile, address: str) -> list[str]:
     """
     import asyncio
 
-    from caris_desktop.robot.preflight import check
+    from caris_desktop.robot.robot_checks import check
 
     return asyncio.run(check(profile, address, _CHECKED_WITHIN_S))
 
@@ -73,6 +73,6 @@ def robot_queue_advice(profile: RobotProfile, address: str) -> str:
     """Advice on a rosbridge that handles operations sequentially; else empty. Blocks."""
     import asyncio
 
-    from caris_desktop.robot.preflight import queue_advice
+    from caris_desktop.robot.robot_checks import queue_advice
 
     return asyncio.run(queue_advice(profile, address, _CHECKED_WITHIN_S))

@@ -13,12 +13,12 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, Literal, Protocol
 
-from caris_desktop.domain import commands
+from caris_desktop.domain import link_commands
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LinkChanged, LinkState, Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.outbox import ConsoleSender, ProblemReporter
+from caris_desktop.robot.console_sender import ConsoleSender, ProblemReporter
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ class Link(Protocol):
     def start(self) -> None:
         """Connect, and reconnect."""
 
-    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute the console's commands in order. Never raises."""
 
     async def finish(self) -> None:
@@ -66,8 +66,8 @@ async def _serve(connection: Connection, make: Callable[[ConsoleSender], Link]) 
             received = reader.read()
         except (EOFError, OSError, pickle.UnpicklingError):
             # The console died or closed its end. Pending commands are dropped.
-            received = [commands.CloseLink(now_ns())]
-        if any(isinstance(command, commands.CloseLink) for command in received):
+            received = [link_commands.CloseLink(now_ns())]
+        if any(isinstance(command, link_commands.CloseLink) for command in received):
             loop.remove_reader(connection.fileno())
             ended.set()
         else:

@@ -9,7 +9,7 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import TransformFrames
-from caris_desktop.ros.messages import Transform
+from caris_desktop.ros.message_conversion import Transform
 
 HISTORY_NS = 10_000_000_000
 # A scan often precedes the transform of its time; motion is extrapolated for this long.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from caris_desktop.domain.sensing import OccupancyGrid
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.navigation_messages import GridUpdate
 
 # A map of 4000 x 4000 cells goes to the window at most a few times a minute, a small one five times a second.

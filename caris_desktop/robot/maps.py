@@ -7,17 +7,16 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, RequestState
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.preflight import RobotInventory
 from caris_desktop.robot.profile import MapServices, RobotProfile
+from caris_desktop.robot.robot_checks import RobotInventory
 from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.map_services import (
     LOCALIZE_AT_POSE,
     START_AT_FIRST_NODE,
@@ -29,6 +28,7 @@ from caris_desktop.ros.map_services import (
     save_failure,
     serialize_failure,
 )
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.navigation_messages import encode_initial_pose
 
 logger = logging.getLogger(__name__)

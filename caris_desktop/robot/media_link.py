@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain import clock, commands
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain import clock, link_commands
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.pictures import PictureError, fitted, unfolded
+from caris_desktop.domain.picture_checks import PictureError, fitted, unfolded
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
+from caris_desktop.robot.console_sender import ConsoleSender
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
 from caris_desktop.robot.map_merger import MapMerger
-from caris_desktop.robot.outbox import ConsoleSender
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.robot.robot_audio import RobotSound
 from caris_desktop.robot.sensors import CLOCK
-from caris_desktop.robot.sound import RobotSound
+from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
-from caris_desktop.robot.watched import SubscriptionWatchdog
-from caris_desktop.robot.wire import MEDIA_TIMINGS
 from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.messages import decode_camera_info, decode_compressed_image, decode_occupancy_grid
+from caris_desktop.ros.message_conversion import decode_camera_info, decode_compressed_image, decode_occupancy_grid
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.navigation_messages import decode_clock, decode_occupancy_grid_update
 from caris_desktop.ros.raw_image import decode_image, republish_advice
 
@@ -110,13 +110,13 @@ class MediaLink:
         self._ros.connect()
         self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
 
-    def take_commands(self, received: list[commands.RobotCommand]) -> None:
+    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
         for command in received:
             match command:
-                case commands.ListenToRobot(on=on):
+                case link_commands.ListenToRobot(on=on):
                     if self._sound is not None:
                         self._sound.listen(on)
-                case commands.PlayOnRobot():
+                case link_commands.PlayOnRobot():
                     if self._sound is not None:
                         self._sound.play(command)
                 case _:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.transport import SafeRos, ServiceCallError
-from caris_desktop.ros.actions import action_package_and_name
+from caris_desktop.ros.action_messages import action_package_and_name
 from caris_desktop.ros.definitions import (
     FLOATS,
     INTEGER_RANGES,

@@ -8,13 +8,13 @@ from typing import Any
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import LimitGoals
 from caris_desktop.domain.events import NavigationSpeedChanged, Problem
+from caris_desktop.domain.link_commands import LimitGoals
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
 
 logger = logging.getLogger(__name__)

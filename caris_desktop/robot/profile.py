@@ -279,7 +279,7 @@ def _file_of(name: str, user_dir: Path) -> Path:
         return own
     if shipped.is_file():
         return shipped
-    from caris_desktop.domain.declared_check import did_you_mean
+    from caris_desktop.domain.schema_validation import did_you_mean
 
     names = sorted({path.stem for path in _own_files(user_dir)} | set(shipped_profiles()))
     raise ProfileError(

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.domain.control_definitions import ROS_NAME, VALUE, control_problems, mentions_value
 from caris_desktop.domain.control_effects import moves_or_releases
-from caris_desktop.domain.controls import ROS_NAME, VALUE, control_problems, mentions_value
-from caris_desktop.domain.declared import ValueForm, data_of, replaced, value_from
-from caris_desktop.domain.declared_check import problems
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
+from caris_desktop.domain.schema_fields import ValueForm, data_of, replaced, value_from
+from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.translation import tr
 from caris_desktop.robot.profile_file import ProfileText
 from caris_desktop.robot.profile_model import (

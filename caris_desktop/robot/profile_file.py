@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from caris_desktop.domain.declared_check import told
+from caris_desktop.domain.file_migrations import Migration, migrated
 from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.migrations import Migration, migrated
+from caris_desktop.domain.schema_validation import told
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import dumped

@@ -1,7 +1,7 @@
 """Schema of robot profiles.
 
 Settings are declared only here. Validation, messages, reading, writing, the JSON Schema for editors and the guide's
-tables derive from these declarations; ``python -m caris_desktop.app.reference`` rewrites the latter two. Rules across
+tables derive from these declarations; ``python -m caris_desktop.app.generated_reference`` rewrites the latter two. Rules across
 groups are in :mod:`caris_desktop.robot.profile_content`.
 """
 
@@ -11,10 +11,9 @@ from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
-from caris_desktop.domain.camera import CameraModel
 from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
-from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
-from caris_desktop.domain.controls import (
+from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.control_definitions import (
     CONTROL,
     CallService,
     PublishMessage,
@@ -23,8 +22,9 @@ from caris_desktop.domain.controls import (
     RosType,
     SendActionGoal,
 )
-from caris_desktop.domain.declared import Excluded, FieldSpec, StoredAs
+from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.schema_fields import Excluded, FieldSpec, StoredAs
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 

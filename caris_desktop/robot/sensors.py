@@ -18,10 +18,10 @@ from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import SafeRos, SafeTopic
-from caris_desktop.robot.watched import SubscriptionWatchdog
 from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.messages import (
+from caris_desktop.ros.message_conversion import (
     decode_battery_state,
     decode_laser_scan,
     decode_odometry,

@@ -2,7 +2,7 @@
 
 ``SafeRos`` and ``SafeTopic`` are a ``roslibpy.Ros`` and a ``roslibpy.Topic``; ``roslibpy.Service``, ``roslibpy.Param``,
 ``roslibpy.ActionClient`` and even an unmodified ``roslibpy.Topic`` work on a ``SafeRos``. Underneath is our own factory
-and protocol over :mod:`caris_desktop.robot.wire`, on one asyncio loop. Where roslibpy 2.1 says "once the connection is
+and protocol over :mod:`caris_desktop.robot.bridge_wire`, on one asyncio loop. Where roslibpy 2.1 says "once the connection is
 established" this means "now, or not at all". What the stock transport does, and what holds here instead:
 
 1. It queues everything while disconnected and flushes it on reconnect, so velocity commands arrive seconds late.
@@ -21,7 +21,7 @@ established" this means "now, or not at all". What the stock transport does, and
 6. A blocking call inside a callback freezes the transport. Here it raises RuntimeError; use :meth:`SafeRos.ask`.
 7. Calls under way are never failed. Here they fail in the moment of disconnection, and after a timeout.
    ``roslibpy.actionlib.ActionClient`` still blocks in its constructor, so goals are sent through topics
-   (:mod:`caris_desktop.robot.navigation`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
+   (:mod:`caris_desktop.robot.navigation_client`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
 8. Its reactor cannot be restarted. Here the loop is the caller's.
 9. It has one websocket. rosbridge 2.0 and 2.1 handle the operations of one websocket one after another by default
    (``send_action_goals_in_new_thread`` and ``call_services_in_new_thread`` false): a goal holds everything behind it
@@ -55,6 +55,7 @@ from websockets.exceptions import InvalidHandshake, InvalidURI
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.bridge_security import SecurityError
 from caris_desktop.robot.bridge_socket import (
     HEAD_BYTES,
     BridgeSocket,
@@ -65,12 +66,11 @@ from caris_desktop.robot.bridge_socket import (
     SafeProtocol,
     WaitingOperation,
 )
+from caris_desktop.robot.bridge_wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
 from caris_desktop.robot.profile import SecuritySettings
-from caris_desktop.robot.security import SecurityError
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
 from caris_desktop.ros.definitions import cbor_carries
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 
 logger = logging.getLogger(__name__)
 

@@ -1,7 +1,7 @@
 """Unhandled velocity commands at the robot. Pure logic; time is an argument.
 
 The system of a suspended rosbridge acknowledges bytes; all of them are read and executed when it resumes. Only its own
-answer proves handling: each command is followed by a request (see :mod:`caris_desktop.robot.handled`).
+answer proves handling: each command is followed by a request (see :mod:`caris_desktop.robot.handled_operations`).
 """
 
 import math

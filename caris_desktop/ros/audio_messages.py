@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ros.fields import Message, MessageError, blob, count, message_of, part, stamp_of, text
+from caris_desktop.ros.message_fields import Message, MessageError, blob, count, message_of, part, stamp_of, text
 
 MAX_AUDIO_BYTES = 1_000_000
 MOST_CHANNELS = 16

@@ -1,6 +1,6 @@
 """Joint messages: states, trajectories and angles with speed.
 
-Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
+Encoders and decoders keep the rules of :mod:`caris_desktop.ros.message_conversion`.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ import numpy as np
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
-from caris_desktop.ros.fields import (
+from caris_desktop.ros.message_fields import (
     Message,
     MessageError,
     encode_header,

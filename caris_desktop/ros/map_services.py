@@ -3,7 +3,7 @@
 from typing import Any
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros.fields import Message, count, message_of, truth
+from caris_desktop.ros.message_fields import Message, count, message_of, truth
 
 START_AT_FIRST_NODE = 1
 START_AT_GIVEN_POSE = 2

@@ -1,6 +1,6 @@
 """Navigation messages: paths, map updates, initial poses and the simulated clock.
 
-Encoders and decoders keep the rules of :mod:`caris_desktop.ros.messages`.
+Encoders and decoders keep the rules of :mod:`caris_desktop.ros.message_conversion`.
 """
 
 from typing import Any
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
-from caris_desktop.ros.fields import (
+from caris_desktop.ros.message_conversion import MAX_MAP_CELLS
+from caris_desktop.ros.message_fields import (
     Message,
     MessageError,
     count,
@@ -25,7 +26,6 @@ from caris_desktop.ros.fields import (
     part,
     stamp_of,
 )
-from caris_desktop.ros.messages import MAX_MAP_CELLS
 
 MAX_PATH_POSES = 50_000
 

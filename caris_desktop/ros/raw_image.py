@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ros.fields import Message, MessageError, blob, count, message_of, stamp_of, text
-from caris_desktop.ros.messages import MAX_IMAGE_SIDE_PX
+from caris_desktop.ros.message_conversion import MAX_IMAGE_SIDE_PX
+from caris_desktop.ros.message_fields import Message, MessageError, blob, count, message_of, stamp_of, text
 
 MOST_PIXELS = 64_000_000
 NEAR_M, FAR_M = 0.3, 6.0

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from caris_desktop.ros.dialect import Dialect, encode_time
-from caris_desktop.ros.fields import Message, MessageError, message_of, number
+from caris_desktop.ros.message_fields import Message, MessageError, message_of, number
 
 NO_LIMIT = 0.0
 """``speed_limit`` of nav2_msgs/SpeedLimit that lifts an earlier one."""

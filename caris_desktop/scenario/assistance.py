@@ -2,8 +2,8 @@
 
 from typing import Annotated, get_args
 
-from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.events import AssistanceLevel
+from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 

@@ -19,7 +19,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
+from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
 from caris_desktop.scenario.text_editing import edited
 
 SUFFIX = ".caris"

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.declared import (
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import (
     form_of,
     group_meant,
     groups_of,
@@ -18,7 +19,7 @@ from caris_desktop.domain.declared import (
     text_of,
     value_from,
 )
-from caris_desktop.domain.declared_places import (
+from caris_desktop.domain.schema_paths import (
     ABSENT,
     Difference,
     called,
@@ -34,13 +35,12 @@ from caris_desktop.domain.declared_places import (
     with_value_at,
     without_at,
 )
-from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.scenario.file import mistakes
-from caris_desktop.scenario.migrations import migrate
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_file import mistakes
+from caris_desktop.scenario.scenario_migrations import migrate
+from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.scenario.text_editing import (
     UnusualLayoutError,
     quick_data,

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from caris_desktop.domain.declared import data_of, value_from
-from caris_desktop.domain.declared_check import allowed_words, problems
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.key_path import KeyPath, Problem
+from caris_desktop.domain.schema_fields import data_of, value_from
+from caris_desktop.domain.schema_validation import allowed_words, problems
 from caris_desktop.domain.translation import tr
-from caris_desktop.scenario.model import LayoutNode, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
 """What room the panels have: less than they need, that of a common screen, or plenty."""
 

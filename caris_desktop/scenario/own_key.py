@@ -1,6 +1,6 @@
 """Keys assigned to phrases and gestures in a scenario."""
 
-from caris_desktop.domain.declared import FieldSpec
+from caris_desktop.domain.schema_fields import FieldSpec
 
 _OF_TEXT_FIELDS = "ACVXYZ"
 _PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"

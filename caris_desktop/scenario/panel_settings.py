@@ -3,8 +3,8 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.intents import Along
+from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator
 from typing import Annotated
 
-from caris_desktop.domain.declared import FieldSpec
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.own_key import own_key

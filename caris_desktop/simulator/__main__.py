@@ -8,7 +8,7 @@ def main() -> int:
     """Parse the arguments and run the robot."""
     # Late: the camera process imports this module too, and needs little of it.
     from caris_desktop.domain.process_title import title_process
-    from caris_desktop.simulator.command import add_arguments, run
+    from caris_desktop.simulator.simulate_command import add_arguments, run
 
     title_process("simulate")
     parser = argparse.ArgumentParser(prog="python -m caris_desktop.simulator", description=__doc__)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from caris_desktop.ros import actions
-from caris_desktop.ros.actions import GoalStatus
-from caris_desktop.ros.fields import MessageError, message_of
+from caris_desktop.ros import action_messages
+from caris_desktop.ros.action_messages import GoalStatus
+from caris_desktop.ros.message_fields import MessageError, message_of
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import Message
-from caris_desktop.simulator.wiring import Wiring
 
 _STATUS_EVERY_STEPS = 10
 _FINISHED_LISTED_S = 5.0
@@ -61,7 +61,7 @@ class ActionlibServer:
 
     def accept(self, goal_id: str) -> None:
         """Mark the goal as active."""
-        self._statuses[goal_id] = (GoalStatus(goal_id, actions.ACTIVE), self._wiring.robot.now_s)
+        self._statuses[goal_id] = (GoalStatus(goal_id, action_messages.ACTIVE), self._wiring.robot.now_s)
         self._publish_status()
 
     def finish(self, status: GoalStatus, result: Message) -> None:
@@ -70,12 +70,14 @@ class ActionlibServer:
         # the status first: for a client a goal is finished once it has both
         self._publish_status()
         stamp_ns = self._wiring.stamp_ns()
-        self._wiring.publish(self._result, actions.encode_action_result(status, result, stamp_ns=stamp_ns))
+        self._wiring.publish(self._result, action_messages.encode_action_result(status, result, stamp_ns=stamp_ns))
 
     def progress(self, status: GoalStatus, feedback: Message) -> None:
         """Publish the goal's feedback."""
         stamp_ns = self._wiring.stamp_ns()
-        self._wiring.publish(self._feedback, actions.encode_action_feedback(status, feedback, stamp_ns=stamp_ns))
+        self._wiring.publish(
+            self._feedback, action_messages.encode_action_feedback(status, feedback, stamp_ns=stamp_ns)
+        )
 
     def _on_goal_message(self, message: Message) -> None:
         goal = message_of(message.get("goal", {}), "ActionGoal.goal")
@@ -100,5 +102,5 @@ class ActionlibServer:
             if status.ending is None or now_s - since_s < _FINISHED_LISTED_S
         }
         statuses = [status for status, _ in self._statuses.values()]
-        array = actions.encode_goal_status_array(statuses, stamp_ns=self._wiring.stamp_ns())
+        array = action_messages.encode_goal_status_array(statuses, stamp_ns=self._wiring.stamp_ns())
         self._wiring.publish(self._status, array)

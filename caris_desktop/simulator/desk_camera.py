@@ -5,8 +5,8 @@ import contextlib
 import math
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.simulator.people import Seen
-from caris_desktop.simulator.robot import View
+from caris_desktop.simulator.robot_simulation import View
+from caris_desktop.simulator.simulated_people import Seen
 
 STANDS_IN_MAP = Pose2D(5.2, 2.6, math.radians(-170.0))
 HEIGHT_M, TILT_RAD = 1.5, 0.25

@@ -6,7 +6,7 @@ from typing import Any
 from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.fields import encode_header
+from caris_desktop.ros.message_fields import encode_header
 
 Message = dict[str, Any]
 

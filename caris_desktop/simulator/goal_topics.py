@@ -8,35 +8,35 @@ from collections.abc import Callable
 import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros import actions, messages
-from caris_desktop.ros.actions import GoalStatus
+from caris_desktop.ros import action_messages, message_conversion
+from caris_desktop.ros.action_messages import GoalStatus
 from caris_desktop.ros.dialect import Dialect, action_type_name, encode_time, service_type_name
-from caris_desktop.ros.fields import Message as Fields
-from caris_desktop.ros.fields import MessageError, message_of, part
-from caris_desktop.ros.messages import encode_pose_stamped
+from caris_desktop.ros.message_conversion import encode_pose_stamped
+from caris_desktop.ros.message_fields import Message as Fields
+from caris_desktop.ros.message_fields import MessageError, message_of, part
 from caris_desktop.ros.navigation_messages import encode_path
 from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, decode_speed_limit, encode_reconfigure
 from caris_desktop.simulator.actionlib import ActionlibServer
-from caris_desktop.simulator.dress import Navigation
-from caris_desktop.simulator.navigation import CRUISE_MPS, GoalEnded
+from caris_desktop.simulator.robot_interface import Navigation
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import Action, Message, SimulatedService
-from caris_desktop.simulator.wiring import Wiring
+from caris_desktop.simulator.simulated_navigation import CRUISE_MPS, GoalEnded
 
 logger = logging.getLogger(__name__)
 
 _STATUS_EVERY_STEPS = 10
 _FINISHED_LISTED_S = 5.0
 _ROS1_STATUS = {
-    "reached": actions.SUCCEEDED,
-    "cancelled": actions.PREEMPTED,
-    "preempted": actions.PREEMPTED,
-    "aborted": actions.ABORTED,
+    "reached": action_messages.SUCCEEDED,
+    "cancelled": action_messages.PREEMPTED,
+    "preempted": action_messages.PREEMPTED,
+    "aborted": action_messages.ABORTED,
 }
 _ROS2_STATUS = {
-    "reached": actions.ROS2_SUCCEEDED,
-    "cancelled": actions.ROS2_CANCELED,
-    "preempted": actions.ROS2_ABORTED,
-    "aborted": actions.ROS2_ABORTED,
+    "reached": action_messages.ROS2_SUCCEEDED,
+    "cancelled": action_messages.ROS2_CANCELED,
+    "preempted": action_messages.ROS2_ABORTED,
+    "aborted": action_messages.ROS2_ABORTED,
 }
 _PLANNER_SPEEDS = ("max_vel_x", "max_vel_trans")
 _STOPPED = "the emergency stop is pressed"
@@ -100,7 +100,7 @@ class MoveBaseTopics:
             return
         progress = self._robot.progress()
         if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None:
-            status = GoalStatus(progress.goal_id, actions.ACTIVE, f"{progress.distance_left_m:.2f} m left")
+            status = GoalStatus(progress.goal_id, action_messages.ACTIVE, f"{progress.distance_left_m:.2f} m left")
             pose = encode_pose_stamped(Dialect.ROS1, self._robot.pose_in_map, stamp_ns=self._wiring.stamp_ns())
             self._server.progress(status, {"base_position": pose})
         self._server.publish_due()
@@ -111,16 +111,16 @@ class MoveBaseTopics:
 
     def _on_goal(self, goal_id: str, goal: Message) -> None:
         target = part(goal, "target_pose", "MoveBaseGoal")
-        self._start(goal_id, messages.decode_pose_stamped(target, stamp_ns=0).pose_in_map)
+        self._start(goal_id, message_conversion.decode_pose_stamped(target, stamp_ns=0).pose_in_map)
 
     def _on_simple_goal(self, message: Message) -> None:
         goal_id = f"simple-{next(self._numbers)}"
-        self._start(goal_id, messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map)
+        self._start(goal_id, message_conversion.decode_pose_stamped(message, stamp_ns=0).pose_in_map)
 
     def _start(self, goal_id: str, target: Pose2D) -> None:
         logger.info("Goal %s: %s", goal_id, target)
         if not self._robot.go(goal_id, target):
-            self._finish(GoalStatus(goal_id, actions.REJECTED, _STOPPED))
+            self._finish(GoalStatus(goal_id, action_messages.REJECTED, _STOPPED))
         elif self._server is not None and self._robot.goal_id == goal_id:
             self._server.accept(goal_id)
 
@@ -169,7 +169,7 @@ class NavigateToPoseAction:
             self._path.publish_due()
         progress = self._robot.progress()
         if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None and progress.goal_id in self._replies:
-            values = actions.encode_navigate_to_pose_feedback(
+            values = action_messages.encode_navigate_to_pose_feedback(
                 self._robot.pose_in_map,
                 distance_left_m=progress.distance_left_m,
                 time_left_s=progress.distance_left_m / CRUISE_MPS,
@@ -186,7 +186,7 @@ class NavigateToPoseAction:
             reply({"op": "action_result", "values": values, "status": _ROS2_STATUS[ended.ending], "result": True})
 
     def _start(self, goal_id: str, goal: Message, reply: Callable[[Message], None]) -> None:
-        target = actions.decode_navigate_to_pose_goal(goal)
+        target = action_messages.decode_navigate_to_pose_goal(goal)
         if goal_id in self._replies:
             raise MessageError(f"a goal with the id '{goal_id}' is under way already")
         logger.info("Goal %s: %s", goal_id, target)
@@ -197,7 +197,7 @@ class NavigateToPoseAction:
         if not self._robot.go(goal_id, target):
             self._finish(GoalEnded(goal_id, "aborted", _STOPPED))
         elif self._robot.goal_id == goal_id:
-            self._set_status(goal_id, actions.ROS2_EXECUTING)
+            self._set_status(goal_id, action_messages.ROS2_EXECUTING)
 
     def _cancel(self, goal_id: str) -> None:
         if goal_id == self._robot.goal_id:
@@ -206,14 +206,14 @@ class NavigateToPoseAction:
     def _cancel_service(self, arguments: Message) -> Message:
         """action_msgs/CancelGoal, for every goal or for one by the UUID of the status topic."""
         running = self._robot.goal_id
-        if not actions.means_every_goal(arguments) and _uuid_in(arguments) != self._uuids.get(running or ""):
-            return {"return_code": actions.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}
+        if not action_messages.means_every_goal(arguments) and _uuid_in(arguments) != self._uuids.get(running or ""):
+            return {"return_code": action_messages.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}
         self._robot.cancel_goal()
         canceling = [self._goal_info(running)] if running is not None else []
-        return {"return_code": actions.CANCEL_ACCEPTED, "goals_canceling": canceling}
+        return {"return_code": action_messages.CANCEL_ACCEPTED, "goals_canceling": canceling}
 
     def _on_goal_pose(self, message: Message) -> None:
-        target = messages.decode_pose_stamped(message, stamp_ns=0).pose_in_map
+        target = message_conversion.decode_pose_stamped(message, stamp_ns=0).pose_in_map
         self._go(f"goal_pose-{next(self._numbers)}", target)
 
     def _set_status(self, goal_id: str, status: int) -> None:
@@ -221,7 +221,7 @@ class NavigateToPoseAction:
         self._uuids.setdefault(goal_id, secrets.token_bytes(16))
         self._statuses[goal_id] = (status, now_s)
         for old, (old_status, since_s) in list(self._statuses.items()):
-            if old_status >= actions.ROS2_SUCCEEDED and now_s - since_s > _FINISHED_LISTED_S:
+            if old_status >= action_messages.ROS2_SUCCEEDED and now_s - since_s > _FINISHED_LISTED_S:
                 del self._statuses[old], self._uuids[old]
         entries = [
             {"goal_info": self._goal_info(listed), "status": listed_status}

@@ -1,17 +1,17 @@
 """Head on ROS: joint states out, joint commands in, and its moving frames."""
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros.fields import MessageError
 from caris_desktop.ros.joint_messages import (
     decode_joint_angles_with_speed,
     decode_joint_trajectory,
     encode_joint_state,
 )
-from caris_desktop.simulator.dress import HeadTopics
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.simulator.encoding import Placement
-from caris_desktop.simulator.head import DEFAULT_SPEED_RADPS, Head
+from caris_desktop.simulator.robot_interface import HeadTopics
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import Message
-from caris_desktop.simulator.wiring import Wiring
+from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS, Head
 
 _WHEELS = ("wheel_left_joint", "wheel_right_joint")
 

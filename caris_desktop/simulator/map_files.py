@@ -17,10 +17,10 @@ import yaml
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.pictures import PictureError, decoded
+from caris_desktop.domain.picture_checks import PictureError, decoded
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M
-from caris_desktop.simulator.mapping import RESOLUTION_M
+from caris_desktop.simulator.simulated_mapping import RESOLUTION_M
 
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205
 _FREE_THRESH, _OCCUPIED_THRESH = 0.25, 0.65

@@ -3,14 +3,14 @@
 import logging
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros import messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.fields import count, message_of, number, part, text
 from caris_desktop.ros.map_services import LOCALIZE_AT_POSE, START_AT_GIVEN_POSE
+from caris_desktop.ros.message_fields import count, message_of, number, part, text
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from caris_desktop.simulator.map_files import MapFileError, MapFiles, NoSuchMap
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import Message
-from caris_desktop.simulator.wiring import Wiring
 
 logger = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ class MapOnRos:
         stamp_ns = self._wiring.stamp_ns()
         frame = self._wiring.frame(self._wiring.dress.map_frame)
         grid = self._wiring.robot.mapper.grid(stamp_ns=stamp_ns)
-        return messages.encode_occupancy_grid(self._wiring.dialect, grid, stamp_ns=stamp_ns, frame_id=frame)
+        return message_conversion.encode_occupancy_grid(self._wiring.dialect, grid, stamp_ns=stamp_ns, frame_id=frame)
 
     def _serialize(self, arguments: Message) -> Message:
         try:

@@ -19,8 +19,8 @@ import platformdirs
 
 from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.simulator.hearing import Microphone, at_rate
-from caris_desktop.simulator.speech import MAX_SENTENCE_CHARS
+from caris_desktop.simulator.simulated_microphone import Microphone, at_rate
+from caris_desktop.simulator.simulated_speech import MAX_SENTENCE_CHARS
 
 logger = logging.getLogger(__name__)
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.simulator import figures, wall_paper
+from caris_desktop.simulator import characters, textures
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
-from caris_desktop.simulator.cut_outs import levels_of
 from caris_desktop.simulator.floor_plan import (
     FURNITURE,
     LINTELS,
@@ -20,10 +19,11 @@ from caris_desktop.simulator.floor_plan import (
     Box,
     Colour,
 )
-from caris_desktop.simulator.people import Seen
+from caris_desktop.simulator.person_sprites import levels_of
 from caris_desktop.simulator.ray_casting import corners_of, entry_and_exit
-from caris_desktop.simulator.robot import View
-from caris_desktop.simulator.wall_paper import FLOOR_PX_PER_M, PX_PER_M
+from caris_desktop.simulator.robot_simulation import View
+from caris_desktop.simulator.simulated_people import Seen
+from caris_desktop.simulator.textures import FLOOR_PX_PER_M, PX_PER_M
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.floating]
@@ -81,7 +81,7 @@ class _Rays:
         self.rows = rows.astype(np.float32)
         to_plane_m = np.where(rows > 0, lens.eye_height_m, WALL_HEIGHT_M - lens.eye_height_m)
         self.row_depth = (to_plane_m * lens.focal_px / np.abs(rows)).astype(np.float32)
-        self.plane_left = np.where(rows > 0, wall_paper.FLOOR_AT[0], wall_paper.CEILING_AT[0]).astype(np.float32)
+        self.plane_left = np.where(rows > 0, textures.FLOOR_AT[0], textures.CEILING_AT[0]).astype(np.float32)
 
 
 def _level_lens(height_m: float) -> _Lens:
@@ -123,7 +123,7 @@ class Painter:
     """
 
     def __init__(self, cut_outs: list[Image]) -> None:
-        self._sheet, self._strips = wall_paper.sheet()
+        self._sheet, self._strips = textures.sheet()
         self._walls = corners_of(WALLS)
         self._things = _furniture() + _lintels()
         self._outlines = corners_of(thing.outline for thing in self._things)
@@ -197,7 +197,7 @@ class Painter:
         if person.appearance is not None:
             to_eye = math.atan2(eye.y_m - person.y_m, eye.x_m - person.x_m)
             stride_rad = person.stride_rad if person.walking else None
-            return figures.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
+            return characters.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
         return self._people[person.looks % len(self._people)] if self._people else ()
 
     def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
@@ -450,7 +450,7 @@ def _shaded(colour: Colour, light: float) -> Colour:
 def _lintels() -> list[_Thing]:
     things = []
     for lintel in LINTELS:
-        picture = wall_paper.sign(lintel.sign)
+        picture = textures.sign(lintel.sign)
         long = lintel.box.x1_m - lintel.box.x0_m if lintel.along == "x" else lintel.box.y1_m - lintel.box.y0_m
         half = min(0.45, 0.45 / long)
         sides = ("south", "north") if lintel.along == "x" else ("west", "east")
@@ -467,7 +467,7 @@ def _furniture() -> list[_Thing]:
             box = piece.footprint
             long_x = box.x1_m - box.x0_m > box.y1_m - box.y0_m
             width_m = max(box.x1_m - box.x0_m, box.y1_m - box.y0_m)
-            picture = wall_paper.books(round(width_m * 150), round(box.high_m * 150), number)
+            picture = textures.books(round(width_m * 150), round(box.high_m * 150), number)
             decals = tuple(_Decal(side, picture) for side in (("south", "north") if long_x else ("west", "east")))
         things.append(_Thing(piece.footprint, piece.parts, decals))
     return things

@@ -9,27 +9,27 @@ from dataclasses import replace
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ros import messages
-from caris_desktop.ros.fields import MessageError, message_of, number, text, truth
+from caris_desktop.ros import message_conversion
+from caris_desktop.ros.message_fields import MessageError, message_of, number, text, truth
 from caris_desktop.ros.navigation_messages import encode_clock
 from caris_desktop.simulator import encoding
 from caris_desktop.simulator import faults as fault_commands
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
-from caris_desktop.simulator.dress import BatteryTopic, SpeechAction, SpeechTopics, StopService, VelocityInput
+from caris_desktop.simulator.demo_controls import DemoControls
 from caris_desktop.simulator.encoding import Placement
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
-from caris_desktop.simulator.gadgets import DemoControls
 from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
 from caris_desktop.simulator.head_topics import HeadOnRos
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.map_topics import MapOnRos
-from caris_desktop.simulator.orders import OrdersOnRos
+from caris_desktop.simulator.robot_interface import BatteryTopic, SpeechAction, SpeechTopics, StopService, VelocityInput
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import CallFailed, Message
+from caris_desktop.simulator.simulated_speech import Voice
 from caris_desktop.simulator.sound_topics import SoundOnRos
-from caris_desktop.simulator.speech import Voice
 from caris_desktop.simulator.speech_topics import SpeechOnAction, SpeechOnTopics
-from caris_desktop.simulator.wiring import Wiring
+from caris_desktop.simulator.stub_capabilities import OrdersOnRos
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ class RobotTopics:
         if camera is None or self._camera is None:
             return
         frame = wiring.frame(camera.frame)
-        picture = messages.encode_compressed_image(wiring.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
+        picture = message_conversion.encode_compressed_image(wiring.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
         wiring.publish(self._camera, picture)
         info = wiring.dress.absolute(camera.info)
         if wiring.wanted(info):
@@ -190,7 +190,7 @@ class RobotTopics:
             wiring.obeys(dress.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
         if dress.stop_state:
             self._stop_state = wiring.publishes(dress.stop_state, "std_msgs", "Bool", latched=True)
-            wiring.publish(self._stop_state, messages.encode_bool(False))
+            wiring.publish(self._stop_state, message_conversion.encode_bool(False))
         if dress.stop_service:
             told = dress.stop_service
             wiring.serves(told.name, told.package, told.type, lambda arguments: self._set_stop(told, arguments))
@@ -214,7 +214,7 @@ class RobotTopics:
 
     def _publish_odometry(self) -> None:
         wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
-        message = messages.encode_odometry(
+        message = message_conversion.encode_odometry(
             wiring.dialect,
             self._robot.odometry(stamp_ns=stamp_ns),
             stamp_ns=stamp_ns,
@@ -250,11 +250,11 @@ class RobotTopics:
         scan = self._robot.scan(stamp_ns=stamp_ns)
         if self._scan is not None and not self.faults.lidar_silent and wiring.wanted(self._scan):
             scan = replace(scan, frame_id=wiring.frame(scan.frame_id))
-            wiring.publish(self._scan, messages.encode_laser_scan(wiring.dialect, scan, stamp_ns=stamp_ns))
+            wiring.publish(self._scan, message_conversion.encode_laser_scan(wiring.dialect, scan, stamp_ns=stamp_ns))
 
     def _publish_pose(self, topic: str) -> None:
         wiring = self._wiring
-        message = messages.encode_pose_with_covariance_stamped(
+        message = message_conversion.encode_pose_with_covariance_stamped(
             wiring.dialect,
             self._robot.pose_in_map,
             stamp_ns=wiring.stamp_ns(),
@@ -267,7 +267,7 @@ class RobotTopics:
         if told.kind == "Float32 percent":
             wiring.publish(topic, {"data": 100.0 * fraction})
             return
-        message = messages.encode_battery_state(
+        message = message_conversion.encode_battery_state(
             wiring.dialect, BatteryState(stamp_ns, fraction), stamp_ns=stamp_ns, voltage_v=22.0 + 3.2 * fraction
         )
         if told.kind == "BatteryState percent":
@@ -298,17 +298,17 @@ class RobotTopics:
         plain = message_of(message.get("twist", {}), "TwistStamped.twist") if stamped else message
         axes = {"x": 0.0, "y": 0.0, "z": 0.0}
         whole = {part: axes | message_of(plain.get(part, {}), f"Twist.{part}") for part in ("linear", "angular")}
-        twist = messages.decode_twist(whole)
+        twist = message_conversion.decode_twist(whole)
         self._twists_received += 1
         self._last_twist_s = time.monotonic()
         self._robot.drive(twist)
 
     def _on_initial_pose(self, message: Message) -> None:
-        self._robot.assume_pose(messages.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map)
+        self._robot.assume_pose(message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map)
 
     def _on_fault(self, message: Message) -> None:
         try:
-            self._inject(messages.decode_string(message))
+            self._inject(message_conversion.decode_string(message))
         except (ValueError, CallFailed) as error:
             raise MessageError(str(error)) from error
 
@@ -363,7 +363,7 @@ class RobotTopics:
     def _stop_robot(self, stopped: bool) -> None:
         self._robot.set_emergency_stop(stopped)
         if self._stop_state is not None:
-            self._wiring.publish(self._stop_state, messages.encode_bool(stopped))
+            self._wiring.publish(self._stop_state, message_conversion.encode_bool(stopped))
 
     def _state(self) -> Message:
         """True state, for tests and debugging: none of it is on a topic."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from caris_desktop.ros.dialect import decode_time
-from caris_desktop.simulator.outbox import Published
+from caris_desktop.simulator.client_outbox import Published
 
 
 class _Lines:

@@ -22,14 +22,14 @@ from websockets.protocol import State
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros.dialect import Dialect, same_type
-from caris_desktop.ros.fields import MessageError, count, message_of, text
-from caris_desktop.ros.fields import field as field_of
+from caris_desktop.ros.message_fields import MessageError, count, message_of, text
+from caris_desktop.ros.message_fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_json
 from caris_desktop.simulator import typedefs
-from caris_desktop.simulator.outbox import ClientOutbox, Published, Subscription
-from caris_desktop.simulator.security import introduces_itself
+from caris_desktop.simulator.client_outbox import ClientOutbox, Published, Subscription
+from caris_desktop.simulator.client_wire import ClientWire
 from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
-from caris_desktop.simulator.wire import ClientWire
+from caris_desktop.simulator.simulated_security import introduces_itself
 
 logger = logging.getLogger(__name__)
 

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from caris_desktop.ros import messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
-from caris_desktop.ros.fields import text
-from caris_desktop.simulator.dress import AudioTopics
-from caris_desktop.simulator.hearing import RATE_HZ, Microphone, at_rate
+from caris_desktop.ros.message_fields import text
 from caris_desktop.simulator.participant import Participant, cache_folder
+from caris_desktop.simulator.robot_interface import AudioTopics
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import CallFailed, Message
-from caris_desktop.simulator.speech import Spoken
-from caris_desktop.simulator.wiring import Wiring
+from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate
+from caris_desktop.simulator.simulated_speech import Spoken
 
 _STEP_SAMPLES = RATE_HZ // 50
 _STEPS = 2
@@ -102,11 +102,11 @@ class SoundOnRos:
         return {"success": True, "message": ""}
 
     def _on_say(self, sentence: Message) -> None:
-        self.participant.say(messages.decode_string(sentence))
+        self.participant.say(message_conversion.decode_string(sentence))
 
     def _prepare(self, arguments: Message) -> Message:
         self.participant.prepare(text(arguments, "text", "args"))
         return {"success": True, "message": ""}
 
     def _on_speaking(self, speaking: bool) -> None:
-        self._wiring.publish(self._speaking, messages.encode_bool(speaking))
+        self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))

@@ -2,14 +2,14 @@
 
 import logging
 
-from caris_desktop.ros import actions, messages
-from caris_desktop.ros.actions import GoalStatus
-from caris_desktop.ros.fields import message_of, text_or_empty
+from caris_desktop.ros import action_messages, message_conversion
+from caris_desktop.ros.action_messages import GoalStatus
+from caris_desktop.ros.message_fields import message_of, text_or_empty
 from caris_desktop.simulator.actionlib import ActionlibServer
-from caris_desktop.simulator.dress import SpeechAction, SpeechTopics
+from caris_desktop.simulator.robot_interface import SpeechAction, SpeechTopics
+from caris_desktop.simulator.ros_context import Wiring
 from caris_desktop.simulator.server import Message
-from caris_desktop.simulator.speech import Voice
-from caris_desktop.simulator.wiring import Wiring
+from caris_desktop.simulator.simulated_speech import Voice
 
 logger = logging.getLogger(__name__)
 
@@ -30,12 +30,12 @@ class SpeechOnTopics:
         """Do nothing: messages are published when they occur."""
 
     def _on_say(self, message: Message) -> None:
-        if not self.voice.say(messages.decode_string(message)):
+        if not self.voice.say(message_conversion.decode_string(message)):
             logger.warning("A sentence was not taken: it is empty, or too many wait already")
 
     def _on_speaking(self, speaking: bool) -> None:
         if self._speaking is not None:
-            self._wiring.publish(self._speaking, messages.encode_bool(speaking))
+            self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))
 
 
 class SpeechOnAction:
@@ -61,16 +61,18 @@ class SpeechOnAction:
         if not sentence or not language:
             # PAL's server requires both; the language selects the voice
             missing = "rawtext.text" if not sentence else "rawtext.lang_id"
-            self._server.finish(GoalStatus(goal_id, actions.ABORTED, f"{missing} is empty"), _result("", "aborted"))
+            self._server.finish(
+                GoalStatus(goal_id, action_messages.ABORTED, f"{missing} is empty"), _result("", "aborted")
+            )
             return
-        self._end(actions.PREEMPTED, "a newer sentence took its place")
+        self._end(action_messages.PREEMPTED, "a newer sentence took its place")
         self._goal_id, self._text, self._begun = goal_id, sentence, False
         self._server.accept(goal_id)
         self.voice.say(sentence)
 
     def _on_cancel(self, wanted: str) -> None:
         if wanted in ("", self._goal_id):
-            self._end(actions.PREEMPTED, "cancelled")
+            self._end(action_messages.PREEMPTED, "cancelled")
 
     def _on_speaking(self, speaking: bool) -> None:
         if self._goal_id is None:
@@ -85,9 +87,9 @@ class SpeechOnAction:
                 "viseme_id": "",
                 "marks": {"type": "", "name": ""},
             }
-            self._server.progress(GoalStatus(self._goal_id, actions.ACTIVE), feedback)
+            self._server.progress(GoalStatus(self._goal_id, action_messages.ACTIVE), feedback)
         elif self._begun:
-            self._finish(actions.SUCCEEDED, "")
+            self._finish(action_messages.SUCCEEDED, "")
 
     def _end(self, status: int, detail: str) -> None:
         if self._goal_id is None:

@@ -6,10 +6,10 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import SuggestionsStatus
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_spec import Condition, Feature
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.people.asked import PendingIdentityQuestion
-from caris_desktop.ui.step_acts import present_step
+from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
+from caris_desktop.ui.step_intents import present_step
 
 
 class ActionConditions(QObject):

@@ -5,17 +5,17 @@ A row carries the intent that it sends to the console. Only commands that concer
 
 from typing import Any
 
-from caris_desktop.conversation.transcript import newest_heard, next_speaker
+from caris_desktop.conversation.conversation_transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.gestures import KEYS_BY_PLACE, LOOK, MOST_GESTURES, NOD
-from caris_desktop.scenario.model import Scenario
 from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
+from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_spec import ActionSpec, gives
-from caris_desktop.ui.mark_acts import (
+from caris_desktop.ui.mark_intents import (
     begin_or_end_stretch,
     mark_moment,
     mark_with_label,
@@ -23,9 +23,9 @@ from caris_desktop.ui.mark_acts import (
     move_last_mark_back,
     withdraw_last_mark,
 )
-from caris_desktop.ui.queue_acts import cancel_queued, move_queued
+from caris_desktop.ui.queue_intents import cancel_queued, move_queued
 from caris_desktop.ui.speed_steps import fraction_after
-from caris_desktop.ui.step_acts import PROTOCOL_ACTIONS
+from caris_desktop.ui.step_intents import PROTOCOL_ACTIONS
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3

@@ -9,7 +9,7 @@ from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
-from caris_desktop.scenario.model import PanelName, Scenario
+from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
 Kind = Literal["command", "hold", "safety", "mark", "talk"]
 Condition = Literal[

@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain import events
 from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.event_words import event_sentence
-from caris_desktop.ui.give_keys import window_of
+from caris_desktop.ui.event_messages import event_sentence
+from caris_desktop.ui.focus_widget import window_of
 from caris_desktop.ui.people.shown_people import name_of
 
 KEPT_MS = 10_000

@@ -7,8 +7,8 @@ from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.slow_work import do_beside
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.live.background_worker import do_beside
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 
 SHOWN_AFTER_S = 0.7
@@ -32,7 +32,7 @@ class ClosingWindow(QWidget):
         self._since.setFont(theme.font(tokens.STATUS_PX))
         busy = QProgressBar(textVisible=False)
         busy.setRange(0, 0)
-        column = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        column = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (self._what, busy, self._since):
             column.addWidget(widget)
         self.setFixedWidth(420)

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import possible_panels
@@ -67,7 +67,7 @@ class ConnectionCard(Overlay):
         self._plot: Any = None
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
-        self._layout = boxes.column(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
+        self._layout = layouts.column(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
         self._heading = QLabel(tr("Connection in the last minute"), wordWrap=True)
         self._state = state
         self._facts = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
@@ -79,7 +79,7 @@ class ConnectionCard(Overlay):
         robots = ActionButton(theme, tr("Another robot…"), icon="robot")
         robots.setObjectName("connection_robots")
         robots.clicked.connect(self.robots_requested)
-        head = boxes.row(spacing_px=8)
+        head = layouts.row(spacing_px=8)
         head.addWidget(self._heading, 1)
         head.addWidget(diagnostics)
         head.addWidget(robots)
@@ -156,7 +156,7 @@ class ConnectionCard(Overlay):
     def refresh(self) -> None:
         """Redraw the samples so far."""
         self._facts.setText(
-            words.link_facts(self._state.link.value, self._state.traffic.value, self._state.present.anchor)
+            text_formatting.link_facts(self._state.link.value, self._state.traffic.value, self._state.present.anchor)
         )
         if self._plot is None or not self._history.times_s:
             return

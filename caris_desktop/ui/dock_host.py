@@ -14,19 +14,19 @@ from PySide6.QtGui import QGuiApplication, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName
-from caris_desktop.ui.give_keys import focus_widget
-from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import DockLayout, arrangement_of
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
+from caris_desktop.ui.layout.dock_geometry import Drop, drop_at
+from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.drop_mark import DragWords, DropMark
 from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.floating_window import FloatingWindow
+from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
+from caris_desktop.ui.layout.layout_tree import Side, panels_in
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
-from caris_desktop.ui.layout.placing import Drop, drop_at
-from caris_desktop.ui.layout.rect import Rect, on_a_screen
-from caris_desktop.ui.layout.tree import Side, panels_in
 from caris_desktop.ui.panel import Panel
 
 _FLOATING: tuple[int, int] = (480, 360)

@@ -3,8 +3,8 @@
 from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QApplication, QWidget
 
-from caris_desktop.ui import boxes
-from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui import layouts
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -45,7 +45,7 @@ class EmergencyOverDialogs(QObject):
         button.setObjectName("emergency_stop_copy")
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
-        layout = boxes.column(window, margins_px=0)
+        layout = layouts.column(window, margins_px=0)
         layout.addWidget(button)
         window.resize(self._button.size())
         window.move(self._button.mapToGlobal(QPoint(0, 0)))

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported at first use

@@ -7,10 +7,10 @@ from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.announcing import announce
-from caris_desktop.ui.drive_keys import NOWHERE_MS, DriveInputFilter
-from caris_desktop.ui.give_keys import window_of
+from caris_desktop.ui.drive_input_filter import NOWHERE_MS, DriveInputFilter
+from caris_desktop.ui.focus_widget import window_of
 from caris_desktop.ui.theme import Theme
 
 _FIELD_PX = 120

@@ -8,8 +8,8 @@ from PySide6.QtGui import QKeyEvent, QKeySequence
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.held_motion import Hold
 from caris_desktop.ui.key_positions import position_codes, position_of
+from caris_desktop.ui.teleop_input import Hold
 
 CHORD_MODIFIERS = (
     Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier

@@ -18,20 +18,20 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.ui.start_dialog",
     "caris_desktop.ui.first_use.set_up_page",
     "caris_desktop.ui.gamepad_dialog",
-    *(f"caris_desktop.ui.panels.{spec.module}" for spec in PANELS.values()),
+    *(f"caris_desktop.ui.panels.{spec.module}_panel" for spec in PANELS.values()),
     # Dependencies of the dialogs below, in pieces that import quickly.
     "caris_desktop.recording.session.recovery",
-    "caris_desktop.recording.annotation.store",
-    "caris_desktop.recording.names",
-    "caris_desktop.recording.export",
-    "caris_desktop.robot.proposal",
+    "caris_desktop.recording.annotation.annotation_store",
+    "caris_desktop.recording.pseudonyms",
+    "caris_desktop.recording.session_export",
+    "caris_desktop.robot.profile_proposal",
     "caris_desktop.ui.search_hits",
     "caris_desktop.ui.sessions_window",
     "caris_desktop.ui.export_dialog",
     "caris_desktop.ui.robot_dialog",
     "caris_desktop.scenario.document",
     "caris_desktop.ui.scenario_editor.groups",
-    "caris_desktop.ui.scenario_editor.window",
+    "caris_desktop.ui.scenario_editor.editor_window",
 )
 
 

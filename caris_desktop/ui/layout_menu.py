@@ -4,13 +4,13 @@ from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMen
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.layout_keeper import LayoutStore
-from caris_desktop.ui.panel_board import PanelManager
+from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.layout_store import LayoutStore
+from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.words import in_menu
 
 _LONGEST_TITLE = 80
 _UNDO_AND_REDO = 2

@@ -15,63 +15,63 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
-from caris_desktop.scenario.file import ScenarioError, load_scenario
-from caris_desktop.scenario.library import ScenarioChoice, list_scenarios
-from caris_desktop.scenario.model import LayoutNode, PanelName, Scenario
-from caris_desktop.ui import boxes, words
+from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
+from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessible_roles import install_accessible_roles
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
 from caris_desktop.ui.announcing import Announcements
-from caris_desktop.ui.appearance import Appearance
-from caris_desktop.ui.bands import EmergencyBanner, GuardBanner, QuestionBanner
-from caris_desktop.ui.closing import QuitGuard
+from caris_desktop.ui.app_context import AppContext
+from caris_desktop.ui.background_reading import Remembered, read_for
+from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, QuestionBanner
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.face.face_windows import FaceWindows
 from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
-from caris_desktop.ui.going_on_card import ResumeTrialCard
 from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
-from caris_desktop.ui.kept_choices import Preferences
 from caris_desktop.ui.late_imports import LateImports
-from caris_desktop.ui.layout_keeper import LayoutStore
+from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notice_strip import NoticeStrip
 from caris_desktop.ui.observer.observer_window import ObserverWindows
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.entries import PaletteEntries
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.palette.memory import PaletteMemory
+from caris_desktop.ui.palette.palette_entries import PaletteEntries
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_memory import PaletteMemory
 from caris_desktop.ui.palette.quick_choices import QuickChoices
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.panel_board import PanelManager
+from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.practice.practice_strip import PracticeStrip
+from caris_desktop.ui.preferences import Preferences
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
-from caris_desktop.ui.read_aside import Remembered, read_for
+from caris_desktop.ui.quit_guard import QuitGuard
+from caris_desktop.ui.resume_trial_card import ResumeTrialCard
+from caris_desktop.ui.reused_panels import same_panels
 from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.same_panels import same_panels
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.session_windows import SessionWindows
-from caris_desktop.ui.shortcuts.sheet import ShortcutSheet
+from caris_desktop.ui.shortcuts.shortcut_sheet import ShortcutSheet
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.talking import Talking
+from caris_desktop.ui.talk_key import Talking
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
 from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
+from caris_desktop.ui.window_appearance import Appearance
 from caris_desktop.ui.window_menus import WindowMenus
-from caris_desktop.ui.window_parts import AppContext
 from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
@@ -200,12 +200,12 @@ class MainWindow(PanelWindow, QWidget):
         self._place.restore()
 
     def _arrange(self) -> None:
-        self._column = boxes.column(self, margins_px=0, spacing_px=0)
+        self._column = layouts.column(self, margins_px=0, spacing_px=0)
         self._column.addWidget(self._top_bar)
         self._column.addWidget(self._strip)
         self._column.addWidget(self._protocol)
         self._column.addWidget(self.practice)
-        holder = boxes.column(margins_px=(8, 6, 8, 8))
+        holder = layouts.column(margins_px=(8, 6, 8, 8))
         self._middle = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         self._middle.setObjectName("middle")
         self._middle.setHandleWidth(8)
@@ -352,7 +352,7 @@ class MainWindow(PanelWindow, QWidget):
                 switch()
                 return
             said = tr("“{title}” records no {what}. The recording goes on without it. Switch the scenario?")
-            title = words.shortened(scenario.title, 40)
+            title = text_formatting.shortened(scenario.title, 40)
             self._question.ask(said.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
 
         if self._console.state.recording.value.state in IN_SESSION:
@@ -399,7 +399,7 @@ class MainWindow(PanelWindow, QWidget):
         if card is None or panel is None:
             return tr("That is not suggested now.")
         self.board.open("speak")
-        text = words.with_names(card.text, lambda person_id: name_of(console, person_id))
+        text = text_formatting.with_names(card.text, lambda person_id: name_of(console, person_id))
         panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))
         return ""
 

@@ -9,15 +9,15 @@ from PySide6.QtWidgets import QLabel, QWidget
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.recording import ERROR_KEYS, ErrorKind
-from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.give_keys import focus_widget
+from caris_desktop.scenario.recording_settings import ERROR_KEYS, ErrorKind
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.window_above import clear_place, windows_above
 
 WIDTH_PX = 720
@@ -81,7 +81,7 @@ class MarkCard(QWidget):
         self._undo.setToolTip(tr("Take this mark back"))
         self._earlier.setToolTip(tr("What is meant happened 3 seconds before. Press again for 6, 9, …"))
         self._correct = QWidget()
-        correct = boxes.row(self._correct, margins_px=0, spacing_px=6)
+        correct = layouts.row(self._correct, margins_px=0, spacing_px=6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
             correct.addWidget(button)
         self.field = SubmitLineEdit()
@@ -96,18 +96,18 @@ class MarkCard(QWidget):
         leave = self._button("note_leave", tr("Leave"), key="Esc")
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
-        note_row = boxes.row(self._note_row, margins_px=0, spacing_px=6)
+        note_row = layouts.row(self._note_row, margins_px=0, spacing_px=6)
         note_row.addWidget(self.field, 1)
         note_row.addWidget(self._keep)
         note_row.addWidget(leave)
-        head = boxes.row(spacing_px=10)
-        column = boxes.column(spacing_px=1)
+        head = layouts.row(spacing_px=10)
+        column = layouts.column(spacing_px=1)
         column.addWidget(self._title)
         column.addWidget(self._line)
         head.addLayout(column, 1)
         head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        layout = boxes.column(self, margins_px=(44, 10, 8, 12), spacing_px=8)
+        layout = layouts.column(self, margins_px=(44, 10, 8, 12), spacing_px=8)
         layout.addLayout(head)
         for part in (self._labels, self._kinds, self._note_row):
             layout.addWidget(part)
@@ -200,7 +200,7 @@ class MarkCard(QWidget):
         self._note_for = "" if mark is None else mark.mark_id
         at_ns = self._console.state.present.now_ns() if mark is None else _moment_ns(mark)
         self._mark = None
-        at = words.clock_time(at_ns, self._console.state.present.anchor)
+        at = text_formatting.clock_time(at_ns, self._console.state.present.anchor)
         self._title.setText(tr("Note about {time}").format(time=at))
         self._line.setText(tr("Alt still drives while you write."))
         for part in (self._labels, self._kinds, self._correct):
@@ -293,27 +293,29 @@ class MarkCard(QWidget):
         if mark is None:
             return
         anchor = self._console.state.present.anchor
-        at = words.clock_time(_moment_ns(mark), anchor)
+        at = text_formatting.clock_time(_moment_ns(mark), anchor)
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
             stretch = mark.label or tr("Stretch")
-            self._title.setText(f"{stretch} · {words.stretch(lasts_s)}")
+            self._title.setText(f"{stretch} · {text_formatting.stretch(lasts_s)}")
             since = tr("Since {time}, as long as you hold the key") if self._held else tr("Since {time}")
             self._line.setText(since.format(time=at))
         else:
             what = {"wizard_error": tr("Wizard error"), "note": tr("Note kept")}.get(mark.kind, tr("Marked"))
             if mark.label:
-                what = words.with_label(what, mark.label)
+                what = text_formatting.with_label(what, mark.label)
             elif self._asks:
                 what = tr("{marked} · what kind?").format(marked=what)
             self._title.setText(what)
             parts = [at]
             if mark.end_ns is not None:
-                parts.append(tr("lasted {time}").format(time=words.age((mark.end_ns - _moment_ns(mark)) / 1e9)))
+                parts.append(
+                    tr("lasted {time}").format(time=text_formatting.age((mark.end_ns - _moment_ns(mark)) / 1e9))
+                )
             if self._earlier_s:
                 parts.append(tr("moved {time} s back").format(time=f"{self._earlier_s:.0f}"))
             if mark.note:
-                parts.append(f"“{words.shortened(mark.note, 60)}”")
+                parts.append(f"“{text_formatting.shortened(mark.note, 60)}”")
             self._line.setText(" · ".join(parts))
         self.setAccessibleName(self.text)
 

@@ -10,13 +10,13 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.recording import ERROR_KEYS
+from caris_desktop.scenario.recording_settings import ERROR_KEYS
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import MARKS_GROUP
 from caris_desktop.ui.action_spec import IntentNow
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import DriveInputFilter
-from caris_desktop.ui.mark_acts import move_last_mark_back, withdraw_last_mark
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.mark_card import MarkCard
+from caris_desktop.ui.mark_intents import move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.theme import Theme
 
 HELD_AFTER_S = 0.4

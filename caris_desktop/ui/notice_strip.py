@@ -9,12 +9,12 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.bands import Banner
-from caris_desktop.ui.give_keys import Bar
-from caris_desktop.ui.glance import StatusIndicators
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.banners import Banner
+from caris_desktop.ui.focus_widget import Bar
+from caris_desktop.ui.status_indicators import StatusIndicators
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 HEIGHT_PX = 38
 _ROOM_FOR_WORDS_PX, _ROOM_FOR_BANDS_PX = 1200, 1850
@@ -34,7 +34,7 @@ class NoticeStrip(Bar, QWidget):
         self._bands = tuple(bands)
         self._now = ElidedLabel()
         self._now.setObjectName("robot_now")
-        row = boxes.row(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
+        row = layouts.row(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
         self._signs = StatusIndicators(theme, console.state)
         row.addWidget(self._signs)
         row.addWidget(self._now, 1)
@@ -68,7 +68,7 @@ class NoticeStrip(Bar, QWidget):
     def _say(self) -> None:
         drive: DriveStatus = self._console.state.drive.value
         goal: GoalChanged | None = self._console.state.goal.value
-        self._now.setText(words.robot_now(drive, goal, self._console.state.robot.value))
+        self._now.setText(text_formatting.robot_now(drive, goal, self._console.state.robot.value))
 
     def _style(self) -> None:
         self._theme.style_text(self._now, "dim", tokens.STATUS_PX)

@@ -4,7 +4,7 @@ from PySide6.QtCore import QEvent, QObject, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
-from caris_desktop.ui.give_keys import activate_window
+from caris_desktop.ui.focus_widget import activate_window
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_above import WindowAbove, clear_place, windows_above
 

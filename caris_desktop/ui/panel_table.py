@@ -7,7 +7,7 @@ from typing import Any
 from caris_desktop.domain.intents import Permission
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.model import PanelName, Scenario
+from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,9 @@ class PanelSpec:
 
     def load(self) -> type[Any]:
         """Import the panel's class, a Panel, at first use."""
-        panel: type[Any] = getattr(importlib.import_module(f"caris_desktop.ui.panels.{self.module}"), self.class_name)
+        panel: type[Any] = getattr(
+            importlib.import_module(f"caris_desktop.ui.panels.{self.module}_panel"), self.class_name
+        )
         return panel
 
 

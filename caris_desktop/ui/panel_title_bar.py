@@ -6,11 +6,11 @@ from PySide6.QtCore import QEvent, QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
 
@@ -40,7 +40,7 @@ class PanelTitleBar(Bar, QWidget):
         self._fact.setObjectName("panel_fact")
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
-        self._row = row = boxes.row(self, spacing_px=8)
+        self._row = row = layouts.row(self, spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()

@@ -13,12 +13,12 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.alarm_causes import cause_among
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import Alarm
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.dock_area import DockArea
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
@@ -58,7 +58,7 @@ class ProblemCards(QWidget):
         self._cards: list[ProblemCard] = []
         self._opened: ProblemCard | None = None
         self._seen: dict[str, tuple[int, Severity, int]] = {}
-        self._column = boxes.column(self, margins_px=0, spacing_px=tokens.GRID_PX)
+        self._column = layouts.column(self, margins_px=0, spacing_px=tokens.GRID_PX)
         over.installEventFilter(self)
         over.laid_out.connect(self._on_laid_out)
         self._state = state
@@ -246,10 +246,10 @@ class ProblemCard(QWidget):
         close.setObjectName("problem_dismiss")
         close.setAccessibleName(tr("Dismiss"))
         close.clicked.connect(lambda: self.dismissed.emit(self))
-        column = boxes.column(spacing_px=3)
+        column = layouts.column(spacing_px=3)
         for label in self._labels:
             column.addWidget(label)
-        row = self._row = boxes.row(self, margins_px=(48, 12, 8, 14))
+        row = self._row = layouts.row(self, margins_px=(48, 12, 8, 14))
         row.addLayout(column, 1)
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         self._timer = QTimer(self, singleShot=True)

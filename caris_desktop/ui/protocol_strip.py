@@ -12,24 +12,24 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.protocol import ProtocolStep
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import DriveInputFilter
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.scenario.protocol_steps import ProtocolStep
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.protocol.step_cards import MOST_DIGITS, BranchesCard, StepsCard
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
 from caris_desktop.ui.protocol.step_words import is_late, record_words, time_words
-from caris_desktop.ui.step_acts import PROTOCOL_GROUP, present_step, target_of
+from caris_desktop.ui.step_intents import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
-    from caris_desktop.recording.annotation.overview import SessionOverview
-    from caris_desktop.recording.session.protocol import StepRecord
+    from caris_desktop.recording.annotation.timeline_overview import SessionOverview
+    from caris_desktop.recording.session.session_protocol import StepRecord
 
 HEIGHT_PX = 40
 _BUTTON_PX = 30
@@ -80,7 +80,7 @@ class ProtocolStrip(Bar, QWidget):
         self._skip = self._button("skip_step", "skip_step", icon="skip-forward", ghost=True)
         self.next_button = self._button("next_step", "next_step", icon="arrow-right", may_shrink=True)
         self._acts = (self._say, self._go, self._branch, self._back, self._skip, self.next_button)
-        self._row = boxes.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
+        self._row = layouts.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._row.addWidget(self.pills, 3)
         self._row.addWidget(self._note, 1)
         self._row.addWidget(self._ticked)

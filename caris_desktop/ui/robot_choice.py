@@ -13,10 +13,10 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
-from caris_desktop.ui.bands import QuestionBanner
-from caris_desktop.ui.read_aside import Remembered
+from caris_desktop.ui.background_reading import Remembered
+from caris_desktop.ui.banners import QuestionBanner
+from caris_desktop.ui.text_formatting import UNDER_WAY, in_menu, shortened
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.words import UNDER_WAY, in_menu, shortened
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer

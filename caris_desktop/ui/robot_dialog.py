@@ -32,18 +32,18 @@ from caris_desktop.robot.profile import (
     profile_file_name,
     user_robots_dir,
 )
-from caris_desktop.robot.proposal import Proposal, RobotOffer, profile_of, propose
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, profile_of, propose
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.robot_rows import MappingRow, NoteLine
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.scrolled import Scrolled
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
-    from caris_desktop.robot.explore import Exploration, StreamCheck
+    from caris_desktop.robot.discovery import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
 _LEAST_PAGE_PX = 200
@@ -205,7 +205,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         holder = QWidget()
         self._summary = ElidedLabel()
         self._summary.setObjectName("robot_summary")
-        row = boxes.row(holder, margins_px=0, spacing_px=6)
+        row = layouts.row(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
         for page, text in enumerate((tr("What is used for what"), tr("All that it offers"))):
             button = ActionButton(self._theme, text, look="ghost")
@@ -229,18 +229,18 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
         self.namespace.setMinimumWidth(180)
         self.namespace.activated.connect(self._on_namespace_chosen)
-        choices = boxes.row(spacing_px=8)
+        choices = layouts.row(spacing_px=8)
         for widget in (self._start_label, self.start_from, self._namespace_label, self.namespace):
             choices.addWidget(widget)
         choices.addStretch(1)
         self._grid_holder = QWidget()
-        self._column = boxes.column(self._grid_holder, margins_px=(0, 0, 8, 0), spacing_px=4)
+        self._column = layouts.column(self._grid_holder, margins_px=(0, 0, 8, 0), spacing_px=4)
         self._column.addStretch(1)
         scroll = QScrollArea(widgetResizable=True)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(self._grid_holder)
-        column = boxes.column(page, margins_px=0, spacing_px=8)
+        column = layouts.column(page, margins_px=0, spacing_px=8)
         column.addLayout(choices)
         column.addWidget(scroll, 1)
         return page
@@ -254,28 +254,28 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
         self.offer_list.setAccessibleName(tr("All that the robot offers"))
-        column = boxes.column(page, margins_px=0)
+        column = layouts.column(page, margins_px=0)
         column.addWidget(self._filter)
         column.addWidget(self.offer_list, 1)
         return page
 
     def _lay_out(self, cancel: ActionButton) -> None:
-        address = boxes.row(spacing_px=8)
+        address = layouts.row(spacing_px=8)
         address.addWidget(self.address_field, 1)
         address.addWidget(self._look)
         address.addWidget(self._security_toggle)
-        foot = boxes.row(spacing_px=8)
+        foot = layouts.row(spacing_px=8)
         foot.addWidget(cancel)
         foot.addStretch(1)
         foot.addWidget(self._check)
         foot.addWidget(self._save)
-        named = boxes.row(spacing_px=8)
+        named = layouts.row(spacing_px=8)
         named.addWidget(QLabel(tr("Name")))
         named.addWidget(self.name_field, 1)
         self._pages.setMinimumHeight(_LEAST_PAGE_PX)
         self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         content = QWidget()
-        layout = boxes.column(content, margins_px=0, spacing_px=10)
+        layout = layouts.column(content, margins_px=0, spacing_px=10)
         layout.addWidget(self._heading)
         layout.addWidget(self._hint)
         layout.addLayout(address)
@@ -286,7 +286,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._empty, 1)
         layout.addLayout(named)
         layout.addWidget(self._file)
-        whole = boxes.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        whole = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
 

@@ -7,14 +7,14 @@ from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.robot.proposal import FieldProposal
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.robot.profile_proposal import FieldProposal
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
-    from caris_desktop.robot.explore import StreamCheck
+    from caris_desktop.robot.discovery import StreamCheck
 
 NOT_USED = QT_TR_NOOP("– not used –")
 _CHECK_LOOKS = {
@@ -35,7 +35,7 @@ def rate_words(check: "StreamCheck") -> str:
     if check.rate_hz is not None:
         parts.append(f"{check.rate_hz:.1f} Hz")
     if check.age_s is not None:
-        parts.append(tr("{age} old").format(age=words.age(check.age_s)))
+        parts.append(tr("{age} old").format(age=text_formatting.age(check.age_s)))
     line = ", ".join(parts)
     return f"{line} · {tr(check.detail)}" if check.detail else line
 
@@ -51,7 +51,7 @@ class NoteLine(QWidget):
         self._role, self._icon = "dim", ""
         self._label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        row = boxes.row(self, margins_px=(28, 2, 0, 2))
+        row = layouts.row(self, margins_px=(28, 2, 0, 2))
         row.addWidget(self._label)
         theme.changed.connect(self._style)
         self.hide()
@@ -99,7 +99,7 @@ class MappingRow(QWidget):
         self.box = DropDown(theme, f"mapping_{field}_box", label)
         self.box.setFixedWidth(270)
         self.box.setMaxVisibleItems(_SHORT_LIST)
-        row = boxes.row(self, margins_px=(0, 1, 0, 1), spacing_px=8)
+        row = layouts.row(self, margins_px=(0, 1, 0, 1), spacing_px=8)
         row.addWidget(name)
         if proposal is None:
             fixed = QLabel(topic)

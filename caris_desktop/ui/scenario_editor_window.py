@@ -10,14 +10,14 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.library import own_file
-from caris_desktop.ui.read_aside import read_for
+from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported at first use
-    from caris_desktop.ui.scenario_editor.opened import Opened
-    from caris_desktop.ui.scenario_editor.window import ScenarioEditor
+    from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
+    from caris_desktop.ui.scenario_editor.opened_scenario import Opened
 
 _log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class ScenarioEditorWindow(QObject):
         """Edit the current scenario. An open editor is raised with its contents; one of another scenario is closed,
         after a question about unsaved changes.
         """
-        from caris_desktop.ui.scenario_editor.opened import opened_as_form
+        from caris_desktop.ui.scenario_editor.opened_scenario import opened_as_form
 
         if self._editor is not None:
             self._show_again(self._editor)
@@ -62,7 +62,7 @@ class ScenarioEditorWindow(QObject):
             self.open()
 
     def _show(self, found: "tuple[Opened, str]") -> None:
-        from caris_desktop.ui.scenario_editor.window import ScenarioEditor
+        from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
 
         if not self._opening:
             return  # the window is closing

@@ -35,7 +35,7 @@ class ScenarioFiles:
         if question is None:
             return
         # Imported late: the first window does not need it.
-        from caris_desktop.ui.same_names_dialog import ImportConflictDialog
+        from caris_desktop.ui.import_conflict_dialog import ImportConflictDialog
 
         def decide(decided: tuple[intents.SameName, ...]) -> None:
             self._console.do(intents.ImportScenario(question.path, decided))

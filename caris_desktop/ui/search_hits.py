@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOpti
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
-from caris_desktop.recording.studies.query import PLACES_A_PAGE, SearchHit
-from caris_desktop.ui import tokens, words
+from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit
+from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
 
@@ -73,7 +73,7 @@ class HitsModel(QAbstractListModel):
         if role == _HIT_ROLE:
             return hit
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{self.whose(hit)}, {words.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
+            return f"{self.whose(hit)}, {text_formatting.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
             lines = [hit.snippet, tr("Double click to replay from here")]
             if hit.quoted:
@@ -130,7 +130,7 @@ class HitDelegate(QStyledItemDelegate):
         metrics, left = QFontMetrics(theme.font(tokens.STATUS_PX)), rect.left() + 10
         for text, width in (
             (self._model.whose(hit), self._WHOSE_PX),
-            (words.elapsed(hit.session_s), self._TIME_PX),
+            (text_formatting.elapsed(hit.session_s), self._TIME_PX),
             (kind_words(hit.kind), self._KIND_PX),
         ):
             box = QRect(left, rect.top(), width - 8, rect.height())

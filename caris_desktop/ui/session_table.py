@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidge
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.studies.query import SessionEntry
-from caris_desktop.ui import words
+from caris_desktop.recording.studies.study_query import SessionEntry
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.theme import Theme
 
@@ -87,13 +87,17 @@ COLUMNS: tuple[Column, ...] = (
     Column(QT_TR_NOOP("Scenario"), lambda entry: entry.scenario, lambda entry: natural_order(entry.scenario), 160),
     Column(
         QT_TR_NOOP("Length"),
-        lambda entry: words.elapsed(entry.duration_s),
+        lambda entry: text_formatting.elapsed(entry.duration_s),
         lambda entry: entry.duration_s,
         76,
         right=True,
     ),
     Column(
-        QT_TR_NOOP("Size"), lambda entry: words.size(entry.size_bytes), lambda entry: entry.size_bytes, 86, right=True
+        QT_TR_NOOP("Size"),
+        lambda entry: text_formatting.size(entry.size_bytes),
+        lambda entry: entry.size_bytes,
+        86,
+        right=True,
     ),
     Column(QT_TR_NOOP("Marks"), lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
     Column(QT_TR_NOOP("State"), state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),

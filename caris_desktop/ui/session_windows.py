@@ -9,11 +9,11 @@ from PySide6.QtCore import QObject, QPoint, QRect, Signal
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.live.remote_microphone import ear_of
 from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
-from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
+from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from caris_desktop.ui.wizard_profiles import WizardProfiles

@@ -18,8 +18,8 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
 from caris_desktop.live.wizard_console import SessionLibrary
-from caris_desktop.recording.studies.query import PLACES_A_PAGE, SessionEntry, SessionQuery
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SessionEntry, SessionQuery
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.search_hits import HitDelegate, HitList, HitsModel
 from caris_desktop.ui.session_table import (
     COLUMNS,
@@ -138,7 +138,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         filters = FlowRow()
         for choice in self._filters.values():
             filters.add(choice)
-        below = boxes.column(self._hits_part, margins_px=(0, 4, 0, 0), spacing_px=4)
+        below = layouts.column(self._hits_part, margins_px=(0, 4, 0, 0), spacing_px=4)
         below.addWidget(self._found)
         below.addWidget(self.hit_list, 1)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
@@ -146,13 +146,13 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         splitter.addWidget(self._hits_part)
         splitter.setStretchFactor(0, 3)
         splitter.setStretchFactor(1, 2)
-        buttons = boxes.row(spacing_px=8)
+        buttons = layouts.row(spacing_px=8)
         buttons.addWidget(self._status)
         buttons.addWidget(self._all)
         buttons.addStretch(1)
         for button in (self._open, self._export, self._replay_button):
             buttons.addWidget(button)
-        layout = boxes.column(self, margins_px=16, spacing_px=12)
+        layout = layouts.column(self, margins_px=16, spacing_px=12)
         layout.addWidget(self.search)
         layout.addWidget(filters)
         layout.addWidget(splitter, 1)

@@ -9,12 +9,12 @@ from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.sound import Role
+from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.live.remote_microphone import ear_of
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
@@ -48,7 +48,7 @@ def _microphones(console: WizardConsole, title: str, role: Role, chosen: str | N
         names.append(chosen)  # unplugged, but still the selected one
     return [
         SoundChoice(
-            tr(title), tr("No microphone") if name is None else words.microphone(name),
+            tr(title), tr("No microphone") if name is None else text_formatting.microphone(name),
             intents.UseMicrophone(name, role), name == chosen,
             id=f"{title}: {'No microphone' if name is None else name or 'System’s default microphone'}",
         )
@@ -87,7 +87,7 @@ class SoundMenu:
             part = menu.addMenu(title)
             group = QActionGroup(part)
             for choice in of_title:
-                action = part.addAction(words.in_menu(choice.text))
+                action = part.addAction(text_formatting.in_menu(choice.text))
                 action.setCheckable(True)
                 action.setChecked(choice.chosen)
                 action.setActionGroup(group)

@@ -7,12 +7,12 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QLabel, QLineEdit, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
-from caris_desktop.scenario.model import BlurSettings, Permissions
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import open_words, summary
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
@@ -20,7 +20,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.scrolled import Scrolled
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _FIELDS = (
     ("study", QT_TR_NOOP("Study"), QT_TR_NOOP("for example Lab visit")),
@@ -168,18 +168,18 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
         cancel.setObjectName("start_dialog_cancel")
         cancel.clicked.connect(self.reject)
-        buttons = boxes.row(spacing_px=8)
+        buttons = layouts.row(spacing_px=8)
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(skip)
         buttons.addWidget(begin)
-        told = boxes.column(spacing_px=4)
+        told = layouts.column(spacing_px=4)
         told.addWidget(self._kept)
         told.addWidget(self._room)
         self._asked = self._small("")
         self._asked.setObjectName("start_asked")
         self._asked.hide()
-        layout = boxes.column(spacing_px=14)
+        layout = layouts.column(spacing_px=14)
         content = QWidget()
         self._room_px = parent.screen().availableGeometry().size()
         beside = self._room_px.width() >= _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
@@ -195,10 +195,10 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             else:
                 checks.setMinimumHeight(_CHECKS_BELOW_PX)
             sides.addWidget(checks)
-        foot = boxes.column(margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
+        foot = layouts.column(margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
         foot.addWidget(self._asked)
         foot.addLayout(buttons)
-        whole = boxes.column(self, margins_px=0, spacing_px=0)
+        whole = layouts.column(self, margins_px=0, spacing_px=0)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
         layout.addWidget(heading)
@@ -232,7 +232,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             self._on_begin()
 
     def _show_room(self, bytes_per_hour: float | None, free_bytes: int | None) -> None:
-        expected = words.expectation(bytes_per_hour, free_bytes)
+        expected = text_formatting.expectation(bytes_per_hour, free_bytes)
         self._room.setVisible(bool(expected))
         if bytes_per_hour and free_bytes is not None and free_bytes < bytes_per_hour:
             self._theme.color_text(self._room, "amber")
@@ -251,7 +251,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._summary = self._small("")
         self._summary.setObjectName("start_summary")
-        column = boxes.column(side, margins_px=0, spacing_px=8)
+        column = layouts.column(side, margins_px=0, spacing_px=8)
         column.addWidget(heading)
         column.addWidget(self._summary)
         column.addWidget(PreflightList(self._theme, console), 1)
@@ -295,7 +295,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             # Until the inputs are listed, none can be reported missing.
             gone = bool(name and offer.microphones and name not in offer.microphones)
             shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
-            choice.addItem(shown.format(microphone=words.microphone(name)), name)
+            choice.addItem(shown.format(microphone=text_formatting.microphone(name)), name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
         choice.currentIndexChanged.connect(self._show_kept)
         return choice

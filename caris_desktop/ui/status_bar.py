@@ -21,8 +21,8 @@ from caris_desktop.live.status import (
     SoundStatus,
 )
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens, words
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.status_button import StatusButton
@@ -222,8 +222,8 @@ class StatusBar(Bar, QWidget):
         role, said = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
             said = QT_TR_NOOP("{robot} not reached")
-        robot = words.shortened(link.robot, _NAME_CHARACTERS) or tr("Robot")
-        facts = words.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
+        robot = text_formatting.shortened(link.robot, _NAME_CHARACTERS) or tr("Robot")
+        facts = text_formatting.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         icon, whose = _LINK_ICONS[link.state], tr(said).format(robot=robot)
         if not state.present.live:
             # This replay may run while another robot is driven.
@@ -266,14 +266,14 @@ class StatusBar(Bar, QWidget):
         self._fit()
 
     def _stream_words(self, name: str, stream: LiveStream) -> tuple[str, str]:
-        age = words.age(stream.age_s() or 0.0)
+        age = text_formatting.age(stream.age_s() or 0.0)
         if not stream.age_known and stream.freshness == "fresh":
             return tr("{stream}, age unknown").format(stream=name), "amber"
         if stream.arrives_late:
             return tr("{stream} arrives {age} old").format(stream=name, age=age), (
                 "amber" if stream.freshness == "stale" else "red"
             )
-        silent = words.age(stream.silent_s() or 0.0)
+        silent = text_formatting.age(stream.silent_s() or 0.0)
         match stream.freshness:
             case "fresh":
                 return tr("{stream} {age}").format(stream=name, age=age), "dim"
@@ -334,7 +334,7 @@ class StatusBar(Bar, QWidget):
         age_s = stream.age_s() or 0.0
         # Robots report their charge at any rate; only minutes of silence make it stale.
         old = age_s > BATTERY_OLD_AFTER_S
-        charge, age = f"{battery:.0%}".replace("%", " %"), words.age(age_s)
+        charge, age = f"{battery:.0%}".replace("%", " %"), text_formatting.age(age_s)
         text = (tr("battery low, {charge}") if low else tr("battery {charge}")).format(charge=charge)
         self.items["battery"].say(
             tr("{battery}, told {age} ago").format(battery=text, age=age) if old else text,
@@ -367,7 +367,7 @@ class StatusBar(Bar, QWidget):
         local = not scenario.permissions.assistant or not setup.server
         text, tip = tr("local models only"), tr("Nothing that is said or asked leaves this computer.")
         if not local:
-            text = tr("language model: {model}").format(model=words.shortened(setup.model, _NAME_CHARACTERS))
+            text = tr("language model: {model}").format(model=text_formatting.shortened(setup.model, _NAME_CHARACTERS))
             tip = tr("What is asked goes to {server}.").format(server=setup.server)
         if perception.server and not is_loopback(perception.server):
             too = tr("{models}, pictures leave too").format(models=text)
@@ -408,7 +408,7 @@ class StatusBar(Bar, QWidget):
         """Open microphones, and whose they are."""
         if self._in_replay:
             return
-        tips = [words.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
+        tips = [text_formatting.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
         talks = sound.talking and wizard.state in ("starting", "on")
         if sound.hearing:
             tips.append(tr("You hear along what it hears"))
@@ -440,10 +440,16 @@ class StatusBar(Bar, QWidget):
         match recording.state:
             case "recording":
                 item.say(
-                    tr("recording, {size}").format(size=words.size(recording.written_bytes)), "text", icon="record"
+                    tr("recording, {size}").format(size=text_formatting.size(recording.written_bytes)),
+                    "text",
+                    icon="record",
                 )
             case "paused":
-                item.say(tr("paused, {size}").format(size=words.size(recording.written_bytes)), "amber", icon="pause")
+                item.say(
+                    tr("paused, {size}").format(size=text_formatting.size(recording.written_bytes)),
+                    "amber",
+                    icon="pause",
+                )
             case "starting" | "stopping":
                 item.say(tr("starting to record") if recording.state == "starting" else tr("saving the recording"))
             case "failed":
@@ -452,9 +458,9 @@ class StatusBar(Bar, QWidget):
                 item.say(tr("not recording"))
         dropped = {stream: count for stream, count in recording.dropped.items() if count}
         self.items["dropped"].say(
-            words.all_missing(dropped), "amber", icon="warning",
+            text_formatting.all_missing(dropped), "amber", icon="warning",
             tip="\n".join([
-                *(words.missing(stream, count) for stream, count in sorted(dropped.items())),
+                *(text_formatting.missing(stream, count) for stream, count in sorted(dropped.items())),
                 tr("The computer or its disk did not keep up. Everything said and done is recorded all the same."),
             ]),
         )  # fmt: skip
@@ -464,12 +470,12 @@ class StatusBar(Bar, QWidget):
         """Remaining recording time while recording, else free space."""
         item, free, room_s = self.items["disk"], recording.free_bytes, recording.room_s
         if recording.state == "recording" and room_s is not None:
-            rate = words.size(recording.bytes_per_s * 3600)
+            rate = text_formatting.size(recording.bytes_per_s * 3600)
             tip = tr("{rate} per hour at present. Video is reduced first when room gets short.").format(rate=rate)
             if free is not None:
                 tip = tr("{free} free, {rate} per hour at present. Video is reduced first when room gets short.")
-                tip = tip.format(free=words.size(free), rate=rate)
-            room = words.long_duration(room_s)
+                tip = tip.format(free=text_formatting.size(free), rate=rate)
+            room = text_formatting.long_duration(room_s)
             if room_s < ROOM_ALMOST_GONE_S:
                 item.say(
                     tr("disk almost full: room for {time}").format(time=room), "red", icon="warning-octagon", tip=tip
@@ -482,7 +488,7 @@ class StatusBar(Bar, QWidget):
         low = free is not None and free < 2e9
         text = ""
         if free is not None:
-            text = (tr("{size} left on disk") if low else tr("{size} free")).format(size=words.size(free))
+            text = (tr("{size} left on disk") if low else tr("{size} free")).format(size=text_formatting.size(free))
         item.say(text, "amber" if low else "dim", icon="warning" if low else "")
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -500,6 +506,6 @@ def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
     """Tooltip: round trip, and the robot's clock offset."""
     lines = [tr("Time to the robot and back.")]
     if link.clock_offset_ms is not None:
-        offset = words.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
+        offset = text_formatting.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
         lines.append(tr("Robot clock {offset}.").format(offset=offset))
     return "\n".join([*lines, tr("Click for the last minute.")])

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QScrollArea, QWidget
 
-from caris_desktop.ui.give_keys import pass_keys_on
+from caris_desktop.ui.focus_widget import pass_keys_on
 from caris_desktop.ui.overlay import Overlay
 
 _TOUCH_PX = 3  # tolerated overlap of widgets in a row, and of rows

@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPainte
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.painted_once import PixmapCache
+from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 
 ThemeChoice = Literal["system", "dark", "light"]

@@ -7,17 +7,17 @@ from PySide6.QtWidgets import QMenu, QSizePolicy, QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, RecordingPaused
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import STOPS
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import STOPS
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 56
@@ -43,7 +43,7 @@ def trial_words(details: TrialDetails | None, *, at_most: int) -> str:
     if details is None:
         return ""
     participant, condition, trial, purpose = (
-        words.shortened(part, at_most)
+        text_formatting.shortened(part, at_most)
         for part in (details.participant, details.condition, details.trial, details.purpose)
     )
     parts = (
@@ -148,7 +148,7 @@ class TopBar(Bar, QWidget):
         self.emergency.setProperty(STOPS, True)
         self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
         self.emergency.pressed.connect(self._on_emergency_pressed)
-        row = boxes.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
+        row = layouts.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
         row.addWidget(self._replay_badge)
         row.addWidget(self.scenario_button)
@@ -189,7 +189,9 @@ class TopBar(Bar, QWidget):
     def _on_live_robots_changed(self, live: LiveRobotsStatus) -> None:
         self.emergency.setVisible(bool(live.robots))
         several = len(live.robots) > 1
-        whose = tr("%n robots", "", len(live.robots)) if several else words.shortened("".join(live.robots), 24)
+        whose = (
+            tr("%n robots", "", len(live.robots)) if several else text_formatting.shortened("".join(live.robots), 24)
+        )
         if live.emergency_stop:
             self.emergency.set_label(tr("Emergency stop is on (live)"), look="outline_danger")
         else:
@@ -215,8 +217,8 @@ class TopBar(Bar, QWidget):
         self.window_button.setToolTip(name)
 
     def show_scenario(self) -> None:
-        title = words.shortened(self._console.scenario.title, _TIP_CHARACTERS)
-        self.scenario_button.set_label(words.shortened(title, _PART_CHARACTERS[0]))
+        title = text_formatting.shortened(self._console.scenario.title, _TIP_CHARACTERS)
+        self.scenario_button.set_label(text_formatting.shortened(title, _PART_CHARACTERS[0]))
         self.scenario_button.setMinimumWidth(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         self.scenario_button.setAccessibleName(tr("Scenario: {title}").format(title=title))
         set_wrapped_tip(self.scenario_button, title, tr("Switch the scenario. The robot stays connected."))
@@ -326,9 +328,11 @@ class TopBar(Bar, QWidget):
             return
         newest = status.open[-1]
         metrics = self.stretch_button.fontMetrics()
-        label = metrics.elidedText(words.shortened(newest.label, 20), Qt.TextElideMode.ElideRight, _STRETCH_PX)
+        label = metrics.elidedText(
+            text_formatting.shortened(newest.label, 20), Qt.TextElideMode.ElideRight, _STRETCH_PX
+        )
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
-        lasts = words.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
+        lasts = text_formatting.stretch((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
         label, end = label or tr("Stretch"), tr("End")
         self.stretch_button.set_label(f"{label}{others} · {lasts} · {end}")
@@ -352,13 +356,13 @@ class TopBar(Bar, QWidget):
                 limits += [] if permissions.photos else [tr("no photos")]
                 roomy = bool(limits) and self.width() >= ROOMY_PX
                 suffix = f" · {', '.join(limits)}" if roomy else ""
-                going_on = tr("Recording {time}").format(time=words.elapsed(seconds))
+                going_on = tr("Recording {time}").format(time=text_formatting.elapsed(seconds))
                 self.record_button.set_label(f"{going_on}{suffix}", dot="red_fill")
             case "paused":
                 # Without the event (a replay that begins in a pause) its start is unknown.
                 since_ns = self._paused_ns
                 now_ns = self._console.state.present.now_ns()
-                lasts = "" if since_ns is None else words.elapsed((now_ns - since_ns) / 1e9)
+                lasts = "" if since_ns is None else text_formatting.elapsed((now_ns - since_ns) / 1e9)
                 paused = tr("Paused {time}").format(time=lasts) if lasts else tr("Paused")
                 self.record_button.set_label(paused, icon="pause", look="amber")
             case "starting":

@@ -7,15 +7,15 @@ from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui.appearance import scale_words
+from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.layout_menu import LayoutMenu
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.sound_menu import SoundMenu
+from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import CHOICES, SCALES, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
-from caris_desktop.ui.window_parts import THEME_WORDS, AppContext
-from caris_desktop.ui.words import in_menu
+from caris_desktop.ui.window_appearance import scale_words
 
 
 class WindowMenus:

@@ -6,7 +6,7 @@
 import sys
 
 from caris_desktop.app import rehearsal
-from caris_desktop.app.commands import run
+from caris_desktop.app.command_table import run
 from caris_desktop.domain import intents
 from caris_desktop.people.presence import PersonRow
 

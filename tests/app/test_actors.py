@@ -23,21 +23,21 @@ from caris_desktop.domain import clock, events, intents
 from caris_desktop.domain.actor import CONSOLE, MODEL, WIZARD
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
 from caris_desktop.domain.intents import INTENTS, Intent
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.practice import PracticeParts
-from caris_desktop.live.services.robot import RobotConnection
-from caris_desktop.live.services.scenario import Imported
+from caris_desktop.live.services.practice_service import PracticeParts
+from caris_desktop.live.services.robot_service import RobotConnection
+from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.live.state import LiveValue
-from caris_desktop.recording.export import ExportContext, export_session
-from caris_desktop.recording.session.protocol import read_protocol
+from caris_desktop.recording.session.session_protocol import read_protocol
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.suggestions import shown_replies
+from caris_desktop.recording.session.session_suggestions import shown_replies
+from caris_desktop.recording.session_export import ExportContext, export_session
 from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.study.unfinished import UnfinishedTrial
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.study.unfinished_trial import UnfinishedTrial
 from tests.live import bodies
 from tests.support.crashed import leave
 from tests.support.polling import wait_for

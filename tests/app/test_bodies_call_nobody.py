@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from tests.app.test_calls_home import SWITCHES
 from tests.app.traced_body import Driven
 from tests.conversation.sound_server import SoundServer
@@ -21,7 +21,11 @@ _ELSEWHERE = re.compile(
     r"AF_INET6?, sin6?_port=htons\((\d+)\).*?(?:inet_addr\(\"([^\"]+)\"|inet_pton\(AF_INET6, \"([^\"]+)\")"
 )
 _HERE = re.compile(r"127\..*|::1|::ffff:127\..*|0\.0\.0\.0|::")
-_BODIES = {name for name, one in inspect.getmembers(bodies, inspect.isfunction) if one.__module__ == bodies.__name__}
+_BODIES = {
+    name
+    for name, one in inspect.getmembers(process_entry_points, inspect.isfunction)
+    if one.__module__ == process_entry_points.__name__
+}
 # Those that are started where they are needed.
 _OTHERS = {"run_exports", "run_overview", "run_face_page"}
 

@@ -86,7 +86,7 @@ def test_a_process_of_the_program_tells_nobody_what_it_runs(
     network: str, tmp_path: Path, calls_after_s: float | None
 ) -> None:
     """While it lives twice as long as it takes without the program's switches."""
-    code = f"import caris_desktop.app.bodies\n{_NETWORKS[network]}"
+    code = f"import caris_desktop.app.process_entry_points\n{_NETWORKS[network]}"
     calls, files, _ = calls_of(code, tmp_path / "home", within_s=2 * (calls_after_s or 0) + 1)
     assert not re.findall(r".*AF_INET.*", calls)
     assert not [path for path in files if "onnxruntime" in str(path) or "Microsoft" in str(path)]

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import pytest
 
-from caris_desktop.app import commands
+from caris_desktop.app import command_table
 from caris_desktop.domain import clock
 from caris_desktop.domain.certificates import fingerprint_of
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
@@ -200,7 +200,7 @@ def test_what_it_cannot_begin_with_is_said(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CAMERA_TOKEN", TOKEN)
-    assert commands.run(["camera-server", *words]) == 2
+    assert command_table.run(["camera-server", *words]) == 2
     assert said in capsys.readouterr().err
 
 

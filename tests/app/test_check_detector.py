@@ -7,7 +7,7 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.app.check_command import detector_finding
-from caris_desktop.scenario.model import PerceptionSettings, Scenario
+from caris_desktop.scenario.scenario_model import PerceptionSettings, Scenario
 from tests.perception.served import Serving
 
 

@@ -6,9 +6,9 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.services.cameras import WantedCameras
+from caris_desktop.live.services.cameras_service import WantedCameras
 from caris_desktop.perception.weights import DetectorChoice
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 
 def test_a_scenario_whose_control_publishes_where_its_robot_takes_velocities_is_refused(tmp_path: Path) -> None:

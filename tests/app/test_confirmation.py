@@ -11,10 +11,10 @@ from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import commands
+from caris_desktop.app import command_table
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.robot_service import RobotConnection
 
 pytestmark = pytest.mark.logs(r"live\.bus: ")
 
@@ -67,7 +67,7 @@ def test_a_command_without_a_window_lists_what_is_named_and_stops(
     words: list[str], tmp_path: Path, hostile: Path, listener: Listener, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [str(tmp_path / "out") if word == "OUT" else word for word in words]
-    assert commands.run([*given, str(hostile)]) != 0
+    assert command_table.run([*given, str(hostile)]) != 0
     shown = "".join(capsys.readouterr())
     assert f"ws://127.0.0.1:{listener.port}" in shown
     assert f"http://127.0.0.1:{listener.port}/cam" in shown
@@ -84,12 +84,15 @@ def test_a_profile_is_not_connected_to_either(
         "security: {rosauth_secret_env: HOME}\n",
         encoding="utf-8",
     )
-    assert commands.run(["robots", "--listen", str(profile), "--seconds", "0.1"]) == 1
+    assert command_table.run(["robots", "--listen", str(profile), "--seconds", "0.1"]) == 1
     assert "HOME" in capsys.readouterr().err
-    assert commands.run(["check", "--scenario", "blank", "--robot", str(profile), "--study", str(tmp_path / "s")]) == 1
+    assert (
+        command_table.run(["check", "--scenario", "blank", "--robot", str(profile), "--study", str(tmp_path / "s")])
+        == 1
+    )
     assert "--accept-named" in capsys.readouterr().out
     assert listener.connected == 0
-    commands.run(["robots", "--listen", str(profile), "--seconds", "0.1", "--accept-named"])
+    command_table.run(["robots", "--listen", str(profile), "--seconds", "0.1", "--accept-named"])
     assert listener.connected > 0
 
 

@@ -17,12 +17,12 @@ from caris_desktop.domain.actor import CONSOLE, MODEL, SCRIPT, WIZARD, Actor
 from caris_desktop.domain.events import ChatMessage, GoalChanged, Problem, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, People, ThingBox
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.assistant import AssistantService
-from caris_desktop.live.services.cameras import OwnCamera, WantedCameras
-from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.assistant_service import AssistantService
+from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
+from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.annotation.session_tiers import session_tiers

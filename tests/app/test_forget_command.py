@@ -13,9 +13,9 @@ import pytest
 
 from caris_desktop.app import forget_command
 from caris_desktop.app.composition import said_before_file
-from caris_desktop.people.store import About, PeopleStore, StoredLooks
+from caris_desktop.people.people_store import About, PeopleStore, StoredLooks
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.canaries import all_of
+from caris_desktop.recording.forgetting.search_terms import all_of
 from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, make_study, portrait
 
 FACE = portrait()
@@ -29,7 +29,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = make_study(tmp_path_factory.mktemp("made") / "study")
     # The first two are those whom the recordings show.
     ids = [f"p-{number + 1}" for number in range(PEOPLE)]
-    new_ids = mock.patch("caris_desktop.people.store.new_person_id", side_effect=ids)
+    new_ids = mock.patch("caris_desktop.people.people_store.new_person_id", side_effect=ids)
     with new_ids, closing(PeopleStore(study / "people.sqlite")) as store:
         for number, person_id in enumerate(ids):
             store.add()

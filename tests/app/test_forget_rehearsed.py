@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from caris_desktop.people.store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken
 

@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 from caris_desktop.app.arguments import build_parser
-from caris_desktop.app.commands import COMMANDS, parser_of
-from caris_desktop.conversation.face.file import parse_face
+from caris_desktop.app.command_table import COMMANDS, parser_of
+from caris_desktop.conversation.face.face_file import parse_face
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.robot.profile import parse_profile
-from caris_desktop.scenario.file import parse_scenario
+from caris_desktop.scenario.scenario_file import parse_scenario
 
 GUIDE = resources_dir() / "guide"
 REPOSITORY = Path(__file__).parents[2]

@@ -14,12 +14,12 @@ from typing import NoReturn
 
 import pytest
 
-from caris_desktop.app import commands, composition
+from caris_desktop.app import command_table, composition
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.printable import printable
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, scenario_references
-from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.mcap_records import CHUNK, CHUNK_BODY, record
 from caris_desktop.robot.profile import user_robots_dir
 from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, read_bundle, unpack, write_bundle
@@ -132,8 +132,8 @@ def test_a_block_that_would_take_a_gigabyte_is_refused_before_it_does(size_bytes
         + struct.pack("<Q", 4)
         + b"\x28\xb5\x2f\xfd"
     )
-    with pytest.raises(mcap_blocks.DamagedBlockError):
-        mcap_blocks.unfolded(record(CHUNK, body))
+    with pytest.raises(mcap_chunks.DamagedBlockError):
+        mcap_chunks.unfolded(record(CHUNK, body))
 
 
 def test_json_without_end_is_wrong_and_not_the_end() -> None:
@@ -148,8 +148,8 @@ def test_a_terminal_obeys_nothing_that_a_file_says(capsys: pytest.CaptureFixture
     user_robots_dir().mkdir(parents=True, exist_ok=True)
     profile = f"version: 1\nros: 1\nvelocity: {{topic: /cmd_vel}}\ntitle: {json.dumps(title)}\n"
     (user_robots_dir() / "lab.yaml").write_text(profile, encoding="utf-8")
-    assert commands.run(["robots"]) == 0
-    assert commands.run(["robots", "--listen", "no\x1b[2Jsuch"]) == 1
+    assert command_table.run(["robots"]) == 0
+    assert command_table.run(["robots", "--listen", "no\x1b[2Jsuch"]) == 1
     shown = "".join(capsys.readouterr())
     assert "Lab\\x1b]0;owned" in shown
     assert shown.replace("\n", "").isprintable()

@@ -18,7 +18,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import LlmExchange, UtteranceChanged
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.assistant import AssistantService
+from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.status import AssistantStatus
 from tests.conversation.models.served import SSE_HEAD, Answer, Served, delta, sends, serving
 from tests.support.polling import wait_for

@@ -16,7 +16,7 @@ import pytest
 
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.robot.profile import ProfileError, read_profile
-from caris_desktop.scenario.file import ScenarioError, load_scenario
+from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 
 SHIPPED = [*sorted(layouts_dir().glob("*.yaml")), *sorted((resources_dir() / "robots").glob("*.yaml"))]
 AT_MOST_COMPUTED_S = 10.0

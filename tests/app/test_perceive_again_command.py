@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.app import perceive_again_command
 from caris_desktop.domain.sensing import People
-from caris_desktop.perception.backends.chosen import Chosen
+from caris_desktop.perception.backends.selected_runtime import Chosen
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.perception.tracker import PersonTracker

@@ -19,17 +19,17 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.intents import Permission
-from caris_desktop.domain.sound import Role
+from caris_desktop.domain.sound_values import Role
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.assistant import AssistantService
-from caris_desktop.live.services.listening import ListeningService
-from caris_desktop.live.services.microphone import MicrophoneService
-from caris_desktop.live.services.sound import SoundService
-from caris_desktop.live.services.speech import SpeechService
-from caris_desktop.recording.recorder.messages import SetRecordingPermissions
-from caris_desktop.scenario.model import Permissions, Scenario
-from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.live.services.assistant_service import AssistantService
+from caris_desktop.live.services.listening_service import ListeningService
+from caris_desktop.live.services.microphone_service import MicrophoneService
+from caris_desktop.live.services.sound_service import SoundService
+from caris_desktop.live.services.speech_service import SpeechService
+from caris_desktop.recording.recorder.recorder_messages import SetRecordingPermissions
+from caris_desktop.scenario.scenario_model import Permissions, Scenario
+from caris_desktop.scenario.sound_settings import SoundSettings
 from tests.support.polling import wait_for
 
 PERMISSIONS: tuple[Permission, ...] = get_args(Permission)

@@ -29,16 +29,16 @@ from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.replay_console import ReplayConsole
 from caris_desktop.live.status import AssistantStatus
-from caris_desktop.people.store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.recording.foreign.bag_import import ImportReport
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import SessionHeader, StartRecording
+from caris_desktop.recording.recorder.recorder_messages import SessionHeader, StartRecording
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import SessionError, open_session
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.file import scenario_text
-from caris_desktop.scenario.model import Place, Scenario
+from caris_desktop.scenario.scenario_file import scenario_text
+from caris_desktop.scenario.scenario_model import Place, Scenario
 
 S = 1_000_000_000
 NEWER = "version: 99\ntitle: From a newer program\nlayout: {panel: video}\n"

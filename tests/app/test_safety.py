@@ -1,7 +1,7 @@
 """The safety rules that no scenario can switch off, watched on the wire by an independent client.
 
 Each rule and the tests that prove it; those without a file name are below. ``link`` is tests/robot/test_link.py,
-``lease`` tests/robot/test_lease.py, ``keys`` tests/ui/test_drive_keys.py, ``desktop`` tests/ui/test_desktop.py,
+``lease`` tests/robot/test_lease.py, ``keys`` tests/ui/test_drive_input_filter.py, ``desktop`` tests/ui/test_desktop.py,
 ``controller`` tests/live/test_drive_controller.py, ``console`` tests/app/test_console_and_robot.py, ``guard``
 tests/robot/test_guard_in_simulator.py.
 
@@ -33,7 +33,7 @@ A robot that reads nothing gets four commands at most, and a zero behind them; e
     tests/app/test_stops_and_kills.py; tests/robot/test_unread.py; tests/robot/test_control_link.py;
     link: a_stop_of_a_moment_leaves_four_velocities_and_a_zero, a_new_link_says_zero_first_whoever_drove_before
 A control that may move the robot obeys the emergency stop and the permission to drive, and none publishes velocities:
-    tests/robot/test_controls.py
+    tests/robot/test_control_interfaces.py
 A base that is not known to stop by itself is driven at half speed:
     tests/robot/test_profile.py; controller: a_base_that_may_not_stop_by_itself_is_driven_at_half_speed
 A command older than 0.25 s is dropped:
@@ -66,9 +66,9 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Drive, Release, RenewLease, StopMotion
 from caris_desktop.domain.events import DriveEnded, GuardChanged
 from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.link_commands import Drive, Release, RenewLease, StopMotion
 from caris_desktop.domain.sensing import LaserScan
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.robot.link_bench import LinkProcess

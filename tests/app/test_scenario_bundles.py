@@ -7,15 +7,15 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
-from caris_desktop.conversation.face.file import load_face, save_face
+from caris_desktop.conversation.face.face_file import load_face, save_face
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.services.scenario import Imported
+from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.robot.profile import load_profile, save_profile, user_robots_dir
 from caris_desktop.scenario.bundle import read_bundle, write_bundle
-from caris_desktop.scenario.file import load_scenario, save_scenario
-from caris_desktop.scenario.library import list_scenarios, user_scenarios_dir
+from caris_desktop.scenario.scenario_file import load_scenario, save_scenario
+from caris_desktop.scenario.scenario_library import list_scenarios, user_scenarios_dir
 
 
 @pytest.fixture(autouse=True)

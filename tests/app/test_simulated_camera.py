@@ -11,7 +11,7 @@ from caris_desktop.app import composition
 from caris_desktop.domain.sensing import CameraState, FrameRef
 from caris_desktop.live.child_process import ChildProcess, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
-from caris_desktop.scenario.model import PanelLeaf, Scenario
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 
 
 def test_it_shows_simulated_rooms_in_a_process_that_says_which_camera_it_is(tmp_path: Path) -> None:

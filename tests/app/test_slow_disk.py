@@ -12,18 +12,18 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app import composition
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.commands import Drive, Release, RenewLease
 from caris_desktop.domain.events import Marked, PlacesChanged, Problem, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.link_commands import Drive, Release, RenewLease
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.robot import RobotConnection
+from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.file import load_scenario, save_scenario
+from caris_desktop.scenario.scenario_file import load_scenario, save_scenario
 from tests.live import bodies
 from tests.support.slow_disk import SlowDisk
 

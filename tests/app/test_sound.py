@@ -17,10 +17,10 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.app import composition
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.console import Console
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.scenario_model import Permissions
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot

@@ -15,10 +15,10 @@ import cv2
 import httpx
 import numpy as np
 
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.embedded_messages import EmbeddedReady
 from caris_desktop.conversation.face.page import PageOpened, run_face_page
-from caris_desktop.conversation.listening.messages import RecogniserReady, RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.microphone_messages import MicrophoneList, OpenMicrophone
 from caris_desktop.conversation.sound.playback_messages import BeginPlaying, PlayThis
 from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
@@ -26,17 +26,17 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, SessionEnded, SessionStarted, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
-from caris_desktop.live.forgetting import ForgettingAsked, ForgettingEnded
+from caris_desktop.live.erasure_run import ForgettingAsked, ForgettingEnded
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.people.store import PeopleStore
-from caris_desktop.perception.backends import choice
+from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.perception.backends import runtime_selection
 from caris_desktop.perception.cameras.chosen_camera import parse_camera
 from caris_desktop.perception.inference_messages import DetectionRequest, InferenceReady
 from caris_desktop.perception.inference_settings import InferenceSettings
-from caris_desktop.recording.annotation.overview_of import SessionOverview, run_overview
-from caris_desktop.recording.export import FORMATS, ExportFinished, ExportRequest, run_exports
-from caris_desktop.recording.recorder.messages import StopRecording, TakePhoto
+from caris_desktop.recording.annotation.timeline_builder import SessionOverview, run_overview
+from caris_desktop.recording.recorder.recorder_messages import StopRecording, TakePhoto
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import FORMATS, ExportFinished, ExportRequest, run_exports
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import load_profile
 from tests.perception.cameras.running_camera import write_video
@@ -83,12 +83,12 @@ class Driven:
         self.ring = FrameRing.create()
 
     def picture(self) -> FrameRef:
-        (photo, *_) = choice._photos()
+        (photo, *_) = runtime_selection._photos()
         image = np.asarray(cv2.resize(photo, (640, 480)), np.uint8)
         return self.ring.write(image, stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
 
     def recorder(self) -> Body:
-        body = Body(bodies.recorder, RingsToRead((self.ring.name,)))
+        body = Body(process_entry_points.recorder, RingsToRead((self.ring.name,)))
         body.send(start(self.folder / "session"))
         body.until(SessionStarted)
         for value in (self.picture(), sound(), TakePhoto(self.picture(), self.folder)):
@@ -98,7 +98,7 @@ class Driven:
         return body
 
     def inference(self) -> Body:
-        body = Body(bodies.inference, RingsToRead((self.ring.name,)), InferenceSettings())
+        body = Body(process_entry_points.inference, RingsToRead((self.ring.name,)), InferenceSettings())
         body.until(InferenceReady)
         body.send(DetectionRequest(self.picture(), faces=True, to_cover=True))
         body.until(People)
@@ -106,12 +106,14 @@ class Driven:
 
     def camera(self) -> Body:
         write_video(self.folder / "walk.mp4")
-        body = Body(bodies.camera, parse_camera(f"{self.folder / 'walk.mp4'}?loop"), RingToWrite(self.ring.name))
+        body = Body(
+            process_entry_points.camera, parse_camera(f"{self.folder / 'walk.mp4'}?loop"), RingToWrite(self.ring.name)
+        )
         body.until(FrameRef)
         return body
 
     def speech(self) -> Body:
-        body = Body(bodies.speech)
+        body = Body(process_entry_points.speech)
         body.send(UseVoice(SynthesisSettings("piper:en_US-joe-medium", "en", at_hand=True)))
         body.until(SynthesisReady)
         body.send(Speak("u1", "Hello, and welcome.", "typed"))
@@ -120,28 +122,28 @@ class Driven:
         return body
 
     def microphone(self) -> Body:
-        body = Body(bodies.microphone)
+        body = Body(process_entry_points.microphone)
         body.until(MicrophoneList)
         body.send(OpenMicrophone(""))
         body.until(object)
         return body
 
     def recogniser(self) -> Body:
-        body = Body(bodies.recogniser, RecogniserSettings())
+        body = Body(process_entry_points.recogniser, RecogniserSettings())
         body.until(RecogniserReady)
         for _ in range(4):
             body.send(sound())
         return body
 
     def playback(self) -> Body:
-        body = Body(bodies.playback)
+        body = Body(process_entry_points.playback)
         body.send(BeginPlaying("s"))
         body.send(PlayThis(RATE_HZ, sound().samples))
         body.until(object)
         return body
 
     def language_model(self) -> Body:
-        body = Body(bodies.language_model)
+        body = Body(process_entry_points.language_model)
         ready = body.until(EmbeddedReady)
         asked = {"messages": [{"role": "user", "content": "Hello."}], "max_tokens": 3}
         answer = httpx.post(
@@ -156,19 +158,20 @@ class Driven:
         database = self.folder / "study" / "people.sqlite"
         PeopleStore(database).close()
         body = Body(
-            bodies.forgetting, ForgettingAsked(self.folder / "study", database, "P-1", texts="redact", unknown=True)
+            process_entry_points.forgetting,
+            ForgettingAsked(self.folder / "study", database, "P-1", texts="redact", unknown=True),
         )
         body.until(ForgettingEnded)
         return body
 
     def control_link(self) -> Body:
-        body = Body(bodies.control_link, self.link)
+        body = Body(process_entry_points.control_link, self.link)
         while body.until(LinkChanged).state != "connected":
             pass
         return body
 
     def media_link(self) -> Body:
-        body = Body(bodies.media_link, self.link, RingToWrite(self.ring.name))
+        body = Body(process_entry_points.media_link, self.link, RingToWrite(self.ring.name))
         body.until(FrameRef)
         return body
 

@@ -12,7 +12,7 @@ from typing import Any
 from PySide6.QtCore import QTimer
 
 from caris_desktop.app import rehearsal
-from caris_desktop.app.commands import run
+from caris_desktop.app.command_table import run
 from caris_desktop.domain import clock
 from tests.app.shown_state import shown_state
 

@@ -18,8 +18,8 @@ from PySide6.QtGui import QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.scenario.model import PanelLeaf, PanelName
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName
 from caris_desktop.ui.widgets.frame_view import FrameView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen

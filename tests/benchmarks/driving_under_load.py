@@ -19,8 +19,8 @@ from PySide6.QtTest import QTest
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import DriveEnded, Marked
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.panels.session import LOG_ROWS
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.panels.session_panel import LOG_ROWS
 from tests.benchmarks.burners import Burners
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles

@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 
 from caris_desktop.people.presence import RecognitionSettings
-from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.appearance_embedding import AppearanceModel
 from caris_desktop.perception.perceiver import open_perceiver
-from caris_desktop.simulator.people import Visit
+from caris_desktop.simulator.simulated_people import Visit
 from tests.people.returning import RATE_HZ, Outcome, Sight, found, recognised, seen, visits_of
 from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS
 from tests.support.walkers import PEOPLE, film

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import HeardWord
 from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
 
 _FADE = RATE_HZ // 200

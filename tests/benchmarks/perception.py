@@ -31,19 +31,19 @@ from numpy.typing import NDArray
 os.environ |= {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.appearance_embedding import AppearanceModel
 from caris_desktop.perception.backends import openvino
-from caris_desktop.perception.backends.chosen import Chosen
-from caris_desktop.perception.backends.export import export_onnx
+from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.opening import open_detector
+from caris_desktop.perception.backends.onnx_export import export_onnx
+from caris_desktop.perception.backends.selected_runtime import Chosen
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, default_threads
 from caris_desktop.perception.perceiver import Perceiver
+from caris_desktop.perception.recorded_video import VideoFile
 from caris_desktop.perception.tracker import PersonTracker
-from caris_desktop.perception.video_file import VideoFile
 from caris_desktop.perception.weights import Weights
 from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS, TUD_CAMPUS_VIDEO
 

@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 from PySide6.QtCore import QCoreApplication, QThread
 
-from caris_desktop.app import bodies, composition
+from caris_desktop.app import composition, process_entry_points
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonAppeared
 from caris_desktop.domain.sensing import People
@@ -25,7 +25,7 @@ from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.perception.inference_settings import InferenceSettings
-from caris_desktop.simulator.people import Visit
+from caris_desktop.simulator.simulated_people import Visit
 from tests.support.walkers import film
 
 RATE_HZ = 30.0
@@ -77,7 +77,7 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
         parts = composition.parts(study=composition.open_study(Path(folder) / "study"), cameras=())
         settings = InferenceSettings(weights_path=model)
         worker = PerceptionWorker(
-            ProcessSpec("inference", bodies.inference, (RingsToRead((ring.name,)), settings)),
+            ProcessSpec("inference", process_entry_points.inference, (RingsToRead((ring.name,)), settings)),
             parts.people.open_presence,
             publish,
         )

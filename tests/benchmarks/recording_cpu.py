@@ -19,7 +19,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, command, pose, scan, start
 
 

@@ -27,7 +27,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import AudioChunk, Odometry, People, PersonBox
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.benchmarks.recording_cpu import moving_pictures
 from tests.recording.driving import RecorderUnderTest, command, mark, pose, scan, start
 from tests.recording.recorder.test_recorder_process import mcap_counts

@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.simulator import command
+from caris_desktop.simulator import simulate_command
 from caris_desktop.simulator.camera_model import sees
-from caris_desktop.simulator.robot import Robot
+from caris_desktop.simulator.robot_simulation import Robot
 
 
 class _Watch:
@@ -44,7 +44,7 @@ class _Watch:
 def main() -> int:
     watch = _Watch(Path(sys.argv[1]))
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
+    simulate_command.add_arguments(parser)
     arguments = parser.parse_args(sys.argv[2:])
     step = Robot.step
     last_s = [0.0]
@@ -56,7 +56,7 @@ def main() -> int:
 
     Robot.step = watched_step  # type: ignore[method-assign]
     try:
-        return command.run(arguments)
+        return simulate_command.run(arguments)
     finally:
         watch.end(last_s[0])
 

@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.recording.studies.query import SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
+from caris_desktop.recording.studies.study_query import SessionQuery
 from tests.benchmarks.screen_and_statistics import percentiles
 from tests.recording.told_session import tell, tour
 

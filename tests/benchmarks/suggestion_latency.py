@@ -29,19 +29,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.embedded_messages import EmbeddedReady
-from caris_desktop.conversation.listening.messages import RecogniserReady, RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.suggestions import prompt
 from caris_desktop.conversation.suggestions.replies import replies_in
-from caris_desktop.conversation.suggestions.rounds import Round, SuggestionCycle
+from caris_desktop.conversation.suggestions.suggestion_cycle import Round, SuggestionCycle
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.sound import MICROPHONE, Hearing
+from caris_desktop.domain.sound_values import MICROPHONE, Hearing
 from tests.benchmarks.console_under_load import ConsoleUnderLoad
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
@@ -169,7 +169,7 @@ def process(target: Any, *arguments: Any) -> Iterator[Connection]:
 def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
     """Milliseconds from the end of each voice until the recogniser's last words and the pause are there."""
     waits_ms = []
-    with process(bodies.recogniser, RecogniserSettings()) as connection:
+    with process(process_entry_points.recogniser, RecogniserSettings()) as connection:
         while not isinstance(connection.recv(), RecogniserReady):
             pass
         lock = threading.Lock()
@@ -196,7 +196,7 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
 
 def answers_alone(prompts: Sequence[tuple[ChatMessage, ...]]) -> list[tuple[float, float]]:
     """Milliseconds until the first reply and all of them are written, for each question."""
-    with process(bodies.language_model) as connection:
+    with process(process_entry_points.language_model) as connection:
         while not isinstance(ready := connection.recv(), EmbeddedReady):
             pass
         endpoint = resolve_endpoint("embedded", embedded_url=ready.url)

@@ -28,20 +28,20 @@ import jiwer
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.ear import SpeechSegmenter
 from caris_desktop.conversation.listening.echo import EchoCanceller
+from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import Stretch
-from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
 from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.turn_model import TurnModel
-from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from tests.benchmarks.made_turns import HELD_OUT, RATE_HZ, SENTENCES, MadeTurn, made_turn
 
 _CHUNK = RATE_HZ // 20

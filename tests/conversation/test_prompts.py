@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from caris_desktop.conversation.conversation_transcript import Turn, turns_of
 from caris_desktop.conversation.prompts import DATA_RULE, ContextPart, build_messages
 from caris_desktop.conversation.suggestions.prompt import ReplyGrounds, reply_messages
-from caris_desktop.conversation.transcript import Turn, turns_of
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceState
 
 

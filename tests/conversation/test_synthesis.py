@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from caris_desktop.conversation.preflight import probe_sound
+from caris_desktop.conversation.speech_checks import probe_sound
 from caris_desktop.conversation.synthesis import (
     MAX_UTTERANCE_CHARACTERS,
     SynthesisDeadlines,
@@ -35,7 +35,7 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
-from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.polling import wait_for
 
@@ -467,7 +467,7 @@ def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
     script = (
         "import pathlib, sys\n"
         "from caris_desktop.conversation.voices.espeak import EspeakVoice\n"
-        "from caris_desktop.conversation.voices.sound import Stop\n"
+        "from caris_desktop.conversation.voices.utterance_sound import Stop\n"
         "voice = EspeakVoice('', '', rate=1.8, volume=1.0, folder=pathlib.Path(sys.argv[1]))\n"
         "for _ in range(4):\n"
         "    voice._engine.proxy._driver._stopping = True\n"

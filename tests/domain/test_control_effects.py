@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from caris_desktop.domain.control_definitions import CallService, PublishMessage, RobotControl, SendActionGoal, decided
 from caris_desktop.domain.control_effects import ControlClass, RobotInterfaceNames, StopField, control_class
-from caris_desktop.domain.controls import CallService, PublishMessage, RobotControl, SendActionGoal, decided
 
 ROBOT = RobotInterfaceNames(
     motion=("/base/twists", "/go", "/where", "/top_speed", "/local_planner_node", "/pan_tilt"),

@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.recorded_form import to_message
+from caris_desktop.domain.json_encoding import to_message
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import (
@@ -23,7 +23,7 @@ from caris_desktop.domain.translation import (
     use_translator,
 )
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.live.children import told_here
+from caris_desktop.live.process_manager import told_here
 from caris_desktop.ui.language import in_trial_language
 
 GERMAN = {
@@ -171,7 +171,9 @@ def _is_glued(part: ast.expr) -> bool:
 def test_no_child_process_glues_what_it_tells() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
-    files += [package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone", "embedded_server")]
+    files += [
+        package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone_process", "embedded_server")
+    ]
     named = {file.relative_to(package).as_posix(): file.read_text("utf-8") for file in files}
     found = {name: glued(text, collects=not name.startswith(OF_THE_TERMINAL)) for name, text in named.items()}
     assert {name: texts for name, texts in found.items() if texts} == {}

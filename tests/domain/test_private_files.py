@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
-from caris_desktop.study.folder import open_study_folder
+from caris_desktop.study.study_folder import open_study_folder
 from tests.recording.told_session import tell
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="permissions are those of POSIX systems")

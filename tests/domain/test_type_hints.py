@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from caris_desktop.domain import declared, declared_check
+from caris_desktop.domain import schema_fields, schema_validation
 from caris_desktop.domain.schema import array_dtype, from_jsonable, json_schema, require_recordable, to_jsonable
 from caris_desktop.domain.streams import Delivery, StreamSpec
 from caris_desktop.domain.type_hints import union_members, without_alias
@@ -145,17 +145,17 @@ def test_the_error_says_which_field_it_is() -> None:
 class AliasedFile:
     """A file."""
 
-    word: Annotated[Word, declared.FieldSpec("Which.")] = "near"
-    numbers: TypeAliasType("Numbers", tuple[Annotated[Number, declared.FieldSpec(at_least=0)], ...]) = ()
+    word: Annotated[Word, schema_fields.FieldSpec("Which.")] = "near"
+    numbers: TypeAliasType("Numbers", tuple[Annotated[Number, schema_fields.FieldSpec(at_least=0)], ...]) = ()
     point: TypeAliasType("Where", Point | None) = None
 
 
 def test_a_file_declared_by_aliases_is_checked_and_read() -> None:
     data = {"word": "far", "numbers": [1, 2.5], "point": {"x_m": 1.5}}
-    assert list(declared_check.problems(AliasedFile, data)) == []
-    assert declared.value_from(AliasedFile, data) == AliasedFile("far", (1, 2.5), Point(1.5))
+    assert list(schema_validation.problems(AliasedFile, data)) == []
+    assert schema_fields.value_from(AliasedFile, data) == AliasedFile("far", (1, 2.5), Point(1.5))
     wrong = {"word": "fra", "numbers": [-1], "point": {"x_m": "there"}}
-    assert [path for path, _ in declared_check.problems(AliasedFile, wrong)] == [
+    assert [path for path, _ in schema_validation.problems(AliasedFile, wrong)] == [
         ("word",), ("numbers", 0), ("point", "x_m"),
     ]  # fmt: skip
 
@@ -166,4 +166,4 @@ def test_a_file_declared_by_aliases_is_checked_and_read() -> None:
 def test_a_key_whose_form_is_unknown_is_an_error(kind: Any) -> None:
     group = dataclasses.make_dataclass("Group", [("what", kind)])
     with pytest.raises(TypeError, match=r"Group\.what"):
-        list(declared_check.problems(group, {"what": 1}))
+        list(schema_validation.problems(group, {"what": 1}))

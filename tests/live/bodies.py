@@ -12,9 +12,9 @@ import numpy as np
 from caris_desktop.conversation.microphone_messages import MicrophoneAlive
 from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
-from caris_desktop.domain.commands import Say
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
-from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.link_commands import Say
+from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady

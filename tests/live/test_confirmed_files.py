@@ -11,7 +11,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live import confirmed_files
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, FileQuestion, accept, question_words
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 
 PLAIN = "version: 1\ntitle: Shared\nlayout: {panel: video}\n"
 HOSTILE = (

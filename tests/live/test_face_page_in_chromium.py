@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from caris_desktop.conversation.face.drawing import drawing_of
-from caris_desktop.conversation.face.file import Face
-from caris_desktop.conversation.face.motion import Look
+from caris_desktop.conversation.face.face_file import Face
+from caris_desktop.conversation.face.face_motion import Look
 from caris_desktop.conversation.face.page import PageOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.services.face import FacePageProcess
+from caris_desktop.live.services.face_service import FacePageProcess
 from tests.support.chromium import Browser, chromium_or_skip
 from tests.support.polling import wait_for
 

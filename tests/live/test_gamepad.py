@@ -29,8 +29,8 @@ from caris_desktop.live.gamepad_mapping import (
     trigger_value,
     with_rests,
 )
-from caris_desktop.live.motion_wish import AT_REST, TeleopCommand
 from caris_desktop.live.state import LiveState
+from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from tests.support.polling import wait_for
 from tests.support.virtual_gamepad import VirtualGamepad
 

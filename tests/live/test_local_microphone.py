@@ -9,13 +9,13 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import MICROPHONE
+from caris_desktop.domain.sound_values import MICROPHONE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.children import ProcessManager
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
+from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 
@@ -38,7 +38,7 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
     state = LiveState(owner)
     bus, heard = Bus(state, owner), list[AudioChunk]()
     bus.tap(lambda chunk, _raw: heard.append(chunk), (AudioChunk,))
-    body = ProcessSpec("microphone", bodies.microphone, (MICROPHONE,))
+    body = ProcessSpec("microphone", process_entry_points.microphone, (MICROPHONE,))
     choice = MicrophoneChoice(body, lambda: "", lambda _name: None)
     children = ProcessManager(bus, owner)
     microphone = LocalMicrophone(

@@ -19,9 +19,9 @@ from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.perception_worker import PerceptionWorker
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.portraits import Portraits
+from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PresenceTracker
-from caris_desktop.people.store import PeopleStore
 from tests.live import bodies
 
 

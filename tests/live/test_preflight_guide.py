@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.live.preflight import automatic_checks, ticked_checks
+from caris_desktop.live.preflight_checks import automatic_checks, ticked_checks
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.file import parse_scenario
-from tests.live.test_preflight import GOOD, STUDY, by_id, covering
+from caris_desktop.scenario.scenario_file import parse_scenario
+from tests.live.test_preflight_checks import GOOD, STUDY, by_id, covering
 
 PAGE = (resources_dir() / "guide" / "preflight.md").read_text(encoding="utf-8")
 

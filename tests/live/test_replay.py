@@ -21,17 +21,17 @@ from caris_desktop.domain.events import LayoutChanged, LinkChanged, Problem, Rob
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PeopleInMap, StatusShown
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live import coding_desk
+from caris_desktop.live import annotation_session
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.playback_clock import PlaybackClock
-from caris_desktop.live.protocol_walk import ProtocolRun
+from caris_desktop.live.protocol_run import ProtocolRun
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status_tap import content_of
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.overview_of import build_overview
-from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.annotation_store import load_documents
+from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import open_session
 from tests.app.test_intents import SAMPLES
@@ -284,10 +284,13 @@ def test_what_coders_do_is_saved_beside_the_recording(
     made: MadeSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     console = open_replay()
-    assert console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim")) == ""
+    assert console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim")) == ""
     tier_id = console.coding.value.tiers[0].tier_id
-    assert console.edit(lambda document: editing.add_annotation(document, tier_id, 1000, 2500, "looks away")) == ""
-    refusal = console.edit(lambda document: editing.add_annotation(document, tier_id, 2000, 3000, "twice"))
+    assert (
+        console.edit(lambda document: annotation_editing.add_annotation(document, tier_id, 1000, 2500, "looks away"))
+        == ""
+    )
+    refusal = console.edit(lambda document: annotation_editing.add_annotation(document, tier_id, 2000, 3000, "twice"))
     assert refusal and len(console.coding.value.annotations) == 1
     assert console.undo() and not console.coding.value.annotations
     assert console.redo()
@@ -304,13 +307,13 @@ def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
     console = open_replay(folder=tmp_path / "session")
     table, told, spun = tmp_path / "kim.csv", list[str](), threading.Event()
     table.write_text("tier,start,end,value\nEngagement,1.0,2.5,looks away\n")
-    read = coding_desk.read_csv
+    read = annotation_session.read_csv
 
     def slow_disk(path: Path, *, coder: str, skipped: list[str]) -> AnnotationDocument:
         assert spun.wait(60), "nothing else went on meanwhile"
         return read(path, coder=coder, skipped=skipped)
 
-    monkeypatch.setattr(coding_desk, "read_csv", slow_disk)
+    monkeypatch.setattr(annotation_session, "read_csv", slow_disk)
     console.import_annotations(table, "Kim", told.append)
     QTimer.singleShot(0, spun.set)
     qtbot.waitUntil(lambda: bool(told))
@@ -326,7 +329,7 @@ def _coded(console: ReplayConsole, qtbot: QtBot) -> None:
     """Kim codes something, and hears that it could not be saved."""
     told: list[Any] = []
     console.noticed.connect(told.append)
-    assert console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim")) == ""
+    assert console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim")) == ""
     qtbot.waitUntil(lambda: any("not saved" in event.what for event in told if isinstance(event, Problem)))
 
 
@@ -530,7 +533,7 @@ def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_languag
     minute.make_session(folder, lambda _begin_ns: [])
     problems: list[Problem] = []
     console = open_replay(folder=folder, told=problems.append)
-    nameless = console.edit(lambda document: editing.add_tier(document, " ", coder="Kim"))
+    nameless = console.edit(lambda document: annotation_editing.add_tier(document, " ", coder="Kim"))
     assert nameless == tr(QT_TR_NOOP("A tier needs a name.")) != "A tier needs a name."
     table, told = tmp_path / "kim.csv", list[str]()
     table.write_text("tier,start,end,value\n", encoding="utf-16")
@@ -540,7 +543,7 @@ def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_languag
     why = tr(QT_TR_NOOP("It is no text. Save the table as CSV in UTF-8."))
     assert told == [tr(QT_TR_NOOP("{file} cannot be taken over. {error}")).format(file="kim.csv", error=why)]
     (folder / "annotations").touch()
-    console.edit(lambda document: editing.add_tier(document, "Engagement", coder="Kim"))
+    console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim"))
     qtbot.waitUntil(lambda: bool(problems), timeout=10_000)
     assert problems[0].meaning.startswith("["), problems[0].meaning
     (folder / "annotations").unlink()

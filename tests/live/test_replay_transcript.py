@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.conversation.transcript import in_order, turns_of
+from caris_desktop.conversation.conversation_transcript import in_order, turns_of
 from caris_desktop.domain.events import Marked, UtteranceChanged, UtteranceCorrected
 from caris_desktop.live.replay_transcript import ReplayTranscript
 from caris_desktop.live.state import LiveState

@@ -11,9 +11,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.explore import Exploration, StreamCheck
+from caris_desktop.robot.discovery import Exploration, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
-from caris_desktop.robot.proposal import profile_of
+from caris_desktop.robot.profile_proposal import profile_of
 from tests.support.simulated_robot import SimulatedRobot
 
 

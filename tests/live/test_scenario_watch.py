@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live import scenario_watch
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.scenario_watch import ScenarioWatch
-from caris_desktop.live.slow_work import BackgroundWorker
 
 
 class AtOnce:

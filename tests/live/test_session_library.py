@@ -12,9 +12,9 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.session_library import LiveSessionLibrary
-from caris_desktop.recording import export
-from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording import session_export
 from caris_desktop.recording.studies.study_index import StudyIndex
+from caris_desktop.recording.studies.study_query import SessionQuery
 from tests.live import bodies
 
 Told = list[tuple[str, str, str, str]]
@@ -71,8 +71,8 @@ def test_a_cancelled_export_is_ended_behind_the_window(
 
     out = tmp_path / "out"
     out.mkdir()
-    monkeypatch.setattr(export, "run_exports", bodies.deaf_to)
-    monkeypatch.setattr(export, "remove_partial_exports", remove)
+    monkeypatch.setattr(session_export, "run_exports", bodies.deaf_to)
+    monkeypatch.setattr(session_export, "remove_partial_exports", remove)
     library = make_library()
     library.start_export([tmp_path / "one"], ["csv"], out)
     exporter = library._exporter
@@ -88,13 +88,13 @@ def test_a_cancelled_export_is_ended_behind_the_window(
 def test_what_a_cancelled_export_still_says_is_not_of_the_next(
     make_library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
-    monkeypatch.setattr(export, "run_exports", bodies.deaf_to)
+    monkeypatch.setattr(session_export, "run_exports", bodies.deaf_to)
     library = make_library()
     library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
     first = library._exporter
     library.cancel_export()
     library.start_export([tmp_path / "one"], ["csv"], tmp_path / "out")
-    library._exporter_spoke.emit(first, export.ExportFinished((tmp_path,), ()))
+    library._exporter_spoke.emit(first, session_export.ExportFinished((tmp_path,), ()))
     qtbot.wait(10)
     assert library.export.value.state == "running"
 

@@ -12,7 +12,7 @@ from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.model import BlurSettings
+from caris_desktop.scenario.scenario_model import BlurSettings
 
 SECOND_NS = 1_000_000_000
 PICTURE = np.random.default_rng(1).integers(0, 256, (240, 320, 3), np.uint8)

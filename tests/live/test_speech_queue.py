@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin
-from caris_desktop.domain.sound import PlayedSound
+from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow

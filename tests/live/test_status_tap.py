@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.events import GoalChanged, Marked, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
@@ -26,7 +26,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.status_tap import STATUS_TYPES, StatusTap, show_status
 from caris_desktop.people.presence import PersonRow, Suggestion
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 
 pytestmark = pytest.mark.usefixtures("qapp")
 

@@ -6,10 +6,10 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, LinkQuality
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import FrameRef, Odometry, People, PeopleInMap, PersonPlace
-from caris_desktop.live.services import drive
+from caris_desktop.live.services import drive_service
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 
 S = 1_000_000_000
 OFFSET_NS = 1_700_000_000 * S
@@ -61,7 +61,7 @@ def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, l
     state.take(odometry(late_s=late_s))
     assert state.odometry.freshness == "fresh"
     assert state.odometry.age_known is known
-    assert (words.stream_age(state.odometry) == "age unknown") is not known
+    assert (text_formatting.stream_age(state.odometry) == "age unknown") is not known
     age_s = state.odometry.age_s()
     assert age_s is not None
     assert 0.0 <= age_s < 0.4
@@ -74,7 +74,7 @@ def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
     silent_s = state.odometry.silent_s()
     assert silent_s is not None
     assert silent_s < 1.0
-    assert "arrives 3." in drive._missing("odometry", state.odometry)
+    assert "arrives 3." in drive_service._missing("odometry", state.odometry)
 
 
 def test_without_a_clock_what_comes_later_than_usual_is_known_to_be_old(state: LiveState) -> None:

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import PersonIdentified
 from caris_desktop.domain.intents import NamePerson
-from caris_desktop.domain.people import PersonLooks
+from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import PresenceTracker, RecognitionSettings
-from caris_desktop.perception.appearance import AppearanceModel
-from caris_desktop.perception.following import overlaps, view_qualities
+from caris_desktop.perception.appearance_embedding import AppearanceModel
 from caris_desktop.perception.inference_messages import DetectionRequest
+from caris_desktop.perception.kalman_tracker import overlaps, view_qualities
 from caris_desktop.perception.perceiver import Perceiver
-from caris_desktop.simulator.people import Visit
+from caris_desktop.simulator.simulated_people import Visit
 from tests.support.walkers import FilmedFrame, TrueBox
 
 RATE_HZ = 2.0

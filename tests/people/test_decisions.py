@@ -26,11 +26,11 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceCorrected,
 )
-from caris_desktop.domain.people import PersonPortrait
+from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.people.decisions import MOST_UNDONE, PeopleIntent
+from caris_desktop.people.envelope_encryption import About
+from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import PersonRow, RecognitionSettings
-from caris_desktop.people.sealing import About
-from caris_desktop.people.store import PeopleStore
 from tests.people.crowd import Room
 
 ADA, BO = 1, 2

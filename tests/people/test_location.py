@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import DepthGrid, HeadState, LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator, located

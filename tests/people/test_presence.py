@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, PersonRenamed, Problem
 from caris_desktop.domain.intents import NamePerson, NoteConsent
-from caris_desktop.domain.people import PersonPortrait
+from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.envelope_encryption import About
 from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.people_store import PeopleStore, StoredPerson
 from caris_desktop.people.presence import PortraitsOf, PresenceTracker, RecognitionSettings
-from caris_desktop.people.sealing import About
-from caris_desktop.people.store import PeopleStore, StoredPerson
 
 FRAME_NS = 100_000_000
 

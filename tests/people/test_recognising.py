@@ -9,8 +9,8 @@ import pytest
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonSplit, PersonSuggested
 from caris_desktop.people.gallery import Gallery
+from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import RecognitionSettings
-from caris_desktop.people.store import PeopleStore
 from tests.people.crowd import Room
 
 ASK_FIRST = RecognitionSettings(confirm_at=1.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.perception.appearance import AppearanceModel
+from caris_desktop.perception.appearance_embedding import AppearanceModel
 from tests.people.returning import RATE_HZ, recognised, seen, visits_of
 from tests.perception.shared_data import OSNET_WEIGHTS
 from tests.support.walkers import film

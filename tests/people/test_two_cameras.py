@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
@@ -15,8 +15,8 @@ from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, PresenceTracker
 from caris_desktop.simulator.camera_model import sees
 from caris_desktop.simulator.desk_camera import HEIGHT_M, STANDS_IN_MAP, TILT_RAD
-from caris_desktop.simulator.people import Visit as SimulatedVisit
-from caris_desktop.simulator.robot import Robot
+from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.simulated_people import Visit as SimulatedVisit
 
 MS, S = 1_000_000, 1_000_000_000
 ROBOT = Pose2D(1.0, 2.0, 0.0)
@@ -146,7 +146,7 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
 def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(PresenceTracker(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
-        blind.setattr("caris_desktop.people.together.CrossCameraMatcher.take_spot", lambda *_: None)
+        blind.setattr("caris_desktop.people.cross_camera_matching.CrossCameraMatcher.take_spot", lambda *_: None)
         assert len(scene.play(3.0)) == 2
     (row,) = scene.play(2.0)
     assert set(row.cameras) == {"front", "desk"}

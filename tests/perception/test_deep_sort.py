@@ -5,8 +5,8 @@ from statistics import mean
 
 import numpy as np
 
+from caris_desktop.perception.box_motion import Floats
 from caris_desktop.perception.deep_sort import DeepSort
-from caris_desktop.perception.motion import Floats
 from tests.perception.crowd import Picture, filmed, idf1
 
 

@@ -15,7 +15,7 @@ import psutil
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.domain.people import PersonLooks, PersonPortrait
+from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
@@ -241,7 +241,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
             raise OSError("no network in this test")
 
     sys.addaudithook(refuse)
-    from caris_desktop.perception.backends.opening import open_detector
+    from caris_desktop.perception.backends.load_detector import open_detector
     from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
     from caris_desktop.perception.detector import person_classes
     from caris_desktop.perception.tracker import PersonTracker

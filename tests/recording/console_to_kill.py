@@ -7,7 +7,7 @@ from pathlib import Path
 
 from caris_desktop.domain import clock
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, mark, picture, start
 
 

@@ -21,7 +21,7 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan, RobotPose
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.perception import blur
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import (
+from caris_desktop.recording.recorder.recorder_messages import (
     ARRIVED,
     RecorderReport,
     SessionHeader,

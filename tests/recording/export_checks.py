@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
 
-from caris_desktop.recording.export import FORMATS
+from caris_desktop.recording.session_export import FORMATS
 
 _SCHEMA = Path(__file__).parents[3] / "shared" / "data" / "EAFv3.0.xsd"
 

@@ -11,7 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, SessionEnded
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, mark, start
 
 # The small disk has 12 MiB: 2 are the reserve, the video may take about 2, events the rest.

@@ -18,7 +18,7 @@ import pyarrow.parquet
 from mcap.reader import make_reader
 
 from caris_desktop import __version__
-from caris_desktop.recording.export import FORMATS, ExportContext, export_session
+from caris_desktop.recording.session_export import FORMATS, ExportContext, export_session
 from tests.recording.told_session import tell, tour
 from tests.support.recorded_session import make_session
 

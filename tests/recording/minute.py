@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import (
     StatusShown,
     ThingBox,
 )
-from caris_desktop.recording.recorder.messages import SessionHeader
+from caris_desktop.recording.recorder.recorder_messages import SessionHeader
 from tests.recording.session.test_session_reader import record
 
 S = 1_000_000_000

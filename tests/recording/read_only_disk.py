@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, mark, start
 
 

@@ -10,7 +10,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder.messages import RecorderReport, TakePhoto
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport, TakePhoto
 from tests.recording.driving import RecorderUnderTest, command, mark, picture, pose, scan, start
 
 SECONDS = 3.0

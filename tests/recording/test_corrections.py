@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorrected, UtteranceOrigin
-from caris_desktop.recording.export import export_session
-from caris_desktop.recording.forgetting.sightings import PersonTracks
-from caris_desktop.recording.forgetting.speech import speech_in
-from caris_desktop.recording.forgetting.study import ForgetRequest, forget_person
+from caris_desktop.recording.forgetting.person_tracks import PersonTracks
+from caris_desktop.recording.forgetting.speech_erasure import speech_in
+from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
 from caris_desktop.recording.session.responses import responses
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken
-from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording.session_export import export_session
 from caris_desktop.recording.studies.study_index import StudyIndex
+from caris_desktop.recording.studies.study_query import SessionQuery
 from tests.recording.told_session import at, tell
 
 NAME = "Quillfeather"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.recording import command
+from caris_desktop.recording import export_command
 from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.csv_cells import read_cell, shown_cell
 from caris_desktop.recording.studies import statistics_command
@@ -67,7 +67,7 @@ def _is_number(cell: str) -> bool:
 
 
 def test_every_csv_file_that_the_program_writes_shows_its_cells(study: Path, tmp_path: Path) -> None:
-    _run(command, study / "sessions" / "s", "--to", "csv,frames,rocrate", tmp_path / "out")
+    _run(export_command, study / "sessions" / "s", "--to", "csv,frames,rocrate", tmp_path / "out")
     _run(statistics_command, study, "--out", tmp_path / "statistics")
     cells = [*_cells(tmp_path / "out"), *_cells(tmp_path / "statistics")]
     assert [cell for cell in cells if cell.startswith(_DANGEROUS) and not _is_number(cell)] == []
@@ -77,7 +77,7 @@ def test_every_csv_file_that_the_program_writes_shows_its_cells(study: Path, tmp
 
 
 def test_programs_get_the_cells_as_they_are_and_spreadsheets_a_byte_order_mark(study: Path, tmp_path: Path) -> None:
-    _run(command, study / "sessions" / "s", "--plain-csv", "--csv-bom", tmp_path / "out")
+    _run(export_command, study / "sessions" / "s", "--plain-csv", "--csv-bom", tmp_path / "out")
     assert {_FORMULA, "@SUM(1+1)"} <= set(_cells(tmp_path / "out"))
     assert all(path.read_bytes().startswith(b"\xef\xbb\xbf") for path in (tmp_path / "out").rglob("*.csv"))
 

@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording import command, export
-from caris_desktop.recording.export import (
+from caris_desktop.recording import export_command, session_export
+from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.manifest import write_manifest
+from caris_desktop.recording.session_export import (
     ExportContext,
     ExportError,
     ExportFinished,
@@ -25,8 +27,6 @@ from caris_desktop.recording.export import (
     remove_partial_exports,
     run_exports,
 )
-from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.studies import sessions_command, statistics_command
 from tests.recording.minute import everything, make_session
 
@@ -56,8 +56,8 @@ def study(session: Path, tmp_path: Path) -> Path:
 
 def run(*words: str | Path) -> int:
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return command.run(parser.parse_args([str(word) for word in words]))
+    export_command.add_arguments(parser)
+    return export_command.run(parser.parse_args([str(word) for word in words]))
 
 
 def is_whole(folder: Path) -> bool:
@@ -307,7 +307,7 @@ def test_what_a_killed_export_leaves_is_removed_and_nothing_else(study: Path, tm
     process.join(10)
     (tmp_path / "out" / ".mine").mkdir()
     (tmp_path / "out" / ".mine.exporting").mkdir()
-    running = export._new_partial(tmp_path / "out" / "running")
+    running = session_export._new_partial(tmp_path / "out" / "running")
     remove_partial_exports(tmp_path / "out")
     left = [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert sorted(left) == sorted([tmp_path / "out" / ".mine", tmp_path / "out" / ".mine.exporting", running])
@@ -416,7 +416,7 @@ def test_damaged_values_are_no_silent_part_of_an_export(
 ) -> None:
     path = study / "sessions" / "one" / "events.mcap"
     content = bytearray(path.read_bytes())
-    index = mcap_blocks.read_index(path)
+    index = mcap_chunks.read_index(path)
     content[int(index.offsets[index.count // 2]) + 100] ^= 0xFF
     path.write_bytes(content)
     assert run(path.parent, "--to", "csv", tmp_path / "out") == 1

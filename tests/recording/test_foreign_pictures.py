@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.pictures import PictureError, decoded, unfolded
+from caris_desktop.domain.picture_checks import PictureError, decoded, unfolded
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.perception.backends import serving
-from caris_desktop.perception.video_file import VideoFile, VideoFileError
+from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.recording.exporters import html
 from caris_desktop.recording.foreign import bag_values
 from caris_desktop.recording.forgetting.media import UnreadableMediaError, covered_picture
 from caris_desktop.recording.photo_file import PhotoFileError, previews
 from caris_desktop.recording.replay.video_reader import _Video
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ui.widgets.foreign_picture import image_of
 
 WHOLE = np.full((48, 64, 3), 90, np.uint8)

@@ -12,17 +12,17 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.pictures import PictureError, decoded, unfolded
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.export import ExportError, export_session
+from caris_desktop.domain.picture_checks import PictureError, decoded, unfolded
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.photo_file import PhotoFileError, previews
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.losses import lost_values
+from caris_desktop.recording.session.missing_data import lost_values
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import ExportError, export_session
 from caris_desktop.simulator.map_files import MapFileError, MapFiles
 from caris_desktop.ui.widgets.foreign_picture import image_of
 from tests.recording.foreign.test_bag_import import BAGS

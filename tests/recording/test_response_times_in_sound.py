@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.response_time import ResponseTimes
+from caris_desktop.conversation.response_timing import ResponseTimes
 from caris_desktop.domain.events import ResponseTimed, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.recording.session.responses import responses
 from caris_desktop.recording.session.session_reader import open_session
-from tests.conversation.listening.test_ear import RATE_HZ, Bench
+from tests.conversation.listening.test_speech_segmenter import RATE_HZ, Bench
 from tests.recording.told_session import at, tell
 
 TURNS = 20

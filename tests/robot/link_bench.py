@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Drive, RenewLease
 from caris_desktop.domain.events import DriveEnded, LinkChanged
 from caris_desktop.domain.geometry import Twist2D
+from caris_desktop.domain.link_commands import Drive, RenewLease
 from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import load_profile
 from tests.support.polling import wait_for

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 
-from caris_desktop.domain import commands
+from caris_desktop.domain import link_commands
 from caris_desktop.domain.events import LinkChanged
 from caris_desktop.robot.control_link import ControlLink
-from caris_desktop.robot.handled import HANDLED_TOPIC, NO_SERVICE
+from caris_desktop.robot.handled_operations import HANDLED_TOPIC, NO_SERVICE
 from caris_desktop.robot.media_link import MediaLink
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
@@ -162,7 +162,7 @@ class LoopBench:
         self.link = link
         self.outbox = outbox
 
-    def send(self, *orders: commands.RobotCommand) -> None:
+    def send(self, *orders: link_commands.RobotCommand) -> None:
         self.link.take_commands(list(orders))
 
     def of(self, kind: type[V]) -> list[V]:

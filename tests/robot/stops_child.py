@@ -16,8 +16,8 @@ from PySide6.QtWidgets import QApplication, QLabel
 from caris_desktop.app.console_command import ConsoleRun
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import moves
-from caris_desktop.ui.bands import EmergencyBanner
-from caris_desktop.ui.glance import StatusIndicators
+from caris_desktop.ui.banners import EmergencyBanner
+from caris_desktop.ui.status_indicators import StatusIndicators
 from tests.app.console_child import main
 from tests.app.safety_child import SafetyDriver
 

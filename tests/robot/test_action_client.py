@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import CancelGoal, GoTo
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.robot import action_client, navigation
+from caris_desktop.domain.link_commands import CancelGoal, GoTo
+from caris_desktop.robot import action_client, navigation_client
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
 from caris_desktop.ros.rosbridge import encode_json
 from tests.robot.loop_bench import LoopBench, with_link
@@ -71,7 +71,7 @@ def test_a_stranger_s_goal_alone_is_not_cancelled_by_name_where_ours_was_refused
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Not the cancel of every goal that follows where nobody confirms.
-    monkeypatch.setattr(navigation, "UNCONFIRMED_CANCEL_S", 60.0)
+    monkeypatch.setattr(navigation_client, "UNCONFIRMED_CANCEL_S", 60.0)
 
     async def test(bench: LoopBench) -> None:
         client = bench.link._navigator._server

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Drive, GoTo, RequestMap, SetEmergencyStop, StopMotion, UseControl
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.events import ControlUsed, GoalChanged, LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.robot import handled, navigation
+from caris_desktop.domain.link_commands import Drive, GoTo, RequestMap, SetEmergencyStop, StopMotion, UseControl
+from caris_desktop.robot import handled_operations, navigation_client
 from caris_desktop.robot.profile import EmergencyStopInterface, MapServices, NavigationServer, RobotProfile
 from caris_desktop.robot.transport import MOST_CALLS
 from caris_desktop.robot.unread import MOST_UNREAD
@@ -90,7 +90,7 @@ def test_stop_emergency_stop_cancel_and_driving_pass_by_a_goal_and_services_that
 
 @pytest.mark.logs(r"robot\.")
 def test_goals_that_are_never_answered_do_not_use_up_the_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(navigation, "NO_ANSWER_S", 0.05)
+    monkeypatch.setattr(navigation_client, "NO_ANSWER_S", 0.05)
 
     async def test(bench: LoopBench) -> None:
         for number in range(20):
@@ -130,7 +130,7 @@ def test_calls_that_are_never_answered_are_bounded_and_leave_room_for_the_emerge
 def test_commands_that_are_read_and_not_handled_are_few_and_end_in_a_new_connection_with_zero_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(handled, "UNHANDLED_AFTER_S", 0.2)
+    monkeypatch.setattr(handled_operations, "UNHANDLED_AFTER_S", 0.2)
 
     async def test(bench: LoopBench) -> None:
         held: list[Any] = []
@@ -172,7 +172,7 @@ def test_commands_that_are_read_and_not_handled_are_few_and_end_in_a_new_connect
 def test_a_server_that_shows_nothing_of_what_it_handles_is_driven_by_its_pings_and_that_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(handled, "_WAITED_FOR_AT_MOST_S", 0.2)
+    monkeypatch.setattr(handled_operations, "_WAITED_FOR_AT_MOST_S", 0.2)
 
     def restricted(bridge: Bridge) -> None:
         bridge.restricted = True
@@ -181,7 +181,7 @@ def test_a_server_that_shows_nothing_of_what_it_handles_is_driven_by_its_pings_a
         [told] = await bench.until(
             lambda: [problem for problem in bench.of(Problem) if problem.cause == "handling_unproven"], "the warning"
         )
-        assert handled.HANDLED_TOPIC in told.advice
+        assert handled_operations.HANDLED_TOPIC in told.advice
         await bench.until(lambda: bench.send(drive()) or len(moving(bench)) > 2 * MOST_UNREAD, "driving")
         assert "lost" not in [change.state for change in bench.of(LinkChanged)]
 

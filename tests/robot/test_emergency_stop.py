@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import SetEmergencyStop
 from caris_desktop.domain.events import EmergencyStopChanged, Problem
+from caris_desktop.domain.link_commands import SetEmergencyStop
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.robot import emergency_stop
 from caris_desktop.robot.profile import EmergencyStopInterface, RobotProfile, TopicSource

@@ -14,7 +14,16 @@ from typing import Any, TypeVar
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import (
+from caris_desktop.domain.control_definitions import (
+    CallService,
+    ControlEffect,
+    ControlValue,
+    PublishMessage,
+    SendActionGoal,
+)
+from caris_desktop.domain.events import ControlUsed, EmergencyStopChanged, GoalChanged, UtteranceChanged
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.link_commands import (
     CancelGoal,
     Drive,
     GoTo,
@@ -26,9 +35,6 @@ from caris_desktop.domain.commands import (
     StopMotion,
     UseControl,
 )
-from caris_desktop.domain.controls import CallService, ControlEffect, ControlValue, PublishMessage, SendActionGoal
-from caris_desktop.domain.events import ControlUsed, EmergencyStopChanged, GoalChanged, UtteranceChanged
-from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import (
     BatteryState,
     FrameRef,

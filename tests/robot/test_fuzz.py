@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import GoTo, RequestMap, Say, UseControl
-from caris_desktop.domain.controls import Reading, RobotControl, SendActionGoal
+from caris_desktop.domain.control_definitions import Reading, RobotControl, SendActionGoal
 from caris_desktop.domain.events import LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.link_commands import GoTo, RequestMap, Say, UseControl
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry
 from caris_desktop.robot.control_link import ControlLink
 from caris_desktop.robot.media_link import MediaLink
@@ -30,7 +30,7 @@ from caris_desktop.robot.profile import (
     SpeechInterface,
     TopicSource,
 )
-from caris_desktop.ros import actions, joint_messages, messages, navigation_messages
+from caris_desktop.ros import action_messages, joint_messages, message_conversion, navigation_messages
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.rosbridge import encode_cbor, encode_json
 from tests.robot.loop_bench import Bridge, LoopBench, NoFrames, Outbox
@@ -64,33 +64,39 @@ ROBOT = RobotProfile(
 UNANSWERED = "/slam_toolbox/serialize_map"
 AT = Pose2D(1.0, 2.0, 0.5)
 ROS1 = Dialect.ROS1
-STATUS = actions.GoalStatus("goal", actions.ACTIVE)
+STATUS = action_messages.GoalStatus("goal", action_messages.ACTIVE)
 SCAN = LaserScan(0, None, "laser", 0.0, 0.1, 0.1, 10.0, np.ones(4, np.float32), AT)
 GRID = OccupancyGrid(0, None, 0.05, AT, np.zeros((2, 3), np.int8))
 STAMP_NS = 9_000_000_000
 GOOD: dict[str, dict[str, Any]] = {
-    "/scan": messages.encode_laser_scan(ROS1, SCAN, stamp_ns=STAMP_NS),
-    "/odom": messages.encode_odometry(ROS1, Odometry(0, None, AT, Twist2D()), stamp_ns=STAMP_NS),
-    "/amcl_pose": messages.encode_pose_with_covariance_stamped(ROS1, AT, stamp_ns=STAMP_NS),
-    "/tf": messages.encode_tf_message(ROS1, [("map", "odom", AT), ("odom", "base_link", AT)], stamp_ns=STAMP_NS),
-    "/tf_static": messages.encode_tf_message(ROS1, [("base_link", "laser", AT)], stamp_ns=STAMP_NS),
-    "/map": messages.encode_occupancy_grid(ROS1, GRID, stamp_ns=STAMP_NS),
+    "/scan": message_conversion.encode_laser_scan(ROS1, SCAN, stamp_ns=STAMP_NS),
+    "/odom": message_conversion.encode_odometry(ROS1, Odometry(0, None, AT, Twist2D()), stamp_ns=STAMP_NS),
+    "/amcl_pose": message_conversion.encode_pose_with_covariance_stamped(ROS1, AT, stamp_ns=STAMP_NS),
+    "/tf": message_conversion.encode_tf_message(
+        ROS1, [("map", "odom", AT), ("odom", "base_link", AT)], stamp_ns=STAMP_NS
+    ),
+    "/tf_static": message_conversion.encode_tf_message(ROS1, [("base_link", "laser", AT)], stamp_ns=STAMP_NS),
+    "/map": message_conversion.encode_occupancy_grid(ROS1, GRID, stamp_ns=STAMP_NS),
     "/map_updates": navigation_messages.encode_occupancy_grid_update(ROS1, GRID.cells, x=0, y=0, stamp_ns=STAMP_NS),
     "/plan": navigation_messages.encode_path(ROS1, np.ones((3, 2), np.float32), stamp_ns=STAMP_NS),
-    "/battery": messages.encode_battery_state(ROS1, BatteryState(0, 0.5), stamp_ns=STAMP_NS),
-    "/camera": messages.encode_compressed_image(ROS1, b"\xff\xd8\xff", stamp_ns=STAMP_NS),
-    "/info": messages.encode_camera_info(ROS1, messages.Lens(4, 3, 2.0, 2.0, 2.0, 1.5), stamp_ns=STAMP_NS),
+    "/battery": message_conversion.encode_battery_state(ROS1, BatteryState(0, 0.5), stamp_ns=STAMP_NS),
+    "/camera": message_conversion.encode_compressed_image(ROS1, b"\xff\xd8\xff", stamp_ns=STAMP_NS),
+    "/info": message_conversion.encode_camera_info(
+        ROS1, message_conversion.Lens(4, 3, 2.0, 2.0, 2.0, 1.5), stamp_ns=STAMP_NS
+    ),
     "/clock": navigation_messages.encode_clock(ROS1, STAMP_NS),
     "/stop": {"data": False},
     "/joint_states": joint_messages.encode_joint_state(ROS1, {"pan": 0.1, "tilt": 0.2}, stamp_ns=STAMP_NS),
     "/light": {"levels": [{"value": 1.5}]},
-    "/move_base/status": actions.encode_goal_status_array([STATUS], stamp_ns=STAMP_NS),
-    "/move_base/feedback": actions.encode_action_feedback(
-        STATUS, {"base_position": messages.encode_pose_stamped(ROS1, AT, stamp_ns=STAMP_NS)}, stamp_ns=STAMP_NS
+    "/move_base/status": action_messages.encode_goal_status_array([STATUS], stamp_ns=STAMP_NS),
+    "/move_base/feedback": action_messages.encode_action_feedback(
+        STATUS,
+        {"base_position": message_conversion.encode_pose_stamped(ROS1, AT, stamp_ns=STAMP_NS)},
+        stamp_ns=STAMP_NS,
     ),
-    "/move_base/result": actions.encode_action_result(STATUS, {}, stamp_ns=STAMP_NS),
-    "/tts/result": actions.encode_action_result(STATUS, {"text": ""}, stamp_ns=STAMP_NS),
-    "/play/feedback": actions.encode_action_feedback(STATUS, {"part": 1}, stamp_ns=STAMP_NS),
+    "/move_base/result": action_messages.encode_action_result(STATUS, {}, stamp_ns=STAMP_NS),
+    "/tts/result": action_messages.encode_action_result(STATUS, {"text": ""}, stamp_ns=STAMP_NS),
+    "/play/feedback": action_messages.encode_action_feedback(STATUS, {"part": 1}, stamp_ns=STAMP_NS),
 }
 
 
@@ -254,7 +260,7 @@ class Target:
         if self.media:
             origin = Pose2D(float(self.count), 0.0, 0.0)
             marker = OccupancyGrid(0, None, 0.05, origin, np.zeros((1, 1), np.int8))
-            await bench.bridge.publish("/map", messages.encode_occupancy_grid(ROS1, marker, stamp_ns=1))
+            await bench.bridge.publish("/map", message_conversion.encode_occupancy_grid(ROS1, marker, stamp_ns=1))
             await bench.until(
                 lambda: [g for g in bench.of(OccupancyGrid) if g.origin_in_map == origin], "a map after it"
             )

@@ -10,19 +10,27 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Release, SetGuard
 from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.link_commands import Release, SetGuard
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
 from caris_desktop.robot.footprint import Footprint, transformed
 from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
 from caris_desktop.robot.lease import MotionLease
 from caris_desktop.robot.profile import FloorOutline, MotionLimits, RobotProfile, load_profile
-from caris_desktop.simulator import base, lidar
-from caris_desktop.simulator.base import DIFFERENTIAL, HOLONOMIC, RADIUS_M, STEP_S, BaseModel, BaseState, clearance_m
+from caris_desktop.simulator import lidar, simulated_base
 from caris_desktop.simulator.floor_plan import DEPTH_M, WIDTH_M
 from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
-from caris_desktop.simulator.people import BODY_M
+from caris_desktop.simulator.simulated_base import (
+    DIFFERENTIAL,
+    HOLONOMIC,
+    RADIUS_M,
+    STEP_S,
+    BaseModel,
+    BaseState,
+    clearance_m,
+)
+from caris_desktop.simulator.simulated_people import BODY_M
 from tests.robot.link_bench import LinkProcess
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
@@ -91,7 +99,10 @@ class GuardedRobot:
         while (leased := self.lease.next_twist(self.now_s)) is not None:
             self.guard.note_sent(leased.twist, self.now_s)
             self.wanted[-1] = leased.twist
-        before, self.state = self.state, base.step(self.state, wanted, self.bodies(self.now_s), model=self.base_model)
+        before, self.state = (
+            self.state,
+            simulated_base.step(self.state, wanted, self.bodies(self.now_s), model=self.base_model),
+        )
         moved = before.pose_in_map.inverse() @ self.state.pose_in_map
         self._odom_from_robot = self._odom_from_robot @ Pose2D(
             moved.x_m * 1.008, moved.y_m, moved.heading_rad * 1.012 + float(self.noise.normal(0.0, 0.02)) * moved.x_m

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import CloseLink, Drive, GoTo, Release, RenewLease, Say, SetEmergencyStop, StopMotion
 from caris_desktop.domain.events import (
     CommandSent,
     DriveEnded,
@@ -26,6 +25,16 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.link_commands import (
+    CloseLink,
+    Drive,
+    GoTo,
+    Release,
+    RenewLease,
+    Say,
+    SetEmergencyStop,
+    StopMotion,
+)
 from caris_desktop.domain.sensing import BatteryState, LaserScan, Odometry
 from caris_desktop.robot.control_link import ZERO_AGAIN_S
 from caris_desktop.robot.unread import MOST_UNREAD

@@ -7,21 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import (
-    CancelGoal,
-    GoTo,
-    LimitGoals,
-    MoveHead,
-    OfferControls,
-    Release,
-    RequestMap,
-    Say,
-    SetEmergencyStop,
-    SetInitialPose,
-    StopMotion,
-    UseControl,
-)
-from caris_desktop.domain.controls import ControlValue, PublishMessage, RobotControl, SendActionGoal
+from caris_desktop.domain.control_definitions import ControlValue, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import (
     CommandSent,
     ControlUsed,
@@ -38,6 +24,20 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.link_commands import (
+    CancelGoal,
+    GoTo,
+    LimitGoals,
+    MoveHead,
+    OfferControls,
+    Release,
+    RequestMap,
+    Say,
+    SetEmergencyStop,
+    SetInitialPose,
+    StopMotion,
+    UseControl,
+)
 from caris_desktop.domain.sensing import (
     BatteryState,
     ControlReadings,

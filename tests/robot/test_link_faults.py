@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Release, RenewLease
 from caris_desktop.domain.events import CommandSent, DriveEnded, LinkQuality
+from caris_desktop.domain.link_commands import Release, RenewLease
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.state import LiveState

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import RequestMap, SetInitialPose
 from caris_desktop.domain.events import InitialPoseSet, MappingChanged, MapRequestChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.robot.maps import map_name_refusal
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource, TransformFrames
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link

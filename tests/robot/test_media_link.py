@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import LinkChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraLens, FrameRef, OccupancyGrid
@@ -19,7 +19,7 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_media_link
 from caris_desktop.robot.profile import CameraTopic, RobotProfile, TopicSource
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.messages import Lens, encode_camera_info
+from caris_desktop.ros.message_conversion import Lens, encode_camera_info
 from caris_desktop.ros.navigation_messages import encode_occupancy_grid_update
 from tests.robot.link_bench import BridgeDouble, LinkProcess
 from tests.robot.loop_bench import Bridge, LoopBench, with_link

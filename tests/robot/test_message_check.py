@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.domain.controls import filled
+from caris_desktop.domain.control_definitions import filled
 from caris_desktop.domain.translation import tr, use_translator
 from caris_desktop.robot.message_check import MessageMismatchError, definition_from_rosapi, fitted
 from caris_desktop.ros.definitions import shipped_definition, shipped_definitions

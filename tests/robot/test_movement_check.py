@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
 from caris_desktop.domain.events import CommandSent, MovementChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by, moves
+from caris_desktop.domain.link_commands import Drive, Release, RenewLease, SetEmergencyStop, StopMotion
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.profile import RobotProfile, TopicSource, VelocityTopic
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.messages import decode_twist, encode_odometry, encode_twist, encode_twist_stamped
+from caris_desktop.ros.message_conversion import decode_twist, encode_odometry, encode_twist, encode_twist_stamped
 from tests.robot.loop_bench import LoopBench, inventory, with_link
 
 ROBOT = RobotProfile("test", "Test", odometry=TopicSource("/odom"))

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import GoTo, LimitGoals
 from caris_desktop.domain.events import GoalChanged, NavigationSpeedChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.link_commands import GoTo, LimitGoals
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, SpeedLimitInterface
 from tests.robot.loop_bench import LoopBench, with_link
 

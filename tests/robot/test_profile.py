@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caris_desktop.domain.camera import CameraModel
-from caris_desktop.domain.controls import CallService, PublishMessage, SendActionGoal
-from caris_desktop.domain.declared import Group, is_group, item_of, keys_of
+from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.control_definitions import CallService, PublishMessage, SendActionGoal
+from caris_desktop.domain.schema_fields import Group, is_group, item_of, keys_of
 from caris_desktop.robot import profile_file
 from caris_desktop.robot.profile import (
     FloorOutline,

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import pytest
 
-from caris_desktop.domain.controls import CallService, RobotControl, SendActionGoal
+from caris_desktop.domain.control_definitions import CallService, RobotControl, SendActionGoal
 from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR

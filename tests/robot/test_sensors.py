@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.commands import CancelGoal, Drive, GoTo
 from caris_desktop.domain.events import Gap, GoalChanged, LinkQuality, Problem
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
+from caris_desktop.domain.link_commands import CancelGoal, Drive, GoTo
 from caris_desktop.domain.sensing import LaserScan, Odometry, PlannedPath, RobotPose
 from caris_desktop.robot import control_link, sensors
 from caris_desktop.robot.profile import (
@@ -26,7 +26,7 @@ from caris_desktop.robot.profile import (
 )
 from caris_desktop.robot.sensors import points_in_parent
 from caris_desktop.ros.dialect import Dialect, encode_time
-from caris_desktop.ros.messages import encode_laser_scan, encode_odometry, encode_tf_message
+from caris_desktop.ros.message_conversion import encode_laser_scan, encode_odometry, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
 from caris_desktop.ros.rosbridge import encode_json
 from caris_desktop.simulator.encoding import Placement, transforms

@@ -43,7 +43,7 @@ def test_the_wizard_of_a_humanoid_can_go_sideways_and_look_around() -> None:
 
 def test_the_camera_of_the_simulated_robot_is_the_one_that_it_draws_with() -> None:
     from caris_desktop.simulator import camera_model
-    from caris_desktop.simulator.robot import Body
+    from caris_desktop.simulator.robot_simulation import Body
 
     for name in ("simulated", "simulated-ros2"):
         model = load_profile(name).cameras[0].model

@@ -13,10 +13,10 @@ import psutil
 import pytest
 import roslibpy
 
+from caris_desktop.robot.bridge_wire import Timings
 from caris_desktop.robot.link import check_robot
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError, topic_of_publish
-from caris_desktop.robot.wire import Timings
 from tests.robot.link_bench import BridgeDouble
 from tests.robot.loop_bench import Bridge
 

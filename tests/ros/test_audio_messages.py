@@ -15,7 +15,7 @@ from caris_desktop.ros.audio_messages import (
     samples_of,
 )
 from caris_desktop.ros.definitions import cbor_carries
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.rosbridge import decode_cbor, decode_json, encode_cbor, encode_json
 
 STEREO = np.array([[1, -2], [300, -32768]], np.int16)

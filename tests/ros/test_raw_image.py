@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.raw_image import FAR_M, NEAR_M, decode_image
 
 WIDTH, HEIGHT = 6, 4

@@ -9,9 +9,9 @@ import pytest
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import joint_messages, map_services, navigation_messages
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.fields import MessageError
-from caris_desktop.ros.messages import decode_pose_with_covariance_stamped
-from tests.ros.test_messages import STAMP_NS, both_dialects, both_wires
+from caris_desktop.ros.message_conversion import decode_pose_with_covariance_stamped
+from caris_desktop.ros.message_fields import MessageError
+from tests.ros.test_message_conversion import STAMP_NS, both_dialects, both_wires
 
 Wire = Callable[[dict[str, Any]], dict[str, Any]]
 

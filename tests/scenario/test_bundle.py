@@ -11,7 +11,7 @@ import pytest
 from caris_desktop.domain.intents import SameName
 from caris_desktop.scenario import bundle as bundles
 from caris_desktop.scenario.bundle import Bundle, BundledFile, BundleError, PartKind, read_bundle, unpack, write_bundle
-from caris_desktop.scenario.file import MAX_FILE_BYTES, load_scenario
+from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, load_scenario
 
 SCENARIO = """\
 # Ours

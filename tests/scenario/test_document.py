@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain.declared import ValueForm
-from caris_desktop.domain.declared_places import ABSENT, differences
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import ValueForm
+from caris_desktop.domain.schema_paths import ABSENT, differences
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.document import ScenarioDocument
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 from tests.support.scenario_edits import (
     assert_only_that_field_changed,
     comments,

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.scenario.file import ScenarioError, parse_scenario, scenario_data
 from caris_desktop.scenario.phrases import Phrase, PhraseGroup, PhraseKeys, phrase_groups
+from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario, scenario_data
 
 HEAD = "version: 1\ntitle: T\nlayout: {panel: speak}\n"
 FILE = (

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.file import (
+from caris_desktop.scenario.scenario_file import (
     OtherFileError,
     ScenarioError,
     load_scenario,
@@ -21,7 +21,7 @@ from caris_desktop.scenario.file import (
     save_text,
     schema_path,
 )
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, Place, Scenario, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Place, Scenario, SplitNode, TabNode
 from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
 from tests.support.examples import examples
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
-from caris_desktop.simulator.cut_outs import load_cut_outs
-from caris_desktop.simulator.figures import Appearance
+from caris_desktop.simulator.characters import Appearance
 from caris_desktop.simulator.floor_plan import PLACES, START
-from caris_desktop.simulator.people import Seen
+from caris_desktop.simulator.person_sprites import load_cut_outs
 from caris_desktop.simulator.picture import Painter
-from caris_desktop.simulator.robot import ROBOT_FROM_CAMERA, View
+from caris_desktop.simulator.robot_simulation import ROBOT_FROM_CAMERA, View
+from caris_desktop.simulator.simulated_people import Seen
 
 CAMERA = START @ ROBOT_FROM_CAMERA
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.ros.actions import encode_navigate_to_pose_goal
+from caris_desktop.ros.action_messages import encode_navigate_to_pose_goal
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 

@@ -7,8 +7,8 @@ import pytest
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.simulator import lidar
-from caris_desktop.simulator.mapping import RESOLUTION_M, Mapper
-from caris_desktop.simulator.robot import Robot
+from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.simulated_mapping import RESOLUTION_M, Mapper
 
 NOBODY = np.zeros((0, 3))
 IN_THE_CORRIDOR = Pose2D(9.0, 5.0, 0.3)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.ros import messages, rosbridge
+from caris_desktop.ros import message_conversion, rosbridge
 from caris_desktop.ros.dialect import Dialect
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
@@ -30,7 +30,7 @@ def test_another_client_sees_every_velocity_command(robot: SimulatedRobot, clien
 def test_a_latched_map_comes_at_once_to_a_late_subscriber(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     client.subscribe("/map")
     first = client.wait_for_messages("/map")[0]
-    grid = messages.decode_occupancy_grid(first, stamp_ns=0)
+    grid = message_conversion.decode_occupancy_grid(first, stamp_ns=0)
     assert grid.cells.shape == (first["info"]["height"], first["info"]["width"])
     assert {-1, 0, 100} <= set(np.unique(grid.cells).tolist())
     with RosbridgeClient(robot.address) as late:
@@ -46,7 +46,7 @@ def test_cbor_brings_typed_arrays_and_infinity(client: RosbridgeClient) -> None:
     operation = rosbridge.decode_cbor(content or b"")
     assert operation["topic"] == "/scan"
     assert operation["msg"]["ranges"].dtype == np.float32
-    scan = messages.decode_laser_scan(operation["msg"], stamp_ns=0)
+    scan = message_conversion.decode_laser_scan(operation["msg"], stamp_ns=0)
     assert len(scan.ranges_m) == 720
     assert np.isfinite(scan.ranges_m).any()
 
@@ -260,8 +260,10 @@ def test_ros2_spells_types_and_time_its_own_way(robot_ros2: SimulatedRobot) -> N
         assert "/move_base/status" not in types
         client.subscribe("/scan", queue_length=1)
         assert set(client.wait_for_messages("/scan")[0]["header"]["stamp"]) == {"sec", "nanosec"}
-        stamped = messages.encode_twist_stamped(
-            Dialect.ROS2, messages.decode_twist({"linear": {"x": 0.0}, "angular": {"z": 0.5}}), stamp_ns=time.time_ns()
+        stamped = message_conversion.encode_twist_stamped(
+            Dialect.ROS2,
+            message_conversion.decode_twist({"linear": {"x": 0.0}, "angular": {"z": 0.5}}),
+            stamp_ns=time.time_ns(),
         )
         client.publish("/cmd_vel", stamped)
         wait_for(lambda: client.call("/simulator/state")["speed_radps"] > 0.05, "it turns by TwistStamped")

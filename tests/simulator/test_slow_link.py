@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.ros.rosbridge import ProtocolError, decode_cbor, decode_json
+from caris_desktop.simulator.client_outbox import Published
+from caris_desktop.simulator.client_wire import BUFFER_BYTES, ClientWire
 from caris_desktop.simulator.faults import malformed_messages
-from caris_desktop.simulator.outbox import Published
-from caris_desktop.simulator.wire import BUFFER_BYTES, ClientWire
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 

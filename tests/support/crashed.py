@@ -5,13 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from caris_desktop.study import unfinished
-from caris_desktop.study.unfinished import UnfinishedTrial
+from caris_desktop.study import unfinished_trial
+from caris_desktop.study.unfinished_trial import UnfinishedTrial
 
 
 def leave(folder: Path, trial: UnfinishedTrial) -> None:
     """As if another program had recorded ``trial`` and been killed."""
-    unfinished.keep(folder, trial)
+    unfinished_trial.keep(folder, trial)
     of_one_that_is_gone(folder)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry
-from caris_desktop.ros import messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import encoding
 from caris_desktop.simulator.rosapi import offer_rosapi
@@ -35,11 +35,11 @@ def told() -> dict[str, tuple[str, Message]]:
     grid = OccupancyGrid(0, None, 0.05, Pose2D(-1.0, -2.0, 0.0), np.zeros((200, 300), np.int8))
     odometry = Odometry(0, None, here, Twist2D())
     return {
-        "/map": ("nav_msgs/OccupancyGrid", messages.encode_occupancy_grid(ros, grid, stamp_ns=STAMP_NS)),
-        "/odom": ("nav_msgs/Odometry", messages.encode_odometry(ros, odometry, stamp_ns=STAMP_NS)),
+        "/map": ("nav_msgs/OccupancyGrid", message_conversion.encode_occupancy_grid(ros, grid, stamp_ns=STAMP_NS)),
+        "/odom": ("nav_msgs/Odometry", message_conversion.encode_odometry(ros, odometry, stamp_ns=STAMP_NS)),
         "/amcl_pose": (
             "geometry_msgs/PoseWithCovarianceStamped",
-            messages.encode_pose_with_covariance_stamped(ros, here, stamp_ns=STAMP_NS),
+            message_conversion.encode_pose_with_covariance_stamped(ros, here, stamp_ns=STAMP_NS),
         ),
         "/tf_static": (
             "tf2_msgs/TFMessage",

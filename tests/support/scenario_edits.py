@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 import pytest
 import yaml
 
-from caris_desktop.domain.declared import (
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import (
     ValueForm,
     choices_of,
     form_of,
@@ -20,11 +21,10 @@ from caris_desktop.domain.declared import (
     keys_of,
     scalars_of,
 )
-from caris_desktop.domain.declared_check import problems
-from caris_desktop.domain.declared_places import ABSENT, blank_of, default_of, group_at, value_at
-from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_paths import ABSENT, blank_of, default_of, group_at, value_at
+from caris_desktop.domain.schema_validation import problems
 from caris_desktop.scenario.document import ScenarioDocument
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 T = TypeVar("T")
 WORDS = (

@@ -1,6 +1,6 @@
 """Texts in the window's source that nobody could translate: what people read, and does not go through ``tr``.
 
-``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated ui/words.py`` shows
+``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated ui/text_formatting.py`` shows
 those of the files whose path begins so, and with ``--write`` the list of what is left becomes shorter, never longer.
 """
 
@@ -38,7 +38,7 @@ _RECORD = "written into the record, which is English"
 AS_IT_IS: dict[str, dict[str, str]] = {
     "": {"not checked": _A_STATE},
     "app/check_command.py": {"*": _TERMINAL},
-    "app/commands.py": {"*": _TERMINAL},
+    "app/command_table.py": {"*": _TERMINAL},
     "app/commands_page.py": {"*": "a page of the guide, which is English"},
     "app/composition.py": {
         "imported bags": _FOLDER,
@@ -65,33 +65,33 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/robots_command.py": {"ROS {}": _TERMINAL, "an unknown ROS": _TERMINAL},
     "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"person {}": _PROMPT, "group {}": _PROMPT},
-    "live/preflight.py": {"by hand: {}": "the name of a check in the record"},
+    "live/preflight_checks.py": {"by hand: {}": "the name of a check in the record"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
-    "live/own_voice.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
-    "live/services/assistant.py": {"Hello.": _PROMPT},
-    "live/services/face.py": {"face page": _PROCESS},
-    "live/services/practice.py": {
+    "live/push_to_talk.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
+    "live/services/assistant_service.py": {"Hello.": _PROMPT},
+    "live/services/face_service.py": {"face page": _PROCESS},
+    "live/services/practice_service.py": {
         "Could you tell me something about this place?": "said by who takes part in the practice"
     },
     "ui/action_rows.py": dict.fromkeys(
         ("Up", "Down", "Left", "Right", "Return", "Enter", "Del", "Backspace"), _KEY_NAME
     ),
-    "ui/actions.py": {"Enter": _CAP, "Delete": _CAP},
+    "ui/action_bindings.py": {"Enter": _CAP, "Delete": _CAP},
     "ui/key_choices.py": {"phrase: {}": "the name of a row in the settings"},
     "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
-    "ui/panels/assistant.py": {"Enter": _CAP},
-    "ui/panels/speak.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
-    "ui/palette/entries.py": {"{} on": _ID, "{} off": _ID},
-    "ui/replay/timeline_acts.py": {"tier {}": _ROW},
+    "ui/panels/assistant_panel.py": {"Enter": _CAP},
+    "ui/panels/speak_panel.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
+    "ui/palette/palette_entries.py": {"{} on": _ID, "{} off": _ID},
+    "ui/replay/timeline_commands.py": {"tier {}": _ROW},
     "ui/replay/timeline_model.py": {"tier {}": _ROW, "pictures {}": _ROW, "sound {}": _ROW, "record {}": _ROW},
     "ui/replay/timeline_overlay.py": {"tier {}": _ROW},
     "ui/replay/timeline_rows.py": {"tier {}": _ROW},
     "ui/replay/timeline_view.py": {"tier {}": _ROW, "record {}": _ROW},
-    "ui/scenario_editor/reference.py": {"*": _GUIDE},
-    "ui/shortcuts/reference.py": {"*": _GUIDE},
-    "ui/shortcuts/sheet.py": {"Enter": _CAP},
+    "ui/scenario_editor/schema_texts.py": {"*": _GUIDE},
+    "ui/shortcuts/shortcut_reference.py": {"*": _GUIDE},
+    "ui/shortcuts/shortcut_sheet.py": {"Enter": _CAP},
     "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "a key of the settings"},
-    "ui/speak/field.py": {"Enter": _CAP},
+    "ui/speak/speak_field.py": {"Enter": _CAP},
     "ui/speak/voice_choices.py": {"{} (eSpeak)": "a voice and its engine, by their names"},
     "ui/theme.py": {"*": "names of fonts"},
 }

@@ -11,18 +11,18 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui import drive_keys, kept_keys
-from caris_desktop.ui.layout.rect import Rect
-from caris_desktop.ui.layout.tree import groups_in, panels_in, without
+from caris_desktop.ui import drive_input_filter, keyboard_grab
+from caris_desktop.ui.layout.layout_rect import Rect
+from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.speak.field import SpeakField
+from caris_desktop.ui.speak.speak_field import SpeakField
 from tests.support.told_by_lines import ToldByLines
 from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
 # How near to each other two Esc have to be is tried in test_drive_keys by a clock of its own; this machine may be slow.
-drive_keys.DOUBLE_STOP_S = 60.0
+drive_input_filter.DOUBLE_STOP_S = 60.0
 
 
 class Subject(ToldByLines):
@@ -119,7 +119,9 @@ class Subject(ToldByLines):
         self.console.clear_emergency_stop()
         self.window.hold.release_all("reset")
         self.window.hold.escape_pressed.emit()
-        self.window.hold._last_escape = drive_keys._NEVER  # the next Esc is not the second one of an earlier test
+        self.window.hold._last_escape = (
+            drive_input_filter._NEVER
+        )  # the next Esc is not the second one of an earlier test
         self.window.activateWindow()
         self.window.focus_driving()
         self._begin(number, time.monotonic() + 15.0)
@@ -141,7 +143,7 @@ class Subject(ToldByLines):
         self.window.sessions.open_start_dialog()
 
     def do_keep_keys(self, seconds: str) -> None:
-        kept_keys.KEPT_S = float(seconds)
+        keyboard_grab.KEPT_S = float(seconds)
         self.window.hold._kept_keys.give_back()
 
     def do_combo(self) -> None:

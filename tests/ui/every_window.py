@@ -13,9 +13,9 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import CrashRecoveryStatus, LiveRobotsStatus, PracticeStatus
-from caris_desktop.robot.explore import Exploration
-from caris_desktop.robot.proposal import propose
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.robot.discovery import Exploration
+from caris_desktop.robot.profile_proposal import propose
+from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.language import ENGLISH, Language
 from caris_desktop.ui.layout_menu import TitleDialog
 from caris_desktop.ui.main_window import MainWindow
@@ -24,7 +24,14 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from tests.support.window_check import flaws
-from tests.ui import samples, test_confirm_file, test_going_on_card, test_practice_strip, test_same_names, test_sessions
+from tests.ui import (
+    samples,
+    test_confirm_file,
+    test_practice_strip,
+    test_resume_trial_card,
+    test_same_names,
+    test_sessions,
+)
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
 from tests.ui.fake_replay import FakeReplay, sample_coding, sample_overview
@@ -224,7 +231,7 @@ class EveryWindow:
         window._question.ask("Erase everything that was recorded?", "Erase", lambda: None)
         yield Seen("question", window._question)
         window._question.put_away()
-        console.state.going_on.set(test_going_on_card.OFFERED)
+        console.state.going_on.set(test_resume_trial_card.OFFERED)
         yield Seen("going on", self._card("going_on_card"))
         console.state.going_on.set(CrashRecoveryStatus())
         console.state.practice.set(test_practice_strip.status_at(2))

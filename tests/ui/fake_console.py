@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.transcript import Transcript, UtteranceReport
+from caris_desktop.conversation.conversation_transcript import Transcript, UtteranceReport
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import WIZARD
-from caris_desktop.domain.controls import ControlValue
+from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.events import (
     AssistanceLevel,
     AssistedFunction,
@@ -45,10 +45,10 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.sound import Role, TalkTo
-from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.services.alarms import AlarmsService
-from caris_desktop.live.services.protocol import ProtocolService
+from caris_desktop.domain.sound_values import Role, TalkTo
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.live.services.alarms_service import AlarmsService
+from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -62,13 +62,13 @@ from caris_desktop.live.status import (
     VoiceStatus,
 )
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.people.store import HistoryEntry
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.session.marks import final_marks_of, notes_among
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.session.session_marks import final_marks_of, notes_among
+from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.layout import layout_from_data
-from caris_desktop.scenario.model import Place, Scenario
+from caris_desktop.scenario.scenario_model import Place, Scenario
 
 
 class FakeFrames:

@@ -15,21 +15,21 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus, PlaybackStatus
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.history import EditHistory
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_history import EditHistory
+from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
     Tier,
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.annotation.overview import Moment, SessionOverview, Waveform
+from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.scenario.model import PanelLeaf, Scenario
-from caris_desktop.scenario.recording import RecordingSettings
-from caris_desktop.ui.actions import Actions
+from caris_desktop.scenario.recording_settings import RecordingSettings
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme

@@ -16,13 +16,13 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel
-from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.panels.map_panel import MapPanel
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.start_dialog import StartDialog
 from caris_desktop.ui.theme import ThemeChoice
 from tests.ui import samples

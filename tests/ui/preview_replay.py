@@ -8,7 +8,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
-from caris_desktop.recording.annotation.model import AnnotationDocument
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX
 from caris_desktop.ui.theme import Theme
 from tests.ui.fake_replay import FakeReplay, ReplayScene, sample_coding, sample_overview

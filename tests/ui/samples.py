@@ -52,7 +52,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.model import (
+from caris_desktop.scenario.scenario_model import (
     AssistantSettings,
     DrivingLimits,
     PanelLeaf,

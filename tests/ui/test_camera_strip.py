@@ -11,7 +11,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import CameraState, People, PersonBox
 from caris_desktop.live.status import LoadStatus
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.widgets.camera_strip import SmallPicture, strip_place
 from tests.ui.fake_console import FakeConsole
 

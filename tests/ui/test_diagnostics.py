@@ -10,9 +10,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.diagnostics import DiagnosticsPanel, bandwidth, look_words, state_words
+from caris_desktop.ui.panels.diagnostics_panel import DiagnosticsPanel, bandwidth, look_words, state_words
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -41,7 +41,7 @@ def tell(panel: DiagnosticsPanel, console: FakeConsole, *topics: TopicTraffic, r
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
     # Against the anchor that the panel has: the time of day may have been set a little since another was taken.
-    clock_offset_ms = words.session_clock_ms(console.state.present.anchor) + 3.14
+    clock_offset_ms = text_formatting.session_clock_ms(console.state.present.anchor) + 3.14
     console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, clock_offset_ms, 0.4))
     window.open_panel("diagnostics")
     panel = window.panels["diagnostics"]
@@ -159,7 +159,9 @@ def test_it_opens_from_the_connection_card(qtbot: QtBot, window: MainWindow) -> 
 
 def test_figures_are_words() -> None:
     assert [bandwidth(value) for value in (0, 999, 34_500, 1_200_000)] == ["0 B/s", "999 B/s", "34.5 kB/s", "1.2 MB/s"]
-    now_ms = words.session_clock_ms(ANCHOR)
-    assert words.clock_offset(now_ms - 12_345.6, 20.0, ANCHOR) == "12,346 ± 20 ms behind"
-    assert words.clock_offset(now_ms + 3.14, None, ANCHOR) == "3.1 ms ahead"
-    assert words.clock_offset(-5000.0, 1.0, ANCHOR) == "set to a time of its own, known to ± 1.0 ms", "a simulation"
+    now_ms = text_formatting.session_clock_ms(ANCHOR)
+    assert text_formatting.clock_offset(now_ms - 12_345.6, 20.0, ANCHOR) == "12,346 ± 20 ms behind"
+    assert text_formatting.clock_offset(now_ms + 3.14, None, ANCHOR) == "3.1 ms ahead"
+    assert text_formatting.clock_offset(-5000.0, 1.0, ANCHOR) == "set to a time of its own, known to ± 1.0 ms", (
+        "a simulation"
+    )

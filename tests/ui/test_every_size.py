@@ -11,8 +11,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme

@@ -10,13 +10,13 @@ from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.addressee import addressee
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.file import ScenarioError, load_scenario, parse_scenario
 from caris_desktop.scenario.gestures import Gesture
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, parse_scenario
+from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.action_rows import perform_nth_gesture
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui.conftest import click, find

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.action_rows import ACTIONS
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"

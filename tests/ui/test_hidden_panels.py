@@ -12,7 +12,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import GoalChanged, Marked, TopicTraffic, TrafficMeasured, UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import AssistantStatus, MicrophoneStatus, PerceptionStatus, PersonHistory, SpeechStatus
-from caris_desktop.scenario.model import PanelName
+from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS

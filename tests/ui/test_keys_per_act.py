@@ -10,7 +10,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.scenario.protocol import ProtocolSettings, ProtocolStep
+from caris_desktop.scenario.protocol_steps import ProtocolSettings, ProtocolStep
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples
 from tests.ui.conftest import find

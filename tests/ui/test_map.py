@@ -27,9 +27,9 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.live.status import MapStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel
+from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_drawing import MapDrawing
 from caris_desktop.ui.widgets.map_layers import TRAIL_POINTS, Trail

@@ -10,7 +10,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import PanelContext
-from caris_desktop.ui.panels.motion import POINTS, SPAN_S, MotionPanel, Strip
+from caris_desktop.ui.panels.motion_panel import POINTS, SPAN_S, MotionPanel, Strip
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

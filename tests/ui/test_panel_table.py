@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from caris_desktop.scenario.model import PanelName, Permissions
+from caris_desktop.scenario.scenario_model import PanelName, Permissions
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
@@ -57,7 +57,7 @@ def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with(
     reads_both = (
         "import caris_desktop.app.composition, caris_desktop.ui.main_window\n"
         "from caris_desktop.robot.profile import list_profiles\n"
-        "from caris_desktop.scenario.library import list_scenarios\n"
+        "from caris_desktop.scenario.scenario_library import list_scenarios\n"
         "assert len(list_profiles()) > 5 and len(list_scenarios()) > 1"
     )
     assert imported(reads_both, ["jsonschema", "referencing", "rpds"]) == []

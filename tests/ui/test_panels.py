@@ -27,7 +27,7 @@ from caris_desktop.domain.events import LinkChanged, Marked, PhotoTaken, Utteran
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef, OccupancyGrid, People, PersonBox, RobotPose
 from caris_desktop.domain.translation import localized, tr
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -39,11 +39,12 @@ from caris_desktop.live.status import (
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import PanelContext
-from caris_desktop.ui.panels.map import MapPanel
-from caris_desktop.ui.panels.people import PeoplePanel
-from caris_desktop.ui.panels.session import LOG_LEAST_LINES, LOG_LINE_PX, LOG_ROWS, SessionPanel
-from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.panels.map_panel import MapPanel
+from caris_desktop.ui.panels.people_panel import PeoplePanel
+from caris_desktop.ui.panels.session_panel import LOG_LEAST_LINES, LOG_LINE_PX, LOG_ROWS, SessionPanel
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.speak.queue_list import QueueList
+from caris_desktop.ui.text_formatting import microphone_facts
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import (
     BOXES_GONE_S,
@@ -55,7 +56,6 @@ from caris_desktop.ui.widgets.frame_view import (
 )
 from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
-from caris_desktop.ui.words import microphone_facts
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary

@@ -14,17 +14,18 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QMenu, QPlainTextEdit, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.gestures import Gesture
-from caris_desktop.scenario.model import PanelName, Permissions, Scenario, TabNode
 from caris_desktop.scenario.phrases import Phrase, PhraseGroup
-from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
-from caris_desktop.scenario.sound import SoundSettings
+from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
+from caris_desktop.scenario.scenario_model import PanelName, Permissions, Scenario, TabNode
+from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.ui.action_bindings import actions_for
 from caris_desktop.ui.action_rows import ACTIONS
-from caris_desktop.ui.actions import actions_for
+from caris_desktop.ui.app_context import THEME_WORDS
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
@@ -32,7 +33,6 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floating_card import FloatingCard
-from caris_desktop.ui.window_parts import THEME_WORDS
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole

@@ -31,7 +31,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.state import LiveValue
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui import language
 from caris_desktop.ui.theme import Theme
 from tests.ui import every_window, samples

@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.scenario.file import parse_scenario
+from caris_desktop.scenario.scenario_file import parse_scenario
 from caris_desktop.ui.key_choices import normalized
-from caris_desktop.ui.step_acts import PROTOCOL_ACTIONS
+from caris_desktop.ui.step_intents import PROTOCOL_ACTIONS
 
 PAGE = (resources_dir() / "guide" / "protocol.md").read_text(encoding="utf-8")
 HEAD = "version: 1\ntitle: T\nlayout: {panel: video}\nplaces:\n  - {name: Robot arm, x_m: 1, y_m: 2}\n"

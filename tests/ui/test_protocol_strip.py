@@ -12,15 +12,15 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.state import LiveValue, PresentClock
 from caris_desktop.live.status import ProtocolStatus
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.recording.session.protocol import StepRecord
-from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
+from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.scenario.phrases import Phrase
-from caris_desktop.scenario.protocol import Branch, ProtocolSettings, ProtocolStep
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.step_entries import step_entries

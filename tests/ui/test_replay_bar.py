@@ -11,8 +11,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QToolTip
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.recording.annotation.overview import Moment
-from caris_desktop.scenario.model import PanelLeaf, Scenario
+from caris_desktop.recording.annotation.timeline_overview import Moment
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 from caris_desktop.ui.action_rows import ACTIONS, REPLAY_ACTIONS, TIMELINE_ACTIONS
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized

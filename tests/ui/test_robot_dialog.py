@@ -11,13 +11,13 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.explore import Exploration, Resemblance, StreamCheck
+from caris_desktop.robot.discovery import Exploration, Resemblance, StreamCheck
 from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
-from caris_desktop.robot.proposal import RobotOffer, propose
+from caris_desktop.robot.profile_proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 

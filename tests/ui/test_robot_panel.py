@@ -10,13 +10,13 @@ from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.controls import CallService, Choice, PublishMessage, Reading, RobotControl
+from caris_desktop.domain.control_definitions import CallService, Choice, PublishMessage, Reading, RobotControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.live.status import ControlStatus, LinkStatus
 from caris_desktop.robot.profile import load_profile, shipped_profiles
-from caris_desktop.ui.control_words import value_words
+from caris_desktop.ui.control_messages import value_words
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.robot import ControlEntry, RobotPanel
+from caris_desktop.ui.panels.robot_panel import ControlEntry, RobotPanel
 from caris_desktop.ui.widgets.drop_down import DropDown
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

@@ -10,7 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.intents import ImportScenario, SameName
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
-from caris_desktop.scenario.file import scenario_text
+from caris_desktop.scenario.scenario_file import scenario_text
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples
 from tests.ui.conftest import click, find

@@ -15,21 +15,21 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, StopRequested, UtteranceChanged
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial import TrialDetails
-from caris_desktop.live.services.governor import STEPS
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.live.services.load_shedding_service import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.export import FORMATS
-from caris_desktop.recording.session.repair_words import read_loss
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session_export import FORMATS
+from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.model import BlurSettings, PanelLeaf, Permissions, SplitNode
-from caris_desktop.scenario.recording import RecordingSettings
+from caris_desktop.scenario.recording_settings import RecordingSettings
+from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, SplitNode
 from caris_desktop.ui.export_dialog import ExportDialog
-from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.session import SessionPanel
+from caris_desktop.ui.panels.session_panel import SessionPanel
 from caris_desktop.ui.session_table import COLUMNS, lacks_words
 from caris_desktop.ui.sessions_window import SessionsWindow
 from caris_desktop.ui.start_dialog import StartDialog, kept_words, last_details

@@ -10,13 +10,13 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
-from caris_desktop.scenario.model import Permissions
-from caris_desktop.scenario.sound import SoundSettings
-from caris_desktop.ui.drive_keys import HELD_TO_TALK_MS
+from caris_desktop.scenario.scenario_model import Permissions
+from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.ui.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.sound_menu import SoundMenu
-from caris_desktop.ui.speak.field import SpeakField
+from caris_desktop.ui.speak.speak_field import SpeakField
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window

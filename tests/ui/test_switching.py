@@ -14,22 +14,22 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import AssistantSetup
-from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.scenario.phrases import PhraseGroup
-from caris_desktop.ui import panel_board
-from caris_desktop.ui.event_words import CATEGORIES
-from caris_desktop.ui.layout.arrangement import DockLayout
-from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui import panel_manager
+from caris_desktop.ui.event_messages import CATEGORIES
+from caris_desktop.ui.layout.dock_layout import DockLayout
+from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.panels.assistant import AssistantPanel
-from caris_desktop.ui.panels.conversation import ConversationPanel
-from caris_desktop.ui.panels.map import MapPanel
-from caris_desktop.ui.panels.people import PeoplePanel
-from caris_desktop.ui.panels.speak import SpeakPanel
-from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.panels.assistant_panel import AssistantPanel
+from caris_desktop.ui.panels.conversation_panel import ConversationPanel
+from caris_desktop.ui.panels.map_panel import MapPanel
+from caris_desktop.ui.panels.people_panel import PeoplePanel
+from caris_desktop.ui.panels.speak_panel import SpeakPanel
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, open_window
@@ -96,7 +96,7 @@ def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_ma
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, turn_s: float, fewest: int
 ) -> None:
     window, console = alone
-    monkeypatch.setattr(panel_board, "TURN_S", turn_s)
+    monkeypatch.setattr(panel_manager, "TURN_S", turn_s)
     others, made_at = QTimer(interval=1), []
     ticks, turns = itertools.count(), []
     others.timeout.connect(lambda: next(ticks))

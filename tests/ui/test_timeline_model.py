@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import (
     DEFAULT_TIER,
     Annotation,
     AnnotationDocument,
@@ -14,7 +14,7 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.annotation.overview import Waveform
+from caris_desktop.recording.annotation.timeline_overview import Waveform
 from caris_desktop.ui.replay.timeline_model import (
     SCENARIO_LABELS,
     Row,
@@ -182,8 +182,8 @@ def test_the_tier_of_a_table_that_names_none_is_named_in_the_wizards_language() 
     assert [row.name for row in all_rows(None, document)] == [
         tr(DEFAULT_TIER), tr("Annotations ({number})").format(number=2), "Annotations of mine", "Stance (2)",
     ]  # fmt: skip
-    coded = editing.add_annotation(document, "t0", 0, 10, "leans in")
-    coded = editing.add_vocabulary(coded, Vocabulary("Stances", (VocabularyEntry("curious"),)))
+    coded = annotation_editing.add_annotation(document, "t0", 0, 10, "leans in")
+    coded = annotation_editing.add_vocabulary(coded, Vocabulary("Stances", (VocabularyEntry("curious"),)))
     with pytest.raises(AnnotationError) as refusal:
-        editing.set_tier_vocabulary(coded, "t0", "Stances")
+        annotation_editing.set_tier_vocabulary(coded, "t0", "Stances")
     assert "“Annotations”" in str(refusal.value) and tr(DEFAULT_TIER) in tr(str(refusal.value))

@@ -8,10 +8,10 @@ from PySide6.QtGui import QAccessible, QAccessibleInterface
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.conversation.transcript import TranscriptView
+from caris_desktop.ui.conversation.transcript_view import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.panels.people_panel import PeoplePanel
 from tests.ui import samples
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

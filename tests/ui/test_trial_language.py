@@ -10,14 +10,14 @@ from PySide6.QtWidgets import QApplication, QDialog, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.people.presence import is_unnamed_label
 from caris_desktop.robot.profile import load_profile, shipped_profiles
-from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import PanelName, Permissions, TabNode
-from caris_desktop.ui import words
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import PanelName, Permissions, TabNode
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import PanelTabs
@@ -44,7 +44,7 @@ WHAT_TO_DO = (
     " shown. What a study or a robot says has to stand in the samples of this test."
 )
 SAMPLES = Path(samples.__file__)
-UI = Path(words.__file__).parent
+UI = Path(text_formatting.__file__).parent
 OF_A_REPLAY = tuple((UI / "replay").rglob("*.py"))
 
 
@@ -65,7 +65,7 @@ class Spoken:
         said = [text for name in SAID for text in strings_of(SAMPLES.with_name(name)) if not is_unnamed_label(text)]
         robots = [load_profile(name) for name in shipped_profiles()]
         sessions = (test_sessions.SESSIONS, test_sessions.HITS)
-        cameras = [words.camera_name(name) for name in self.console.state.cameras.value]
+        cameras = [text_formatting.camera_name(name) for name in self.console.state.cameras.value]
         self.data = Data(said, scenarios, robots, sessions, shipped_profiles(), cameras, OF_OTHERS)
         self.scenarios = scenarios
         self._drawn: set[int] = set()

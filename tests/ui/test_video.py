@@ -11,17 +11,17 @@ from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import HeadState, People, PersonBox, RobotPose, ThingBox
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import CameraTopic, NavigationServer, RobotProfile
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.people import PeoplePanel
-from caris_desktop.ui.panels.video import VideoPanel, guard_chip
+from caris_desktop.ui.panels.people_panel import PeoplePanel
+from caris_desktop.ui.panels.video_panel import VideoPanel, guard_chip
 from caris_desktop.ui.widgets.floor_spot import FARTHEST_M, FloorSpot, ring_px, spot_at
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
@@ -280,6 +280,6 @@ def test_things_are_boxed_thinly_and_named_and_people_say_what_they_do(panel: Vi
     assert QColor(after.pixel(edge.x(), row)).saturation() < 60, "a grey one"
     inside = panel.view.to_view(120.0, 300.0).toPoint()
     assert (inside.x(), inside.y() // 4 * 4) not in differing
-    assert words.person_state(person) == "sitting · hand raised"
-    assert words.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9, "standing", False, True)) == "looks here"
-    assert words.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9)) == ""
+    assert text_formatting.person_state(person) == "sitting · hand raised"
+    assert text_formatting.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9, "standing", False, True)) == "looks here"
+    assert text_formatting.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9)) == ""

@@ -30,9 +30,9 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario
-from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.give_keys import bar_of, window_of
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.focus_widget import bar_of, window_of
 from caris_desktop.ui.hint import Hint
 from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow

@@ -16,12 +16,12 @@ from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QScro
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.controls import CallService, RobotControl
+from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.events import Problem, ProblemEnd, TrafficMeasured
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, RobotPose
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import (
     AssistantSetup,
     AssistantStatus,
@@ -34,16 +34,16 @@ from caris_desktop.live.status import (
     RecordingStatus,
 )
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.scenario.file import load_scenario
 from caris_desktop.scenario.layout import layout_from_data
-from caris_desktop.scenario.model import LayoutNode, Permissions, SplitNode, TabNode
-from caris_desktop.ui import words
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, Permissions, SplitNode, TabNode
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.connection_card import ConnectionCard
-from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.palette.search import Finder
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_search import Finder
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
@@ -649,7 +649,7 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
             "ws://lab",
             "",
             12.0,
-            words.session_clock_ms(console.state.present.anchor) - 3.14,
+            text_formatting.session_clock_ms(console.state.present.anchor) - 3.14,
             0.4,
         )
     )

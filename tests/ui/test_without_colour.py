@@ -12,8 +12,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.events.robot import GoalState
-from caris_desktop.domain.events.session import Severity
+from caris_desktop.domain.events.robot_events import GoalState
+from caris_desktop.domain.events.session_events import Severity
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
@@ -21,8 +21,8 @@ from caris_desktop.ui.alarms.alarm_list import AlarmRow
 from caris_desktop.ui.conversation.transcript_painting import RowLook, RowPainter
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel
-from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.panels.map_panel import MapPanel
+from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.protocol.step_pills import ShownStep, StepPill
 from caris_desktop.ui.status_bar import StatusBar

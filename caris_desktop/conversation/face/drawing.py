@@ -8,8 +8,8 @@ import math
 from dataclasses import asdict
 from typing import Any, Literal
 
-from caris_desktop.conversation.face.file import Face
-from caris_desktop.conversation.face.motion import Look
+from caris_desktop.conversation.face.face_file import Face
+from caris_desktop.conversation.face.face_motion import Look
 from caris_desktop.domain.value_class import dataclass
 
 _GAZE_SHARE = 0.22

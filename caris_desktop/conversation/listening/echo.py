@@ -11,7 +11,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.played import RATE_HZ, Played, ns_of, samples_in
+from caris_desktop.conversation.listening.playback_reference import RATE_HZ, Played, ns_of, samples_in
 from caris_desktop.conversation.listening.room_filter import (
     BINS,
     FRAME,
@@ -24,7 +24,7 @@ from caris_desktop.conversation.listening.room_filter import (
 )
 from caris_desktop.conversation.sound.resampling import Resampler
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.value_class import dataclass
 
 _HOLE_NS = 60_000_000

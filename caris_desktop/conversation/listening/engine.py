@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import HeardWord
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.value_class import dataclass
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import AgreedWords, HeardWord
 from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.plausible import within_voice, without_repetition
+from caris_desktop.conversation.listening.hallucination_filter import within_voice, without_repetition
+from caris_desktop.conversation.listening.local_agreement import AgreedWords, HeardWord
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
 from caris_desktop.conversation.listening.voice_edges import end_s, onset_s

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import HeardWord
 from caris_desktop.conversation.listening.engine import HeardText, NoEngineError
-from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.plausible import is_nothing
+from caris_desktop.conversation.listening.hallucination_filter import is_nothing
+from caris_desktop.conversation.listening.local_agreement import HeardWord
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, expected_of
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 

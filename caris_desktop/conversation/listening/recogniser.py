@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.conversation.listening.ear import SpeechSegmenter
+from caris_desktop.conversation.listening.clipping_monitor import SignalWatch
 from caris_desktop.conversation.listening.echo import EchoCanceller
+from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.engine import NoEngineError
-from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
-from caris_desktop.conversation.listening.messages import (
+from caris_desktop.conversation.listening.recogniser_messages import (
     EndTurns,
     RecogniserAway,
     RecogniserFailed,
@@ -22,19 +23,18 @@ from caris_desktop.conversation.listening.messages import (
     SpokenBy,
     UseSilence,
 )
-from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
-from caris_desktop.conversation.listening.signal_watch import SignalWatch
+from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.turn_model import TurnModel
-from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, VoiceActivity
 from caris_desktop.conversation.listening.words_thread import WordsHeard, WordsReady, WordsThread
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum
-from caris_desktop.domain.priority import step_back
+from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)

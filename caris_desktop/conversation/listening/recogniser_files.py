@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from caris_desktop.conversation.listening.engine import NoEngineError
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 

@@ -14,15 +14,15 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import HeardWord
 from caris_desktop.conversation.listening.engine import EngineUnavailableError, HeardText, NoEngineError
-from caris_desktop.conversation.listening.messages import RecogniserSettings
-from caris_desktop.conversation.listening.plausible import is_nothing
+from caris_desktop.conversation.listening.hallucination_filter import is_nothing
+from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
 from caris_desktop.conversation.models.failures import error_in
 from caris_desktop.conversation.models.stream import object_in, small_body
-from caris_desktop.conversation.models.words import LanguageModelError, shortened, without
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

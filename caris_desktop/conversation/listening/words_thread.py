@@ -8,7 +8,7 @@ import time
 
 from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, HeardText, NoEngineError
 from caris_desktop.conversation.listening.heard_turn import Stretch
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)

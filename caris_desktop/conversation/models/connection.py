@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 from weakref import WeakKeyDictionary
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, bad_address
+from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.conversation.models.stream import small_object
-from caris_desktop.conversation.models.words import LanguageModelError, shortened
 from caris_desktop.domain.address import is_encrypted_or_local, is_loopback, is_loopback_host
 from caris_desktop.domain.certificates import as_on_every_python
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

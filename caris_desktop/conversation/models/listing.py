@@ -6,9 +6,9 @@ from typing import Any
 
 from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.question import told_name
 from caris_desktop.conversation.models.stream import small_object
-from caris_desktop.conversation.models.words import LanguageModelError
 
 _log = logging.getLogger(__name__)
 _MAX_LIST_BYTES = 1_000_000

@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.failures import blocked, raise_error_object, unusable
 from caris_desktop.conversation.models.question import (
     REASONING_TOKENS,
@@ -18,7 +19,6 @@ from caris_desktop.conversation.models.question import (
     Schema,
     told_name,
 )
-from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.domain.translation import QT_TR_NOOP
 
 _REASONS = re.compile(r"o\d|gpt-[5-9]")

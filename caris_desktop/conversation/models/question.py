@@ -7,8 +7,8 @@ from typing import Any, Literal
 from urllib.parse import urlsplit
 
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import shortened, without
 from caris_desktop.conversation.models.failures import unusable
-from caris_desktop.conversation.models.words import shortened, without
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 

@@ -8,9 +8,9 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.prompts import alternating, quoted
-from caris_desktop.conversation.suggestions.actions import NONE, Offer
-from caris_desktop.conversation.transcript import Turn
+from caris_desktop.conversation.suggestions.proposable_actions import NONE, Offer
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import dataclass
 

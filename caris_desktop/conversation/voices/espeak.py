@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.conversation.voices.found import ESPEAK, base_language, normalised
-from caris_desktop.conversation.voices.sound import Samples, Stop
+from caris_desktop.conversation.voices.installed_voices import ESPEAK, base_language, normalised
+from caris_desktop.conversation.voices.utterance_sound import Samples, Stop
 
 _USUAL_WPM = 165
 # espeak applies settings in its own thread, within milliseconds on an idle computer.

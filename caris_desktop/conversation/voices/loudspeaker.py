@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from caris_desktop.conversation.voices.sound import StreamingBuffer
+from caris_desktop.conversation.voices.utterance_sound import StreamingBuffer
 
 # Low latency starves PulseAudio's ALSA plug-in. A stream is audible as soon as it is opened, whatever its latency, and
 # aborting drops its buffer, so that this delays neither start nor stop.

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.voices.found import PIPER, NoSuchVoiceError, PiperFiles
-from caris_desktop.conversation.voices.sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.conversation.voices.installed_voices import PIPER, NoSuchVoiceError, PiperFiles
+from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import check_file, packaged_file, read_checked
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by

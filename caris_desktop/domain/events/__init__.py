@@ -6,7 +6,7 @@
 One file per subject; the union of all is here.
 """
 
-from caris_desktop.domain.events.conversation import (
+from caris_desktop.domain.events.conversation_events import (
     AnswerUsed,
     AssistanceLevel,
     AssistantChanged,
@@ -30,7 +30,7 @@ from caris_desktop.domain.events.conversation import (
     VoiceChanged,
     VoiceOutput,
 )
-from caris_desktop.domain.events.people import (
+from caris_desktop.domain.events.people_events import (
     ConsentKind,
     ConsentNoted,
     IdentifiedBy,
@@ -49,9 +49,9 @@ from caris_desktop.domain.events.people import (
     PersonSplit,
     PersonSuggested,
 )
-from caris_desktop.domain.events.practice import PracticeEnded, PracticeStepEnded
-from caris_desktop.domain.events.preflight import PreflightChecked, PreflightState
-from caris_desktop.domain.events.protocol import (
+from caris_desktop.domain.events.practice_events import PracticeEnded, PracticeStepEnded
+from caris_desktop.domain.events.preflight_events import PreflightChecked, PreflightState
+from caris_desktop.domain.events.protocol_events import (
     LATE_FROM_S,
     PlannedStep,
     ProtocolEnded,
@@ -60,7 +60,7 @@ from caris_desktop.domain.events.protocol import (
     StepHow,
     StepTicked,
 )
-from caris_desktop.domain.events.robot import (
+from caris_desktop.domain.events.robot_events import (
     CommandSent,
     CommandSource,
     ControlUsed,
@@ -88,7 +88,7 @@ from caris_desktop.domain.events.robot import (
     TopicTraffic,
     TrafficMeasured,
 )
-from caris_desktop.domain.events.session import (
+from caris_desktop.domain.events.session_events import (
     ANSWER,
     LOST_ON_THE_WAY,
     OVERTAKEN,

@@ -4,7 +4,7 @@ Keys, buttons, the palette, gamepads, proposals of a language model, a second wi
 only. A new function is one dataclass and one table line in the file of its subject, and one handler in its service.
 """
 
-from caris_desktop.domain.intents.assistant import (
+from caris_desktop.domain.intents.assistant_intents import (
     ASSISTANT,
     CAMERA_PICTURE,
     Along,
@@ -18,9 +18,17 @@ from caris_desktop.domain.intents.assistant import (
     ResetPrompts,
     SayAnswer,
 )
-from caris_desktop.domain.intents.base import AsBefore, Bounds, Intent, IntentSpec, IntentTable, Moves, Permission
-from caris_desktop.domain.intents.conversation import CONVERSATION, CorrectUtterance
-from caris_desktop.domain.intents.driving import (
+from caris_desktop.domain.intents.base_intents import (
+    AsBefore,
+    Bounds,
+    Intent,
+    IntentSpec,
+    IntentTable,
+    Moves,
+    Permission,
+)
+from caris_desktop.domain.intents.conversation_intents import CONVERSATION, CorrectUtterance
+from caris_desktop.domain.intents.driving_intents import (
     DRIVING,
     Drive,
     EmergencyStop,
@@ -33,7 +41,7 @@ from caris_desktop.domain.intents.driving import (
     Stop,
     TurnHead,
 )
-from caris_desktop.domain.intents.face import (
+from caris_desktop.domain.intents.face_intents import (
     FACE,
     KeepFace,
     ServeFace,
@@ -42,7 +50,7 @@ from caris_desktop.domain.intents.face import (
     ShowOnFace,
     UseFace,
 )
-from caris_desktop.domain.intents.marks import (
+from caris_desktop.domain.intents.marks_intents import (
     MARKS,
     AddNote,
     BeginMark,
@@ -56,7 +64,7 @@ from caris_desktop.domain.intents.marks import (
     WithdrawMark,
     new_mark_id,
 )
-from caris_desktop.domain.intents.people import (
+from caris_desktop.domain.intents.people_intents import (
     PEOPLE,
     AttendPerson,
     ConfirmPerson,
@@ -72,7 +80,7 @@ from caris_desktop.domain.intents.people import (
     TagPerson,
     UndoPeople,
 )
-from caris_desktop.domain.intents.places import (
+from caris_desktop.domain.intents.places_intents import (
     PLACES,
     CancelGoal,
     GoToPlace,
@@ -84,9 +92,9 @@ from caris_desktop.domain.intents.places import (
     SetInitialPose,
     SetMapping,
 )
-from caris_desktop.domain.intents.practice import PRACTICE, BeginPractice, EndPractice, SkipPracticeStep
-from caris_desktop.domain.intents.preflight import PREFLIGHT, TickCheck, TryMicrophone
-from caris_desktop.domain.intents.protocol import (
+from caris_desktop.domain.intents.practice_intents import PRACTICE, BeginPractice, EndPractice, SkipPracticeStep
+from caris_desktop.domain.intents.preflight_intents import PREFLIGHT, TickCheck, TryMicrophone
+from caris_desktop.domain.intents.protocol_intents import (
     PROTOCOL,
     GoToStep,
     NextStep,
@@ -95,8 +103,8 @@ from caris_desktop.domain.intents.protocol import (
     TakeBranch,
     TickItem,
 )
-from caris_desktop.domain.intents.robot import ROBOT, UseControl, UseRobot, UseSimulatedRobot
-from caris_desktop.domain.intents.session import (
+from caris_desktop.domain.intents.robot_intents import ROBOT, UseControl, UseRobot, UseSimulatedRobot
+from caris_desktop.domain.intents.session_intents import (
     SESSION,
     ConfirmAsBefore,
     ConfirmFile,
@@ -120,8 +128,8 @@ from caris_desktop.domain.intents.session import (
     TagPhoto,
     TakePhoto,
 )
-from caris_desktop.domain.intents.sound import SOUND, HearRobot, PushToTalk, UseMicrophone
-from caris_desktop.domain.intents.speaking import (
+from caris_desktop.domain.intents.sound_intents import SOUND, HearRobot, PushToTalk, UseMicrophone
+from caris_desktop.domain.intents.speaking_intents import (
     SPEAKING,
     CancelQueued,
     DraftSpeech,
@@ -132,7 +140,7 @@ from caris_desktop.domain.intents.speaking import (
     SetVoice,
     Silence,
 )
-from caris_desktop.domain.intents.suggestions import (
+from caris_desktop.domain.intents.suggestions_intents import (
     SUGGESTIONS,
     ConfirmProposal,
     DismissSuggestions,

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.perception.backends.network_pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
 from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
-from caris_desktop.perception.backends.pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
 from caris_desktop.perception.coco import COCO_NAMES
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.weights import Weights

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
-from caris_desktop.domain.pictures import PictureError, decoded
+from caris_desktop.domain.picture_checks import PictureError, decoded
 from caris_desktop.perception.backends.remote import PROTOCOL, told
 from caris_desktop.perception.detector import Detector
 

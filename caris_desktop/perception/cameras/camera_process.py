@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.pictures import PictureError, fitted
+from caris_desktop.domain.picture_checks import PictureError, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
-from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import (

@@ -5,12 +5,12 @@ import re
 import select
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.pictures import picture_size, unfolded
+from caris_desktop.domain.picture_checks import picture_size, unfolded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
-from caris_desktop.perception.cameras.far_clock import ServedClock
 from caris_desktop.perception.cameras.http_request import CameraConnection
+from caris_desktop.perception.cameras.remote_clock import ServedClock
 
 CAPTURED_HEADER = "x-captured-monotonic-ns"
 """When our camera server took this picture, by its monotonic clock; every part has it."""

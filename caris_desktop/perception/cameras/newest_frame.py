@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.pictures import PictureError, fitted, jpeg_of
+from caris_desktop.domain.picture_checks import PictureError, fitted, jpeg_of
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from caris_desktop.domain.declared import FieldSpec
-from caris_desktop.domain.declared_schema import schema_text
+from caris_desktop.domain.schema_fields import FieldSpec
+from caris_desktop.domain.schema_json import schema_text
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import Named, Text, Vocabulary
+from caris_desktop.recording.annotation.annotation_model import Named, Text, Vocabulary
 
 FORMAT: Literal["caris-desktop annotations"] = "caris-desktop annotations"
 FORMAT_VERSION: Literal[1] = 1

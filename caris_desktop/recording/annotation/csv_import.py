@@ -11,7 +11,7 @@ from statistics import median
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.editing import (
+from caris_desktop.recording.annotation.annotation_editing import (
     LONGEST_NAME,
     LONGEST_VALUE,
     AnnotationError,
@@ -20,7 +20,7 @@ from caris_desktop.recording.annotation.editing import (
     sorted_document,
     with_moments,
 )
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation.annotation_model import (
     DEFAULT_TIER,
     Annotation,
     AnnotationDocument,
@@ -28,7 +28,7 @@ from caris_desktop.recording.annotation.model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.annotation.store import file_content
+from caris_desktop.recording.annotation.annotation_store import file_content
 from caris_desktop.recording.csv_cells import read_cell
 
 _MOST_ROWS = 500_000

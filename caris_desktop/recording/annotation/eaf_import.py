@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.editing import (
+from caris_desktop.recording.annotation.annotation_editing import (
     LONGEST_NAME,
     LONGEST_VALUE,
     AnnotationError,
@@ -24,14 +24,14 @@ from caris_desktop.recording.annotation.editing import (
     time_text,
     with_moments,
 )
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
     Tier,
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.annotation.store import file_content
+from caris_desktop.recording.annotation.annotation_store import file_content
 
 PROPERTY = "caris-desktop"  # property with the exporter's notes on data that ELAN has no field for
 _MOST_ELEMENTS = 2_000_000

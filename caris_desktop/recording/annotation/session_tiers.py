@@ -42,25 +42,31 @@ from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import states
-from caris_desktop.recording.annotation.editing import LONGEST_VALUE, MOMENT_MS, plain_text
-from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation.annotation_editing import LONGEST_VALUE, MOMENT_MS, plain_text
+from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
     Tier,
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.annotation.event_summary import summary_of, type_in_words
 from caris_desktop.recording.session.answers import unheard
-from caris_desktop.recording.session.driving import held_until_ns
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
-from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
-from caris_desktop.recording.session.protocol import ProtocolEvent, StepRecord, StepVisit, step_visits_of, steps_of
 from caris_desktop.recording.session.scenario_text import read_scenario
+from caris_desktop.recording.session.session_driving import held_until_ns
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.session_protocol import (
+    ProtocolEvent,
+    StepRecord,
+    StepVisit,
+    step_visits_of,
+    steps_of,
+)
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
-from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import (
     DICTIONARY_TABLE,
     Column,
@@ -22,6 +21,7 @@ from caris_desktop.recording.exporters.tables import (
     session_rows,
 )
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session_export import ExportContext
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:

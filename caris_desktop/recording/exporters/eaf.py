@@ -22,15 +22,15 @@ from xml.etree import ElementTree
 from caris_desktop.domain.sensing import AudioBlock
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.video_files import FILM_OPTIONS
+from caris_desktop.recording.annotation.annotation_editing import merge_documents, plain_text
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names
 from caris_desktop.recording.annotation.eaf_import import PROPERTY
-from caris_desktop.recording.annotation.editing import merge_documents, plain_text
-from caris_desktop.recording.annotation.model import AnnotationDocument, shown_names
-from caris_desktop.recording.annotation.overview_of import WavReader, sound_runs
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.names import coding_of
+from caris_desktop.recording.annotation.timeline_builder import WavReader, sound_runs
+from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session_export import ExportContext
 
 FREE_TEXT = "free text"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"

@@ -12,15 +12,15 @@ import numpy as np
 
 from caris_desktop.domain.events import AnswerUsed, CommandSent, GoalChanged, LlmExchange
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.pictures import jpeg_of
+from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.sensing import FrameRef, LaserScan, Odometry, People, PeopleInMap, RobotPose
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.exporters.pictures import camera_file_name, picture_of
+from caris_desktop.recording.exporters.exported_pictures import camera_file_name, picture_of
 from caris_desktop.recording.exporters.tables import key_columns
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
-from caris_desktop.recording.session.driving import COMMAND_HOLDS_S
-from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
+from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.studies.measures import reaction_times, read_facts, response_times

@@ -10,16 +10,16 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.pictures import jpeg_of
+from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import CsvStyle
-from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.episodes import PICTURE_WIDTH_PX, Written, write_dialogue, write_driving
-from caris_desktop.recording.exporters.pictures import Pace, camera_file_name, picture_of
+from caris_desktop.recording.exporters.exported_pictures import Pace, camera_file_name, picture_of
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.robot_clock import robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session_export import ExportContext
 
 YOLO_HZ, MOT_HZ = 2.0, 5.0
 _JPEG_QUALITY = 92

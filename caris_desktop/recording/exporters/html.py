@@ -22,27 +22,27 @@ from caris_desktop.domain.events import (
     RobotChosen,
     ScenarioOpened,
 )
-from caris_desktop.domain.pictures import decoded, jpeg_of
+from caris_desktop.domain.picture_checks import decoded, jpeg_of
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, duration_text
 from caris_desktop.recording.exporters.methods_words import MEANS_WORDS, gaps_words
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.names import coding_of
+from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.answers import answer_uses, questions_of
-from caris_desktop.recording.session.marks import FinalMark
-from caris_desktop.recording.session.preflight import open_words, preflight_of
 from caris_desktop.recording.session.responses import RESPONSE_LIMIT_S
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_checks import open_words, preflight_of
 from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
-from caris_desktop.recording.studies.completeness import counted, data_quality_problems
+from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.studies.data_quality import counted, data_quality_problems
 from caris_desktop.recording.studies.measures import (
     THIS_COMPUTER,
     Measures,

@@ -4,11 +4,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.methods_sheet import MethodsSheet, methods_sheet
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.completeness import counted
+from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.studies.data_quality import counted
 
 
 def write_methods(session: Session, out: Path, context: ExportContext) -> list[Path]:

@@ -19,13 +19,13 @@ from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.methods_words import distinct
-from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.preflight import Preflight, preflight_of
-from caris_desktop.recording.session.protocol import StepRecord
+from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.responses import Response
-from caris_desktop.recording.session.robot_clock import ClockSummary, robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
+from caris_desktop.recording.session.session_checks import Preflight, preflight_of
 from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.studies.study_index import session_folders
@@ -89,7 +89,7 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
 
 def _streams(session: Session) -> frozenset[str]:
     try:
-        channels = mcap_blocks.read_index(session.folder / "events.mcap").channels.values()
+        channels = mcap_chunks.read_index(session.folder / "events.mcap").channels.values()
     except OSError as error:
         raise SessionError(
             localized(QT_TR_NOOP("{folder} cannot be read: {why}."), folder=session.folder, why=error.strerror or error)

@@ -55,11 +55,11 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
-from caris_desktop.recording.session.alarms import AlarmRecord
-from caris_desktop.recording.session.preflight import open_words
 from caris_desktop.recording.session.scenario_text import ScenarioText
+from caris_desktop.recording.session.session_alarms import AlarmRecord
+from caris_desktop.recording.session.session_checks import open_words
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.completeness import stream_words
+from caris_desktop.recording.studies.data_quality import stream_words
 from caris_desktop.recording.studies.measures import (
     THIS_COMPUTER,
     Measures,

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.tables import (
     DICTIONARY_TABLE,
     Column,
@@ -25,6 +24,7 @@ from caris_desktop.recording.exporters.tables import (
     session_rows,
 )
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session_export import ExportContext
 
 _log = logging.getLogger(__name__)
 _ROWS_PER_GROUP = 20_000

@@ -20,21 +20,21 @@ from urllib.parse import quote
 from caris_desktop import __version__
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.foxglove import INFINITE, INVALID
-from caris_desktop.domain.recorded_form import DERIVED_TOPICS, schema_of
+from caris_desktop.domain.json_encoding import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.editing import AnnotationError, with_coders_called
-from caris_desktop.recording.annotation.store import coding_jsonable, load_coding
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
+from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.export import ExportContext
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, read_block, read_index, scan
-from caris_desktop.recording.session.mcap_rewriting import copy_changed
+from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, read_block, read_index, scan
+from caris_desktop.recording.session.mcap_repair import copy_changed
 from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session_export import ExportContext
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
 _HEAD, _EVENTS = "session.json", "events.mcap"

@@ -16,11 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
 from caris_desktop.domain.foxglove import BASE, MAP
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.pictures import jpeg_of
+from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import (
     BatteryState,
@@ -36,16 +36,16 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.exporters.pictures import Pace, info_of, picture_of
+from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, picture_of
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
-from caris_desktop.recording.session.robot_clock import RobotClock, robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
 from caris_desktop.recording.session.robot_text import VelocityType, velocity_type
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.ros import message_conversion, navigation_messages
 from caris_desktop.ros.dialect import Dialect, encode_time
-from caris_desktop.ros.fields import Message, encode_header, encode_pose
+from caris_desktop.ros.message_fields import Message, encode_header, encode_pose
 
 ODOM = "odom"
 SESSION_TOPIC, VALUE_TOPICS = "/caris/session", "/caris/"
@@ -183,7 +183,7 @@ class _Translator:
             Odometry: self._odometry_and_tf,
             RobotPose: self._pose,
             OccupancyGrid: lambda grid, at_ns: _one(
-                GRID, messages.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)
+                GRID, message_conversion.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)
             ),
             PlannedPath: lambda path, at_ns: _one(
                 PATH, navigation_messages.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)
@@ -211,29 +211,32 @@ class _Translator:
         frame = scan.frame_id.lstrip("/") or "laser"
         if frame != BASE and scan.robot_from_laser is not None:
             yield from self._fixed(frame, _transform(BASE, frame, scan.robot_from_laser, at_ns=at_ns))
-        message = messages.encode_laser_scan(_PLAIN, scan, stamp_ns=at_ns, scan_time_s=0.0)
+        message = message_conversion.encode_laser_scan(_PLAIN, scan, stamp_ns=at_ns, scan_time_s=0.0)
         message["header"]["frame_id"] = frame
         yield SCAN, message
 
     def _odometry_and_tf(self, odometry: Odometry, at_ns: int) -> _Out:
         self._odometry.append((at_ns, odometry.pose_in_odom))
-        yield ODOMETRY, messages.encode_odometry(_PLAIN, odometry, stamp_ns=at_ns, frame_id=ODOM, child_frame_id=BASE)
-        yield TF, messages.encode_tf_message(_PLAIN, [(ODOM, BASE, odometry.pose_in_odom)], stamp_ns=at_ns)
+        yield (
+            ODOMETRY,
+            message_conversion.encode_odometry(_PLAIN, odometry, stamp_ns=at_ns, frame_id=ODOM, child_frame_id=BASE),
+        )
+        yield TF, message_conversion.encode_tf_message(_PLAIN, [(ODOM, BASE, odometry.pose_in_odom)], stamp_ns=at_ns)
         while self._poses and (self._poses[0][0] <= at_ns or len(self._poses) > _WAITING_POSES):
             # The pose of odom in map is known once the odometry of that time is.
             pose_ns, pose_in_map = self._poses.popleft()
             map_from_odom = pose_in_map @ _interpolated(self._odometry, pose_ns).inverse()
-            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=pose_ns)
+            yield TF, message_conversion.encode_tf_message(_PLAIN, [(MAP, ODOM, map_from_odom)], stamp_ns=pose_ns)
 
     def _pose(self, pose: RobotPose, at_ns: int) -> _Out:
-        yield POSE, messages.encode_pose_stamped(_PLAIN, pose.pose_in_map, stamp_ns=at_ns, frame_id=MAP)
+        yield POSE, message_conversion.encode_pose_stamped(_PLAIN, pose.pose_in_map, stamp_ns=at_ns, frame_id=MAP)
         if self._has_odometry:
             self._poses.append((at_ns, pose.pose_in_map))
         else:
-            yield TF, messages.encode_tf_message(_PLAIN, [(MAP, BASE, pose.pose_in_map)], stamp_ns=at_ns)
+            yield TF, message_conversion.encode_tf_message(_PLAIN, [(MAP, BASE, pose.pose_in_map)], stamp_ns=at_ns)
 
     def _battery(self, battery: BatteryState, at_ns: int) -> _Out:
-        message = messages.encode_battery_state(_PLAIN, battery, stamp_ns=at_ns, voltage_v=math.nan)
+        message = message_conversion.encode_battery_state(_PLAIN, battery, stamp_ns=at_ns, voltage_v=math.nan)
         unknown = {"power_supply_status": 0, "power_supply_health": 0, "power_supply_technology": 0}
         yield BATTERY, {**message, **unknown, "temperature": math.nan}
 
@@ -249,23 +252,25 @@ class _Translator:
         name = f"{COMMAND}_{kind.lower()}" if self._commands and kind not in self._commands else COMMAND
         topic = self._commands.setdefault(kind, RosTopic(name, f"geometry_msgs/msg/{kind}"))
         if kind == "TwistStamped":
-            yield topic, messages.encode_twist_stamped(_PLAIN, command.twist, stamp_ns=at_ns, frame_id=BASE)
+            yield topic, message_conversion.encode_twist_stamped(_PLAIN, command.twist, stamp_ns=at_ns, frame_id=BASE)
         else:
-            yield topic, messages.encode_twist(command.twist)
+            yield topic, message_conversion.encode_twist(command.twist)
 
     def _goal(self, goal: GoalChanged, at_ns: int) -> _Out:
         if goal.state == "requested":
-            yield GOAL, messages.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
+            yield GOAL, message_conversion.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
 
     def _lens(self, lens: CameraLens, at_ns: int) -> _Out:
         model, frame = lens.model, _camera_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
-        seen = messages.Lens(model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px)
+        seen = message_conversion.Lens(
+            model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px
+        )
         yield (
             RosTopic(f"/camera/{self._name_of(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
             {
-                **messages.encode_camera_info(_PLAIN, seen, stamp_ns=at_ns, frame_id=frame),
+                **message_conversion.encode_camera_info(_PLAIN, seen, stamp_ns=at_ns, frame_id=frame),
                 "d": [0.0] * 5,
                 "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
                 "p": [seen.fx_px, 0.0, seen.cx_px, 0.0, 0.0, seen.fy_px, seen.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
@@ -293,7 +298,7 @@ class _Translator:
         jpeg = jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY)
         yield (
             replace(topic, ros=(1,)) if encoded else topic,
-            messages.encode_compressed_image(
+            message_conversion.encode_compressed_image(
                 _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
             ),
         )
@@ -569,7 +574,7 @@ def _interpolated(poses: deque[tuple[int, Pose2D]], at_ns: int) -> Pose2D:
 
 
 def _transform(parent: str, child: str, pose: Pose2D, *, at_ns: int) -> Message:
-    (transform,) = messages.encode_tf_message(_PLAIN, [(parent, child, pose)], stamp_ns=at_ns)["transforms"]
+    (transform,) = message_conversion.encode_tf_message(_PLAIN, [(parent, child, pose)], stamp_ns=at_ns)["transforms"]
     return dict(transform)
 
 

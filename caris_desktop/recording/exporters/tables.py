@@ -24,19 +24,19 @@ from caris_desktop.domain.schema import array_dtype, to_jsonable
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.export import ExportContext
-from caris_desktop.recording.session.alarms import alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.goals import navigation_goals
-from caris_desktop.recording.session.marks import FinalMark, final_marks
 from caris_desktop.recording.session.pauses import pauses_of
-from caris_desktop.recording.session.protocol import read_protocol
 from caris_desktop.recording.session.responses import Response, responses
-from caris_desktop.recording.session.robot_clock import Measured, RobotClock, robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock, robot_clock
+from caris_desktop.recording.session.session_alarms import alarms_of
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks
+from caris_desktop.recording.session.session_protocol import read_protocol
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_visits import VISIT_STREAMS, visits_of
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
-from caris_desktop.recording.session.visits import VISIT_STREAMS, visits_of
+from caris_desktop.recording.session_export import ExportContext
 
 _log = logging.getLogger(__name__)
 
@@ -586,7 +586,7 @@ class _AnnotationRow:
 
 
 def _annotation_rows(session: Session, context: ExportContext) -> Iterator[_AnnotationRow]:
-    from caris_desktop.recording.names import coding_of
+    from caris_desktop.recording.pseudonyms import coding_of
 
     document = coding_of(session, on_damaged=context.warn)
     tiers = {tier.tier_id: tier for tier in document.tiers}

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import shown_names
-from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.annotation.annotation_model import shown_names
 from caris_desktop.recording.exporters.tables import plain_text
-from caris_desktop.recording.session.marks import final_marks
+from caris_desktop.recording.session.session_marks import final_marks
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session_export import ExportContext
 
 FILE_NAME = "session.TextGrid"
 _MARKS_TIER = "Moments of marks"
@@ -49,7 +49,7 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
     Praat shows a TextGrid below a sound if both cover the same time. Raises OSError, SessionError.
     """
     from caris_desktop.recording.annotation.session_tiers import session_tiers
-    from caris_desktop.recording.names import coding_of
+    from caris_desktop.recording.pseudonyms import coding_of
 
     record = session_tiers(session, lambda fraction: context.progress(0.8 * fraction))
     coded = coding_of(session, on_damaged=context.warn)

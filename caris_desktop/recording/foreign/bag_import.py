@@ -46,13 +46,13 @@ from caris_desktop.recording.foreign.bag_values import (
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import x264
-from caris_desktop.recording.recorder.video_file import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.ros.fields import MessageError
+from caris_desktop.ros.message_fields import MessageError
 
 _log = logging.getLogger(__name__)
 REASON = "imported"

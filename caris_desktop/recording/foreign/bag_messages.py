@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.recording.foreign.bag_files import BagChannel
-from caris_desktop.ros.fields import Message, MessageError
+from caris_desktop.ros.message_fields import Message, MessageError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

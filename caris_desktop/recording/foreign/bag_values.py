@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     CommandSent,
@@ -23,7 +23,7 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D, moved_by
-from caris_desktop.domain.pictures import PictureError, decoded
+from caris_desktop.domain.picture_checks import PictureError, decoded
 from caris_desktop.domain.schema import from_jsonable
 from caris_desktop.domain.sensing import (
     AudioBlock,
@@ -38,9 +38,9 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
-from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.ros import message_conversion, navigation_messages
 from caris_desktop.ros.dialect import plain_name
-from caris_desktop.ros.fields import Message, MessageError, frame_of, message_of, text
+from caris_desktop.ros.message_fields import Message, MessageError, frame_of, message_of, text
 from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image
 
 _log = logging.getLogger(__name__)
@@ -281,7 +281,7 @@ class FrameTree:
 
     parents: dict[str, tuple[str, Pose3D]] = field(default_factory=dict)
 
-    def put(self, transform: messages.Transform) -> None:
+    def put(self, transform: message_conversion.Transform) -> None:
         if len(self.parents) < _MAX_FRAMES or transform.child_frame in self.parents:
             pose = transform.parent_from_child
             pose = pose if isinstance(pose, Pose3D) else Pose3D.on_floor(pose)
@@ -332,22 +332,26 @@ class MessageConverter:
             "odometry": self._take_odometry,
             "map": self._map,
             "path": self._path,
-            "battery": lambda message, at_ns, _: iter([messages.decode_battery_state(message, stamp_ns=at_ns)]),
-            "pose": lambda message, at_ns, _: self._pose(messages.decode_pose_stamped, message, at_ns),
+            "battery": lambda message, at_ns, _: iter(
+                [message_conversion.decode_battery_state(message, stamp_ns=at_ns)]
+            ),
+            "pose": lambda message, at_ns, _: self._pose(message_conversion.decode_pose_stamped, message, at_ns),
             "pose_with_covariance": lambda message, at_ns, _: self._pose(
-                messages.decode_pose_with_covariance_stamped, message, at_ns
+                message_conversion.decode_pose_with_covariance_stamped, message, at_ns
             ),
             "initial_pose": self._initial_pose,
             "goal": self._goal,
             "tf": self._transforms,
-            "twist": lambda message, at_ns, _: self._command(messages.decode_twist(message), at_ns),
-            "twist_stamped": lambda message, at_ns, _: self._command(messages.decode_twist_stamped(message)[0], at_ns),
+            "twist": lambda message, at_ns, _: self._command(message_conversion.decode_twist(message), at_ns),
+            "twist_stamped": lambda message, at_ns, _: self._command(
+                message_conversion.decode_twist_stamped(message)[0], at_ns
+            ),
             "utterance": self._utterance,
         }
 
     def take_mounts(self, message: Message) -> None:
         """Add static transforms, which also hold before the bag's message. Raises MessageError."""
-        for transform in messages.decode_tf_message(message, unusable=self._note_unusable):
+        for transform in message_conversion.decode_tf_message(message, unusable=self._note_unusable):
             self._tree.put(transform)
 
     def _note_unusable(self, parent: str, child: str, _why: str) -> None:
@@ -360,7 +364,7 @@ class MessageConverter:
                 raw = decode_image(message)
                 yield BagPicture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
             case "compressed_image":
-                image = messages.decode_compressed_image(message)
+                image = message_conversion.decode_compressed_image(message)
                 yield BagPicture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
             case "compressed_video":
                 yield from self._video_frames(role.camera, message)
@@ -374,7 +378,7 @@ class MessageConverter:
                 yield from self._makers[role.kind](message, stamp_ns, channel)
 
     def _scan(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[LaserScan]:
-        scan = messages.decode_laser_scan(message, stamp_ns=at_ns)
+        scan = message_conversion.decode_laser_scan(message, stamp_ns=at_ns)
         frame = scan.frame_id.lstrip("/")
         base = self._tree.base(frame)
         place = None if base is None else self._tree.pose_in(base, frame)
@@ -400,11 +404,11 @@ class MessageConverter:
             elapsed_s = min(max((at_ns - self._odometry.stamp_ns) / 1e9, 0.0), 1.0)
             return self._odometry.pose_in_odom @ moved_by(twist, elapsed_s)
 
-        self._odometry = messages.decode_odometry(message, stamp_ns=at_ns, pose_of=reckoned)
+        self._odometry = message_conversion.decode_odometry(message, stamp_ns=at_ns, pose_of=reckoned)
         yield self._odometry
 
     def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
-        yield messages.decode_occupancy_grid(message, stamp_ns=at_ns)
+        yield message_conversion.decode_occupancy_grid(message, stamp_ns=at_ns)
 
     def _path(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[PlannedPath]:
         path = navigation_messages.decode_path(message)
@@ -420,17 +424,17 @@ class MessageConverter:
         yield replace(pose, pose_in_map=place @ pose.pose_in_map)
 
     def _initial_pose(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[InitialPoseSet]:
-        pose = messages.decode_pose_with_covariance_stamped(message, stamp_ns=at_ns).pose_in_map
+        pose = message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=at_ns).pose_in_map
         yield InitialPoseSet(at_ns, self._place_of(frame_of(message, "Pose").lstrip("/")) @ pose)
 
     def _goal(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[GoalChanged]:
-        pose = messages.decode_pose_stamped(message, stamp_ns=at_ns).pose_in_map
+        pose = message_conversion.decode_pose_stamped(message, stamp_ns=at_ns).pose_in_map
         target = self._place_of(frame_of(message, "PoseStamped").lstrip("/")) @ pose
         self._goals += 1
         yield GoalChanged(at_ns, f"bag-{self._goals}", "requested", target)
 
     def _transforms(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[RobotPose]:
-        transforms = messages.decode_tf_message(message, unusable=self._note_unusable)
+        transforms = message_conversion.decode_tf_message(message, unusable=self._note_unusable)
         for transform in transforms:
             self._tree.put(transform)
         base = self._tree.base()
@@ -451,7 +455,7 @@ class MessageConverter:
         yield CommandSent(at_ns, self._commands, twist, "none")
 
     def _lens(self, camera: str, message: Message, at_ns: int) -> Iterator[CameraLens]:
-        lens = messages.decode_camera_info(message)
+        lens = message_conversion.decode_camera_info(message)
         if lens is None:
             return
         model = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
@@ -460,7 +464,7 @@ class MessageConverter:
             yield CameraLens(at_ns, lens.robot_stamp_ns, camera, model)
 
     def _utterance(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[UtteranceChanged]:
-        said = messages.decode_string(message).strip()
+        said = message_conversion.decode_string(message).strip()
         if not said:
             return
         self._utterances += 1
@@ -475,7 +479,7 @@ class MessageConverter:
         """Decode a video packet, given all previous ones. One decoder per camera."""
         import av
 
-        video = messages.decode_compressed_image({**message, "header": {"stamp": message.get("timestamp")}})
+        video = message_conversion.decode_compressed_image({**message, "header": {"stamp": message.get("timestamp")}})
         if video.encoding != "h264":
             raise MessageError(f"video that is encoded as '{video.encoding}'")
         if camera not in self._decoders:
@@ -493,7 +497,7 @@ class MessageConverter:
 
     def _own_value(self, stream: str, message: Message, at_ns: int) -> Iterator[Any]:
         try:
-            value = from_jsonable(BY_NAME[stream].value_type, json.loads(messages.decode_string(message)))
+            value = from_jsonable(BY_NAME[stream].value_type, json.loads(message_conversion.decode_string(message)))
         except (ValueError, RecursionError) as error:
             raise MessageError(f"no value of {stream}: {error}") from error
         if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - at_ns) > _SAME_SESSION_NS:

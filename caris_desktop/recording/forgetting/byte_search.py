@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.forgetting.canaries import SearchTerms, folded
-from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.forgetting.search_terms import SearchTerms, folded
+from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
 
 _BLOCK_BYTES = 1 << 22
@@ -242,13 +242,13 @@ def _opener(head: bytes) -> Callable[[IO[bytes]], Any]:
 
 
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
-    index = mcap_blocks.scan(file, thorough=False)
+    index = mcap_chunks.scan(file, thorough=False)
     for number in range(index.count):
         try:
-            record = mcap_blocks.read_record(file, index, number)
-            if mcap_blocks.is_chunk(record):
-                yield mcap_blocks.unfolded(record) + b"\n"
-        except mcap_blocks.DamagedBlockError as error:
+            record = mcap_chunks.read_record(file, index, number)
+            if mcap_chunks.is_chunk(record):
+                yield mcap_chunks.unfolded(record) + b"\n"
+        except mcap_chunks.DamagedBlockError as error:
             closed.append(f"{name}: the block at byte {index.offsets[number]}: {error}")
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import no_room
-from caris_desktop.domain.pictures import PictureError, decoded
+from caris_desktop.domain.picture_checks import PictureError, decoded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.forgetting.sightings import WHOLE, Area
+from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, add_stream, x264
 from caris_desktop.recording.session.frame_times import FrameTimes

@@ -5,8 +5,8 @@ from dataclasses import field
 from pathlib import Path
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.forgetting.canaries import PersonNames
-from caris_desktop.recording.forgetting.speech import Sentences
+from caris_desktop.recording.forgetting.search_terms import PersonNames
+from caris_desktop.recording.forgetting.speech_erasure import Sentences
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from typing import get_args
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.forgetting.canaries import ErasureStoppedError
-from caris_desktop.recording.forgetting.texts import Decision, Passage
+from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError
+from caris_desktop.recording.forgetting.text_erasure import Decision, Passage
 
 _HEAD = """\
 # Texts and files that may name or show the person who is being forgotten. Write in place of each ? what becomes of it:

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.sound import PARTICIPANT_SOURCES, ROBOT_VOICE
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, ROBOT_VOICE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.journal import Journal
 from caris_desktop.recording.forgetting.media import UnreadableMediaError
-from caris_desktop.recording.forgetting.sightings import WHOLE, Area, PersonTracks, messages_of
-from caris_desktop.recording.forgetting.speech import AROUND_VISIT_NS
+from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area, PersonTracks, messages_of
+from caris_desktop.recording.forgetting.speech_erasure import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
 from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
 from caris_desktop.recording.session.session_header import inside

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.recorder.messages import BlurDemand, BlurWhat, UseConsents
+from caris_desktop.recording.recorder.recorder_messages import BlurDemand, BlurWhat, UseConsents
 
 Corners = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels."""

@@ -8,7 +8,7 @@ from typing import Any
 from caris_desktop.domain.clock import ClockAnchor, measured_ns
 from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.foxglove import time_of
-from caris_desktop.domain.recorded_form import DERIVED, derived_schema, schema_of, to_message
+from caris_desktop.domain.json_encoding import DERIVED, derived_schema, schema_of, to_message
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.recording.disk_file import DiskFile

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
-from caris_desktop.domain.priority import RECORD_NICENESS
+from caris_desktop.domain.process_priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
-from caris_desktop.recording.recorder.messages import TakePhoto
+from caris_desktop.recording.recorder.recorder_messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
-from caris_desktop.recording.recorder.video_file import VideoFileWriter
 from caris_desktop.recording.recorder.video_rate import Change, VideoRate
-from caris_desktop.recording.session import gap_words
+from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.format import VideoInfo
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
@@ -319,7 +319,7 @@ class _CameraThread:
 
     def _write(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         if self._refuses:
-            self._results.append(MediaFailed("video", self._camera, 1, False, gap_words.VIDEO_ENDED))
+            self._results.append(MediaFailed("video", self._camera, 1, False, gap_messages.VIDEO_ENDED))
             return
         try:
             self._video_for(image_bgr).write(image_bgr, ref)

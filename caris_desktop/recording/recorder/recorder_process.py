@@ -28,7 +28,7 @@ from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.lsl_outlet import MarkerOutlet, OutletUnavailableError
 from caris_desktop.recording.recorder.media_writer import photo_event, texts_for, write_photo
-from caris_desktop.recording.recorder.messages import (
+from caris_desktop.recording.recorder.recorder_messages import (
     ARRIVED,
     OfferMarkers,
     PauseRecording,

@@ -49,15 +49,15 @@ from caris_desktop.recording.recorder.media_writer import (
     photo_event,
     texts_for,
 )
-from caris_desktop.recording.recorder.messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
 from caris_desktop.recording.recorder.plain_files import PlainFiles
+from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.recorder.write_through import FsyncThread
-from caris_desktop.recording.session import gap_words
+from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
-from caris_desktop.recording.session.last_counts import forget_counts, keep_counts
 from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
+from caris_desktop.recording.session.progress_counts import forget_counts, keep_counts
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
@@ -434,12 +434,12 @@ class SessionRecorder:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            why = self._spared_because or gap_words.ENCODING_SLOW
-            self._miss(spec.name, localized(gap_words.LEFT_OUT, camera=ref.camera, why=why))
+            why = self._spared_because or gap_messages.ENCODING_SLOW
+            self._miss(spec.name, localized(gap_messages.LEFT_OUT, camera=ref.camera, why=why))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
-            self._miss(spec.name, localized(gap_words.OVERWRITTEN, camera=ref.camera))
+            self._miss(spec.name, localized(gap_messages.OVERWRITTEN, camera=ref.camera))
             return
 
         waits = self._blurring is not None and self._blurring.demanded
@@ -451,7 +451,7 @@ class SessionRecorder:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
-                self._miss(spec.name, localized(gap_words.ENCODER_LATE, camera=ref.camera))
+                self._miss(spec.name, localized(gap_messages.ENCODER_LATE, camera=ref.camera))
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
@@ -467,10 +467,10 @@ class SessionRecorder:
             blocks = self._audio.write(chunk)
         except OSError as error:
             _log.exception("sound of %s", chunk.source)
-            self._miss("audio", localized(gap_words.SOUND_REFUSED, source=chunk.source))
+            self._miss("audio", localized(gap_messages.SOUND_REFUSED, source=chunk.source))
             self._end_audio(error)
         except ValueError as error:
-            self._miss("audio", localized(gap_words.OF_SOUND, source=chunk.source, why=_short(error)))
+            self._miss("audio", localized(gap_messages.OF_SOUND, source=chunk.source, why=_short(error)))
         else:
             self._put_blocks(blocks)
 
@@ -502,7 +502,7 @@ class SessionRecorder:
             self._miss(spec.name, QT_TR_NOOP("the disk did not take it"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
-            self._miss(spec.name, localized(gap_words.NOT_WRITABLE, why=_short(error)))
+            self._miss(spec.name, localized(gap_messages.NOT_WRITABLE, why=_short(error)))
             if spec.name not in self._unwritable:
                 self._unwritable.add(spec.name)
                 self.problem(
@@ -605,11 +605,11 @@ class SessionRecorder:
             )
             return
         if failure.lost:
-            why = localized(gap_words.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
+            why = localized(gap_messages.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
             self._miss("frame", why, failure.lost)
         if failure.disk_full:
             self._end_video(QT_TR_NOOP("The disk is full."))
-        elif failure.kind == "video" and failure.detail != gap_words.VIDEO_ENDED:
+        elif failure.kind == "video" and failure.detail != gap_messages.VIDEO_ENDED:
             self.problem(
                 "error",
                 localized(
@@ -683,11 +683,11 @@ class SessionRecorder:
         behind_s, self._behind_ns = self._behind_ns / 1e9, 0
         self._tell_behind(behind_s)
         self._spared_because = (
-            gap_words.DISK_NEARLY_FULL
+            gap_messages.DISK_NEARLY_FULL
             if disk.stage in ("low", "out")
-            else gap_words.DISK_SLOW
+            else gap_messages.DISK_SLOW
             if disk.slow
-            else gap_words.RECORDER_BEHIND
+            else gap_messages.RECORDER_BEHIND
             if behind_s > _BEHIND_S
             else ""
         )

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.mcap_blocks import BlockIndex, DamagedBlockError, Message
+from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, Message
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, value_reader
 
@@ -45,7 +45,7 @@ class SessionTimeline:
         self.session = session
         self._path = session.folder / "events.mcap"
         try:
-            self._index: BlockIndex = mcap_blocks.read_index(self._path)
+            self._index: BlockIndex = mcap_chunks.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
         except OSError as error:
             raise SessionError(
@@ -216,7 +216,7 @@ class SessionTimeline:
 
     def _unfolded(self, number: int) -> _Block | None:
         try:
-            content = mcap_blocks.read_block(self._file, self._index, number)
+            content = mcap_chunks.read_block(self._file, self._index, number)
         except DamagedBlockError as error:
             _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
             return None
@@ -224,7 +224,7 @@ class SessionTimeline:
             raise SessionError(
                 localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
             ) from error
-        messages = tuple(mcap_blocks.messages_of(content))
+        messages = tuple(mcap_chunks.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
         if number:
             logged_ns = np.maximum(logged_ns, self._ends_ns[number - 1])

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.recording.session.last_counts import COUNTS_NAME
+from caris_desktop.recording.session.progress_counts import COUNTS_NAME
 
 MANIFEST_NAME = "manifest-sha256.txt"
 DERIVED_FOLDER = "derived"

@@ -15,7 +15,7 @@ from typing import Any
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_records as records
-from caris_desktop.recording.session.mcap_blocks import compression_of, messages_of
+from caris_desktop.recording.session.mcap_chunks import compression_of, messages_of
 from caris_desktop.recording.session.mcap_records import record, text
 
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")

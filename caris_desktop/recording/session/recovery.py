@@ -14,24 +14,24 @@ from typing import Any, Literal
 
 from caris_desktop.domain.events import Gap, RecordingPaused, SessionEnded
 from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
-from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message, schema_of, to_message
+from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message, schema_of, to_message
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.session import mcap_blocks, media_repair
+from caris_desktop.recording.session import mcap_chunks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
 from caris_desktop.recording.session.format import AudioInfo, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path, read_frame_times
-from caris_desktop.recording.session.last_counts import counts_of, forget_counts, last_counts
-from caris_desktop.recording.session.losses import lost_values, told_bytes_of, told_losses
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files, write_manifest
-from caris_desktop.recording.session.mcap_blocks import BlockIndex
+from caris_desktop.recording.session.mcap_chunks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
-from caris_desktop.recording.session.mcap_rewriting import AddedMessage, rewrite
+from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
-from caris_desktop.recording.session.repair_words import (
+from caris_desktop.recording.session.missing_data import lost_values, told_bytes_of, told_losses
+from caris_desktop.recording.session.progress_counts import counts_of, forget_counts, last_counts
+from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
     new_index_words,
     unread_bytes_words,
@@ -154,7 +154,7 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
     """What the session lacks: a proper end, or only its manifest."""
     try:
         path = folder / _EVENTS
-        if times.ended_ns is None or not mcap_blocks.has_summary(path):
+        if times.ended_ns is None or not mcap_chunks.has_summary(path):
             return "end"
         if path.stat().st_size != (told_bytes_of(header, _EVENTS) or path.stat().st_size):
             return "end"
@@ -221,8 +221,8 @@ class _Repair:
         path = self._folder / _EVENTS
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
-            broken = not mcap_blocks.has_summary(path)
-            index = mcap_blocks.scan(file) if broken else mcap_blocks.read_index(path)
+            broken = not mcap_chunks.has_summary(path)
+            index = mcap_chunks.scan(file) if broken else mcap_chunks.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(
                     localized(
@@ -235,8 +235,8 @@ class _Repair:
             else:
                 for number in range(index.count):
                     try:
-                        self._look_at(index, mcap_blocks.read_block(file, index, number))
-                    except mcap_blocks.DamagedBlockError:
+                        self._look_at(index, mcap_chunks.read_block(file, index, number))
+                    except mcap_chunks.DamagedBlockError:
                         _log.warning("%s: the block at byte %d is damaged", path, index.offsets[number])
         if not broken:
             self._complete = self._record.ended is not None
@@ -267,7 +267,7 @@ class _Repair:
         spec = BY_TYPE[SessionEnded]
         for channel, its in index.channels.items():
             for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
-                self._look_at(index, mcap_blocks.read_block(file, index, number), only=channel)
+                self._look_at(index, mcap_chunks.read_block(file, index, number), only=channel)
         self._settle_end()
         self._complete = self._record.ended is not None
         if self._record.ended is not None:
@@ -297,7 +297,7 @@ class _Repair:
 
     def _look_at(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
         record = self._record
-        for message in mcap_blocks.messages_of(content):
+        for message in mcap_chunks.messages_of(content):
             channel = index.channels.get(message.channel)
             if channel is None or channel.topic in DERIVED_TOPICS or (only is not None and message.channel != only):
                 continue
@@ -330,7 +330,7 @@ class _Repair:
         if self._damaged_bytes is None and self._kept(_EVENTS):
             # An earlier attempt came this far and was interrupted.
             with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
-                self._damaged_bytes = mcap_blocks.scan(original).damaged_bytes
+                self._damaged_bytes = mcap_chunks.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
         lasted_s = self._times.clock.session_s(self._ended_ns)
         if self._kept(_EVENTS):

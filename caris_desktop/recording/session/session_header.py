@@ -10,7 +10,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION
-from caris_desktop.recording.session.header_rebuilding import holds_record, rebuilt_header
+from caris_desktop.recording.session.header_recovery import holds_record, rebuilt_header
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_clock import SessionClock
 

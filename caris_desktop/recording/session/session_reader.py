@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from caris_desktop.domain.events import SessionEnded
-from caris_desktop.domain.recorded_form import DERIVED_TOPICS, from_message
+from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session import mcap_blocks
-from caris_desktop.recording.session.losses import losses_of, lost_values, missing_values
-from caris_desktop.recording.session.mcap_blocks import BlockIndex
+from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.mcap_chunks import BlockIndex
+from caris_desktop.recording.session.missing_data import losses_of, lost_values, missing_values
 from caris_desktop.recording.session.recovery import repair_session
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
@@ -165,7 +165,7 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
 
 def _index_of(path: Path) -> BlockIndex:
     try:
-        return mcap_blocks.read_index(path)
+        return mcap_chunks.read_index(path)
     except OSError as error:
         raise _unreadable(path, error) from error
 
@@ -200,13 +200,13 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
     with file:
         for number in sorted(numbers):
             try:
-                content = mcap_blocks.read_block(file, index, number)
-            except mcap_blocks.DamagedBlockError as error:
+                content = mcap_chunks.read_block(file, index, number)
+            except mcap_chunks.DamagedBlockError as error:
                 _log.info("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
                 continue
             except OSError as error:
                 raise _unreadable(path, error) from error
-            for message in mcap_blocks.messages_of(content):
+            for message in mcap_chunks.messages_of(content):
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))
                 if found is not None:

@@ -17,7 +17,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
+from caris_desktop.recording.session.session_visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
 
 HEARD_FROM_NS = 200_000_000
 """A syllable. Of what was cut short before nobody heard a word."""

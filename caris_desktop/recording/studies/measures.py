@@ -49,13 +49,14 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session.alarms import AlarmRecord, alarms_of
 from caris_desktop.recording.session.answers import answer_uses, questions_of
-from caris_desktop.recording.session.driving import held_until_ns
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
-from caris_desktop.recording.session.marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.pauses import pauses_of
-from caris_desktop.recording.session.protocol import (
+from caris_desktop.recording.session.responses import AT_ONCE_S, RESPONSE_LIMIT_S, Response, responses_of
+from caris_desktop.recording.session.session_alarms import AlarmRecord, alarms_of
+from caris_desktop.recording.session.session_driving import held_until_ns
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
+from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
     ProtocolEvent,
     StepRecord,
@@ -63,10 +64,9 @@ from caris_desktop.recording.session.protocol import (
     step_visits_of,
     steps_of,
 )
-from caris_desktop.recording.session.responses import AT_ONCE_S, RESPONSE_LIMIT_S, Response, responses_of
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, most_at_once, visits_of
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
-from caris_desktop.recording.session.visits import VISIT_EVENTS, Visit, most_at_once, visits_of
 
 T = TypeVar("T")
 

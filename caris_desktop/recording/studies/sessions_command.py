@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.studies.query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
+from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.recording.terminal import aligned
 
 _CANCELLED = 130

@@ -17,9 +17,9 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.export import ExportContext, ExportError, export_session
-from caris_desktop.recording.names import pseudonyms_of
+from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session_export import ExportContext, ExportError, export_session
 from caris_desktop.recording.studies.measures import MEASURES
 from caris_desktop.recording.studies.study_index import (
     content_signature,

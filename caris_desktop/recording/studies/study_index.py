@@ -16,15 +16,15 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.store import load_documents
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.marks import final_marks_of
-from caris_desktop.recording.session.repair_words import read_loss
+from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session.session_marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_of
-from caris_desktop.recording.studies.query import SearchHit, SessionEntry, SessionQuery
+from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")

@@ -8,10 +8,10 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import Alarm
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ALARMS_GROUP
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.problems import LOOKS
@@ -67,7 +67,7 @@ class AlarmList(Overlay):
         head.addWidget(log)
         head.addWidget(close)
         self._inner = QWidget()
-        self._column = boxes.column(self._inner, margins_px=(0, 0, 8, 0), spacing_px=tokens.GRID_PX)
+        self._column = layouts.column(self._inner, margins_px=(0, 0, 8, 0), spacing_px=tokens.GRID_PX)
         self._column.addWidget(self._nothing)
         self._column.addStretch(1)
         area = QScrollArea(widgetResizable=True)
@@ -78,7 +78,7 @@ class AlarmList(Overlay):
         area.setWidget(self._inner)
         area.viewport().setAutoFillBackground(False)
         self._inner.setAutoFillBackground(False)
-        column = boxes.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=10)
+        column = layouts.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=10)
         column.addLayout(head)
         column.addWidget(area, 1)
         self._ages = QTimer(self, interval=1000)
@@ -150,7 +150,7 @@ class AlarmRow(QWidget):
         self._alarm: Alarm | None = None
         self._what, self._meaning, self._advice, self._why, self._folded, self._age = (QLabel() for _ in range(6))
         self._labels = (self._what, self._meaning, self._advice, self._why, self._folded, self._age)
-        column = boxes.column(spacing_px=3)
+        column = layouts.column(spacing_px=3)
         for label in self._labels:
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
@@ -160,7 +160,7 @@ class AlarmRow(QWidget):
         self._seen_to.setObjectName("alarm_seen_to")
         self._seen_to.setToolTip(tr("Nothing else would show that this is over"))
         self._seen_to.clicked.connect(self._on_seen_to)
-        row = boxes.row(self, margins_px=(34, 4, 0, 8))
+        row = layouts.row(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
         row.addWidget(self._seen_to, 0, Qt.AlignmentFlag.AlignTop)
         theme.keep_styled(self._style)
@@ -191,7 +191,7 @@ class AlarmRow(QWidget):
     def show_age(self, now_ns: int) -> None:
         alarm = self._alarm
         if alarm is not None:
-            since = tr("For {time}").format(time=words.age(max(0.0, (now_ns - alarm.began_ns) / 1e9)))
+            since = tr("For {time}").format(time=text_formatting.age(max(0.0, (now_ns - alarm.began_ns) / 1e9)))
             ends = tr("ends by itself") if alarm.ends_by_itself else tr("until you say that it was seen to")
             self._age.setText(f"{since} · {ends}")
 

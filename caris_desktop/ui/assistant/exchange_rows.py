@@ -8,10 +8,10 @@ from PySide6.QtWidgets import QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExchangeStatus
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 ROW_PX = 30
 _STATE_PX = 108
@@ -44,7 +44,7 @@ class ExchangeRows(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         inner = QWidget()
-        self._column = boxes.column(inner, margins_px=0, spacing_px=2)
+        self._column = layouts.column(inner, margins_px=0, spacing_px=2)
         self._column.addStretch(1)
         self.setWidget(inner)
 
@@ -115,7 +115,7 @@ class _Row(QWidget):
         self.away.setObjectName("assistant_row_away")
         for label in (self._state, self._question):
             label.setFont(theme.font(tokens.STATUS_PX))
-        line = boxes.row(self, margins_px=(8, 0, 2, 0), spacing_px=6)
+        line = layouts.row(self, margins_px=(8, 0, 2, 0), spacing_px=6)
         line.addWidget(self._state)
         line.addWidget(self._question, 1)
         line.addWidget(self.say)

@@ -9,7 +9,7 @@ from caris_desktop.domain.intents import CAMERA_PICTURE, Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, ModelChoice
-from caris_desktop.ui.assistant.along_chips import picture_words
+from caris_desktop.ui.assistant.prompt_context_chips import picture_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown

@@ -9,7 +9,7 @@ from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import LevelsStatus
 from caris_desktop.scenario.assistance import levels_up_to
-from caris_desktop.ui.event_words import FUNCTIONS, LEVELS
+from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -7,7 +7,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ProposalStatus
 from caris_desktop.ui import tokens
-from caris_desktop.ui.bands import Banner
+from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton

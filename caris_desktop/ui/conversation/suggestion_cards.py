@@ -4,10 +4,10 @@ from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
 
-from caris_desktop.conversation.suggestions.rounds import MOST_REPLIES
+from caris_desktop.conversation.suggestions.suggestion_cycle import MOST_REPLIES
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ShownSuggestion, SuggestionsStatus
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
@@ -39,10 +39,10 @@ class SuggestionCards(QWidget):
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
-        foot = boxes.row(spacing_px=tokens.GRID_PX)
+        foot = layouts.row(spacing_px=tokens.GRID_PX)
         foot.addWidget(self._from, 1)
         foot.addWidget(self._dismiss)
-        column = boxes.column(self, margins_px=(0, 2, 0, 0), spacing_px=4)
+        column = layouts.column(self, margins_px=(0, 2, 0, 0), spacing_px=4)
         for card in self.cards:
             column.addWidget(card)
         column.addLayout(foot)
@@ -79,7 +79,9 @@ class SuggestionCards(QWidget):
 
     def _shown(self, card: ShownSuggestion | None) -> str:
         console = self._context.console
-        return "" if card is None else words.with_names(card.text, lambda person_id: name_of(console, person_id))
+        return (
+            "" if card is None else text_formatting.with_names(card.text, lambda person_id: name_of(console, person_id))
+        )
 
     def _count(self) -> None:
         """Update what depends on time alone: the line below the cards, and the first card's countdown."""
@@ -104,9 +106,11 @@ class SuggestionCards(QWidget):
         wait_s = (status.filler_ns - now_ns) / 1e9
         if self._state.levels.value.fillers == "act":
             said = tr("“{filler}” is said in {time:.1f} s")
-            return said.format(filler=words.shortened(filler, 30), time=max(0.0, wait_s))
+            return said.format(filler=text_formatting.shortened(filler, 30), time=max(0.0, wait_s))
         key = self._context.actions.key_text("filler")
-        late = tr("A reply is late: {key} says “{filler}”").format(key=key, filler=words.shortened(filler, 30))
+        late = tr("A reply is late: {key} says “{filler}”").format(
+            key=key, filler=text_formatting.shortened(filler, 30)
+        )
         return late if wait_s <= 0 else ""
 
     def _made_from(self, status: SuggestionsStatus) -> str:

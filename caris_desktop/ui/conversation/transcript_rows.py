@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from caris_desktop.conversation.transcript import Turn, is_heard
+from caris_desktop.conversation.conversation_transcript import Turn, is_heard
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.corrections import WhoSpoke
-from caris_desktop.domain.sound import Hearing
+from caris_desktop.domain.sound_values import Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 
 NOT_SURE = QT_TR_NOOP("somebody")
 ROBOT, WIZARD, PARTICIPANT = QT_TR_NOOP("robot"), QT_TR_NOOP("wizard"), QT_TR_NOOP("participant")
@@ -90,10 +90,10 @@ class RowMaker:
         return TranscriptRow(
             turn.utterance_id,
             turn.begins_ns,
-            words.clock_time(turn.begins_ns, self._anchor),
+            text_formatting.clock_time(turn.begins_ns, self._anchor),
             who_spoke(turn.speaker, turn.person_id, names),
             turn.speaker,
-            words.with_names(turn.text, name_of) if hearing is None else hearing.committed.strip(),
+            text_formatting.with_names(turn.text, name_of) if hearing is None else hearing.committed.strip(),
             "" if hearing is None else hearing.tentative.strip(),
             cut_short=turn.state == "interrupted",
             heard_text=turn.heard_text,

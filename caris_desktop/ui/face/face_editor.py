@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.conversation.face.drawing import drawing_of
-from caris_desktop.conversation.face.file import (
+from caris_desktop.conversation.face.face_file import (
     DEFAULT_FACE,
     Expression,
     Eyes,
@@ -30,9 +30,9 @@ from caris_desktop.conversation.face.file import (
     face_text,
     load_face,
 )
-from caris_desktop.conversation.face.motion import FaceMotion, SpokenLoudness
+from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudness
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.declared import Key, keys_of
+from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import tokens

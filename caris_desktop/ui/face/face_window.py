@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
-from caris_desktop.ui import boxes
+from caris_desktop.ui import layouts
 from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.face.shown_face import show_on
 
@@ -30,7 +30,7 @@ class FaceWindow(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._view = FaceView()
-        layout = boxes.column(self, margins_px=0)
+        layout = layouts.column(self, margins_px=0)
         layout.addWidget(self._view)
         state.face_drawing.changed.connect(self._on_shown)
         self._on_shown(state.face_drawing.value)

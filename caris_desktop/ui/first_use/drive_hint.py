@@ -11,10 +11,10 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PracticeStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui import boxes
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui import layouts
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -52,7 +52,7 @@ class DriveHint(Bar, QWidget):
         close.setObjectName("drive_hint_close")
         close.setAccessibleName(tr("Close this hint"))
         close.clicked.connect(self.end)
-        row = boxes.row(self, margins_px=(48, 5, 10, 5))
+        row = layouts.row(self, margins_px=(48, 5, 10, 5))
         row.addWidget(self._text, 1)
         row.addWidget(self._practise)
         row.addWidget(close)

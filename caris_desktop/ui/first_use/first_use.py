@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.first_use.drive_hint import DriveHint
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QBoxLayout, QButtonGroup, QHBoxLayout, QLabel, QSt
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.first_use.choice_buttons import ChoiceButton, StepButton
 from caris_desktop.ui.first_use.step_pages import StepPage, page_maker
 from caris_desktop.ui.first_use.steps import SetUpStep, StepName, steps_for
@@ -18,7 +18,7 @@ from caris_desktop.ui.preflight.preflight_words import worst
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.scrolled import Scrolled
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
 _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
@@ -39,7 +39,7 @@ class SetUpPage(Overlay):
         self._through = False
         self._pages = QStackedWidget()
         self._pages.addWidget(self._make_welcome())
-        column = boxes.column(self.card, margins_px=(28, 22, 28, 20))
+        column = layouts.column(self.card, margins_px=(28, 22, 28, 20))
         column.addWidget(self._pages)
         self._steps: tuple[SetUpStep, ...] = ()
         self._step_buttons: dict[StepName, StepButton] = {}
@@ -115,9 +115,9 @@ class SetUpPage(Overlay):
         foot = QHBoxLayout()
         foot.addWidget(again, 1)
         foot.addWidget(later)
-        column = boxes.column(page, margins_px=0, spacing_px=12)
+        column = layouts.column(page, margins_px=0, spacing_px=12)
         content = QWidget()
-        upper = boxes.column(content, margins_px=0, spacing_px=12)
+        upper = layouts.column(content, margins_px=0, spacing_px=12)
         upper.addWidget(heading)
         upper.addWidget(about)
         upper.addStretch(1)
@@ -147,7 +147,7 @@ class SetUpPage(Overlay):
         self._steps = steps_for(self._console.state.preflight.value)
         self._stack = QStackedWidget()
         group = QButtonGroup(page)
-        side = boxes.column(spacing_px=4)
+        side = layouts.column(spacing_px=4)
         self._step_buttons = {}
         for step in self._steps:
             button = self._step_buttons[step.name] = StepButton(theme, tr(step.title))
@@ -175,10 +175,10 @@ class SetUpPage(Overlay):
         rail.setLayout(side)
         rail.setFixedWidth(_STEPS_PX)
         side.setContentsMargins(0, 0, 0, 0)
-        upper = boxes.row(spacing_px=28)
+        upper = layouts.row(spacing_px=28)
         upper.addWidget(rail)
         upper.addWidget(self._stack, 1)
-        column = boxes.column(page, margins_px=0)
+        column = layouts.column(page, margins_px=0)
         content = QWidget()
         content.setLayout(upper)
         upper.setContentsMargins(0, 0, 8, 0)

@@ -9,11 +9,11 @@ from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.distant_ear import ear_of
+from caris_desktop.live.remote_microphone import ear_of
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.first_use.steps import SetUpStep, StepName
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser
@@ -39,7 +39,7 @@ class StepPage(QWidget):
         self._rows: dict[str, PreflightRow] = {}
         self._title = self.label(tr(step.title), tokens.SPEECH_PX)
         self._about = self.label(tr(step.about))
-        self.column = boxes.column(self, margins_px=0, spacing_px=10)
+        self.column = layouts.column(self, margins_px=0, spacing_px=10)
         self.column.addWidget(self._title)
         self.column.addWidget(self._about)
         self.build()
@@ -64,7 +64,7 @@ class StepPage(QWidget):
         """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
         whole = holder or QWidget()
-        row = boxes.row(whole, margins_px=0, spacing_px=tokens.GRID_PX)
+        row = layouts.row(whole, margins_px=0, spacing_px=tokens.GRID_PX)
         for widget in (self.label(title), choice, *beside):
             row.addWidget(widget)
         row.addStretch(1)
@@ -147,7 +147,7 @@ class CameraPage(StepPage):
         names = self.console.state.cameras.value
         self._camera.clear()
         for name in names:
-            self._camera.addItem(words.camera_title(name), name)
+            self._camera.addItem(text_formatting.camera_title(name), name)
         self._camera.setCurrentIndex(max(0, self._camera.findData(self.console.state.camera.value)))
         self._camera.setVisible(len(names) > 1)
 
@@ -235,7 +235,7 @@ class SoundPage(StepPage):
         choice = DropDown(self.theme, "first_use_microphone", tr("Microphone"))
         choice.addItem(tr("No microphone"), None)
         for name in dict.fromkeys(("", *self.console.microphones())):
-            choice.addItem(words.microphone(name), name)
+            choice.addItem(text_formatting.microphone(name), name)
         choice.setCurrentIndex(max(0, choice.findData(self.console.microphone)))
         choice.activated.connect(lambda index: self.console.do(intents.UseMicrophone(choice.itemData(index))))
         return choice

@@ -4,9 +4,9 @@ clicked widgets.
 
 from collections.abc import Callable, Sequence
 
-from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.layout.placing import TITLE_PX, GroupPlace
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace
+from caris_desktop.ui.layout.layout_rect import Rect
 
 WIDEST_PX = 400
 _NARROWEST_PX, _LEAST_PX, _BESIDE_PX, _FROM_EDGE_PX = 280, 200, 12, 20

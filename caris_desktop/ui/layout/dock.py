@@ -13,10 +13,10 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.scenario.model import PanelName
+from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui import tokens
-from caris_desktop.ui.give_keys import KeyPlace
-from caris_desktop.ui.layout.placing import TITLE_PX, Room
+from caris_desktop.ui.focus_widget import KeyPlace
+from caris_desktop.ui.layout.dock_geometry import TITLE_PX, Room
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -8,12 +8,12 @@ from PySide6.QtGui import QContextMenuEvent, QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMenu, QPushButton, QTabBar, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.scenario.model import LayoutNode, PanelName
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_geometry import DockGeometry, GroupPlace, Handle, dragged, place
 from caris_desktop.ui.layout.fitting import COMFORT
-from caris_desktop.ui.layout.placing import DockGeometry, GroupPlace, Handle, dragged, place
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.layout_rect import Rect
 
 _Part = TypeVar("_Part", bound=QWidget)
 _LEAST = QSize(320, 200)

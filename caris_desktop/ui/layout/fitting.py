@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from caris_desktop.domain.intents import SizeClass
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.layout.placing import GAP_PX, Room, least_room, lengths
-from caris_desktop.ui.layout.tree import front_of, groups_in, panels_in, shares, tidy
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.ui.layout.dock_geometry import GAP_PX, Room, least_room, lengths
+from caris_desktop.ui.layout.layout_tree import front_of, groups_in, panels_in, shares, tidy
 
 COMPACT_BELOW: Room = (1500, 700)  # A 1366x768 screen leaves about 1350x630 for panels.
 LARGE_FROM: Room = (2300, 1100)

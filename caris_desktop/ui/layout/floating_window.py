@@ -6,11 +6,11 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QMoveEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.scenario.model import LayoutNode, PanelName
-from caris_desktop.ui import boxes
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
+from caris_desktop.ui import layouts
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.window_above import WindowAbove
 
@@ -30,7 +30,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         # Shown without activation when a popup closes or the scenario changes; a click activates it.
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.area = DockArea(docks, self)
-        column = boxes.column(self, margins_px=_MARGIN_PX)
+        column = layouts.column(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
         self._shown = False

@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import DockLayout
+from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea
-from caris_desktop.ui.layout.placing import grown
-from caris_desktop.ui.layout.tree import panels_in
+from caris_desktop.ui.layout.dock_geometry import grown
+from caris_desktop.ui.layout.dock_layout import DockLayout
+from caris_desktop.ui.layout.layout_tree import panels_in
 
 RESIZE_PX = 48
 """Step in px."""

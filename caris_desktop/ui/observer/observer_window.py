@@ -11,15 +11,15 @@ from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui import boxes
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import DriveInputFilter
-from caris_desktop.ui.glance import StatusIndicators
+from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui import layouts
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.observer.watched_console import watched
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
+from caris_desktop.ui.status_indicators import StatusIndicators
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import Settings
@@ -61,7 +61,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         actions = Actions(self, only_looks, self)
         actions.keep_only(())
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
-        self._column = boxes.column(self, margins_px=(0, 8, 0, 8))
+        self._column = layouts.column(self, margins_px=(0, 8, 0, 8))
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
@@ -128,7 +128,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
     def _panel(self, name: PanelName) -> QWidget:
         panel = PANELS[name].load()(self._context)
         card = QWidget()
-        rows = boxes.column(card, margins_px=0, spacing_px=0)
+        rows = layouts.column(card, margins_px=0, spacing_px=0)
         rows.addWidget(PanelTitleBar(panel, looked_at=True))
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):

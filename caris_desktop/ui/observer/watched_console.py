@@ -5,7 +5,7 @@ from typing import Any, cast
 
 from caris_desktop.domain.intents import Intent
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 
 class WatchedConsole:

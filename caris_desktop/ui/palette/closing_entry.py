@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui.palette.palette_item import Entry
 from caris_desktop.ui.palette.setting_entries import TWICE
 
 

@@ -8,16 +8,16 @@ from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintE
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.palette.memory import PaletteMemory
-from caris_desktop.ui.palette.search import Finder, says_what_to_do
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_memory import PaletteMemory
+from caris_desktop.ui.palette.palette_search import Finder, says_what_to_do
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.accessible_regions import AccessibleRegion, AccessibleRegions
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.told_rows import AccessibleRegion, AccessibleRegions
 
 _ROW_PX = 40
 _ROWS = 9
@@ -42,7 +42,7 @@ class CommandPalette(Overlay):
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _EntryList(theme, self)
-        layout = boxes.column(self.card, margins_px=12, spacing_px=8)
+        layout = layouts.column(self.card, margins_px=12, spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self.list, 1)
 

@@ -5,11 +5,11 @@ from functools import partial
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import words
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.people.asked import is_asked
+from caris_desktop.ui import text_formatting
+from caris_desktop.ui.app_context import AppContext
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.people.pending_identity_question import is_asked
 from caris_desktop.ui.people.shown_people import everyone
-from caris_desktop.ui.window_parts import AppContext
 
 
 class PersonEntries:
@@ -25,7 +25,10 @@ class PersonEntries:
         entries = []
         asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
         if asked is not None and asked.suggestion is not None:
-            named = {"person": words.person_name(asked), "other": words.name_in_words(asked.suggestion.name)}
+            named = {
+                "person": text_formatting.person_name(asked),
+                "other": text_formatting.name_in_words(asked.suggestion.name),
+            }
             for action_id, text, icon in (
                 ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
                 ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
@@ -43,7 +46,7 @@ class PersonEntries:
                     )
                 )
         for person in persons:
-            name, also = words.person_name(person), " ".join((tr("person"), person.group, *person.tags))
+            name, also = text_formatting.person_name(person), " ".join((tr("person"), person.group, *person.tags))
             # The usage history must not contain names.
             known_as = person.person_id
             entries.append(

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui.action_rows import PEOPLE_GROUP, PLACES_GROUP, SCENARIO_GROUP
+from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.entries import PaletteEntries
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.people.in_front import in_front
-from caris_desktop.ui.window_parts import AppContext
+from caris_desktop.ui.palette.palette_entries import PaletteEntries
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.people.nearest_person import in_front
 
 
 class QuickChoices:

@@ -8,13 +8,13 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
-from caris_desktop.ui import event_words
-from caris_desktop.ui.appearance import percent_of, scale_words
-from caris_desktop.ui.palette.entry import Entry
+from caris_desktop.ui import event_messages
+from caris_desktop.ui.app_context import THEME_WORDS, AppContext
+from caris_desktop.ui.palette.palette_item import Entry
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
 from caris_desktop.ui.theme import SCALES
-from caris_desktop.ui.window_parts import THEME_WORDS, AppContext
+from caris_desktop.ui.window_appearance import percent_of, scale_words
 
 TWICE = QT_TR_NOOP("choose it, then Enter twice")
 
@@ -62,15 +62,15 @@ class SettingEntries:
         scenario, levels = self._console.scenario, self._state.levels.value
         return [
             Entry(
-                tr("{function}: {level}").format(function=tr(title), level=tr(event_words.LEVELS[level])),
+                tr("{function}: {level}").format(function=tr(title), level=tr(event_messages.LEVELS[level])),
                 tr("Do"),
                 "sliders-horizontal",
                 "",
                 partial(self._console.do, intents.SetLevel(function, level)),
                 also=tr("assistant level suggestions proposals"),
-                id=f"Do: {title}: {event_words.LEVELS[level].lower()}",
+                id=f"Do: {title}: {event_messages.LEVELS[level].lower()}",
             )
-            for function, title in event_words.FUNCTIONS.items()
+            for function, title in event_messages.FUNCTIONS.items()
             if function in scenario.assisted
             for level in levels_up_to(scenario.highest_level(function))
             if level != getattr(levels, function)

@@ -5,8 +5,8 @@ from functools import partial
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.palette.entry import Entry
-from caris_desktop.ui.step_acts import present_step, target_of
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.step_intents import present_step, target_of
 
 
 def step_entries(console: WizardConsole) -> list[Entry]:

@@ -11,9 +11,9 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
+from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.people.store import HistoryEntry
-from caris_desktop.ui import boxes, event_words, tokens, words
+from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.people.history_list import ROW_PX, HistoryList
 from caris_desktop.ui.people.shown_people import is_identified
@@ -21,8 +21,8 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _SEARCH_AFTER_MS = 250
 _HISTORY_ROWS = 6
@@ -41,7 +41,7 @@ def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) ->
     if is_identified(person) and person.confidence:
         clothing = tr("Recognised by clothing, today only ({sure}).")
         how = tr("Recognised by face or clothing ({sure}).") if by_face else clothing
-        return how.format(sure=words.percent(person.confidence))
+        return how.format(sure=text_formatting.percent(person.confidence))
     if is_identified(person):
         return tr("You said who this is.")
     if by_face:
@@ -95,7 +95,7 @@ class AboutPage(QWidget):
         self._note.left.connect(self._keep_note)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
-            box = self._consents[kind] = CheckBox(theme, event_words.CONSENTS[kind])
+            box = self._consents[kind] = CheckBox(theme, event_messages.CONSENTS[kind])
             box.setObjectName(f"consent_{kind}")
             box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
         self._search = SubmitLineEdit()
@@ -138,7 +138,7 @@ class AboutPage(QWidget):
             f"person_suggestion_yes_{number}", tr("Yes"), "check", lambda: self._answer(number, yes=True)
         )
         no = self._button(f"person_suggestion_no_{number}", tr("No"), "x", lambda: self._answer(number, yes=False))
-        line = boxes.row(row, margins_px=0)
+        line = layouts.row(row, margins_px=0)
         line.addWidget(text, 1)
         line.addWidget(yes)
         line.addWidget(no)
@@ -167,10 +167,10 @@ class AboutPage(QWidget):
         acts = FlowRow(gap_px=6)
         for button in (self._merge, self._split, self._forget):
             acts.add(button)
-        column = boxes.column(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
+        column = layouts.column(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
         for suggested, *_ in self._suggested:
             column.addWidget(suggested)
-        known = boxes.row(spacing_px=tokens.GRID_PX)
+        known = layouts.row(spacing_px=tokens.GRID_PX)
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
         column.addLayout(known)
@@ -204,9 +204,9 @@ class AboutPage(QWidget):
     def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
         """Refresh the fields, except the one being edited."""
         self._person = person
-        name = words.person_name(person)
+        name = text_formatting.person_name(person)
         for field, text in (
-            (self._name, person.name if words.has_given_name(person) else ""),
+            (self._name, person.name if text_formatting.has_given_name(person) else ""),
             (self._group, person.group),
             (self._tags, ", ".join(person.tags)),
         ):
@@ -217,15 +217,15 @@ class AboutPage(QWidget):
         self._complete(groups)
         self._how.setText(how_known(person, self._recognise, self._recognises))
         show_part(self._not, is_identified(person) and person.here)
-        self._not.set_label(tr("Not {name}").format(name=words.shortened(name, 18)))
+        self._not.set_label(tr("Not {name}").format(name=text_formatting.shortened(name, 18)))
         for number, (row, said, _yes, _no) in enumerate(self._suggested):
             there = number < len(person.suggestions)
             show_part(row, there)
             if there:
                 suggestion = person.suggestions[number]
-                sure = words.percent(suggestion.confidence)
+                sure = text_formatting.percent(suggestion.confidence)
                 could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
-                said.setText(could.format(name=words.name_in_words(suggestion.name), sure=sure))
+                said.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)

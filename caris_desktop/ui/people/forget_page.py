@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 
@@ -34,11 +34,11 @@ class ForgetPage(QWidget):
         keep = ActionButton(theme, tr("Keep"))
         keep.setObjectName("forget_keep")
         keep.clicked.connect(self.back)
-        row = boxes.row(spacing_px=tokens.GRID_PX)
+        row = layouts.row(spacing_px=tokens.GRID_PX)
         row.addWidget(keep)
         row.addWidget(self._do)
         row.addStretch(1)
-        column = boxes.column(self, margins_px=(14, 6, 14, 6), spacing_px=10)
+        column = layouts.column(self, margins_px=(14, 6, 14, 6), spacing_px=10)
         column.addWidget(self._title)
         column.addWidget(self._what)
         column.addWidget(self._not_now)
@@ -50,7 +50,7 @@ class ForgetPage(QWidget):
         """Show the page; erasing is refused while a session is ``recording``, because the file being written cannot
         change.
         """
-        name = words.person_name(person)
+        name = text_formatting.person_name(person)
         self._person_id = person.person_id
         self._title.setText(tr("Forget {name}?").format(name=name))
         self._what.setText(

@@ -9,11 +9,11 @@ from PySide6.QtGui import QFontMetrics, QPainter
 from PySide6.QtWidgets import QStyledItemDelegate, QStyleOptionViewItem
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.people.store import HistoryEntry
-from caris_desktop.ui import tokens, words
+from caris_desktop.people.people_store import HistoryEntry
+from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.row_list import FastTableView
+from caris_desktop.ui.widgets.fast_table_view import FastTableView
 
 ROW_PX = 26
 _ICONS = {"visit": "user", "said": "robot", "heard": "chat-text", "photo": "camera", "note": "note-pencil"}
@@ -26,7 +26,7 @@ def when(utc_ns: int, today: datetime) -> str:
     at = datetime.fromtimestamp(utc_ns / 1e9)
     if at.date() == today.date():
         return f"{at:%H:%M}"
-    return f"{words.day_of(at, with_year=at.year != today.year)}, {at:%H:%M}"
+    return f"{text_formatting.day_of(at, with_year=at.year != today.year)}, {at:%H:%M}"
 
 
 def what(entry: HistoryEntry) -> str:
@@ -35,7 +35,7 @@ def what(entry: HistoryEntry) -> str:
         case "visit":
             if entry.until_utc_ns is None:
                 return tr("Visit")
-            lasted = words.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)
+            lasted = text_formatting.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)
             return tr("Visit, {time}").format(time=lasted)
         case "said":
             return tr("Robot: “{text}”").format(text=entry.text)

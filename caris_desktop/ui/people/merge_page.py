@@ -7,13 +7,13 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import boxes, tokens, words
-from caris_desktop.ui.people.face import PortraitView
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.portrait_view import PortraitView
 from caris_desktop.ui.people.shown_people import found, in_order
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _PORTRAIT_PX = 120
 _OFFERED = 8
@@ -21,7 +21,7 @@ _OFFERED = 8
 
 def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow]:
     """Direction of a merger: into the named person, else the known one."""
-    rank = [(words.has_given_name(each), each.known, each is person) for each in (person, other)]
+    rank = [(text_formatting.has_given_name(each), each.known, each is person) for each in (person, other)]
     return (other, person) if rank[0] >= rank[1] else (person, other)
 
 
@@ -50,7 +50,7 @@ class MergePage(QWidget):
         self._faces = (PortraitView(theme, pixmaps, _PORTRAIT_PX), PortraitView(theme, pixmaps, _PORTRAIT_PX))
         self._names = (QLabel(), QLabel())
         self._both = QWidget()
-        both = boxes.row(self._both, margins_px=0)
+        both = layouts.row(self._both, margins_px=0)
         for face, name in zip(self._faces, self._names, strict=True):
             side = QVBoxLayout()
             name.setAlignment(Qt.AlignmentFlag.AlignHCenter)
@@ -69,7 +69,7 @@ class MergePage(QWidget):
         row.addWidget(back)
         row.addWidget(self._do)
         row.addStretch(1)
-        column = boxes.column(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
+        column = layouts.column(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
         for widget in (self._title, self._field):
             column.addWidget(widget)
         for number, button in enumerate(self._offered):
@@ -98,7 +98,7 @@ class MergePage(QWidget):
         person, other = self._person, self._other()
         if person is None:
             return
-        name = words.person_name(person)
+        name = text_formatting.person_name(person)
         comparing = other is not None
         who = tr("Who is the same person as {name}?").format(name=name)
         self._title.setText(tr("Are these one person?") if comparing else who)
@@ -111,7 +111,9 @@ class MergePage(QWidget):
             button.setVisible(number < len(fits))
             if number < len(fits):
                 self._ids[number] = fits[number].person_id
-                button.set_label(" · ".join(filter(None, (words.person_name(fits[number]), fits[number].group))))
+                button.set_label(
+                    " · ".join(filter(None, (text_formatting.person_name(fits[number]), fits[number].group)))
+                )
         if other is not None:
             self._compare(person, other)
 
@@ -125,11 +127,11 @@ class MergePage(QWidget):
     def _compare(self, person: PersonRow, other: PersonRow) -> None:
         for face, name, each in zip(self._faces, self._names, (person, other), strict=True):
             face.show_person(each)
-            name.setText(words.person_name(each))
+            name.setText(text_formatting.person_name(each))
         goes, stays = who_stays(person, other)
         self._told.setText(
             tr("Visits, photos and notes of {goes} become those of {stays}. You can undo it.").format(
-                goes=words.person_name(goes), stays=words.person_name(stays)
+                goes=text_formatting.person_name(goes), stays=text_formatting.person_name(stays)
             )
         )
 

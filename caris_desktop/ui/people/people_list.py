@@ -18,18 +18,18 @@ from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem,
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import tokens, words
-from caris_desktop.ui.give_keys import focus_widget
+from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
+from caris_desktop.ui.widgets.accessible_regions import AccessibleRegion
+from caris_desktop.ui.widgets.fast_table_view import FastTableView
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.row_list import FastTableView
-from caris_desktop.ui.widgets.told_rows import AccessibleRegion
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
@@ -176,7 +176,7 @@ class PeopleList(FastTableView):
             if not rect.intersects(self.viewport().rect()):
                 continue
             meant = tr("You mean this person") if person.person_id == self._meant else ""
-            name = words.person_name(person)
+            name = text_formatting.person_name(person)
             if self._may_decide:
                 spots.append(
                     AccessibleRegion(("pick", person.person_id), tr("I mean {name}").format(name=name), rect, meant)
@@ -261,8 +261,8 @@ class PeopleList(FastTableView):
         self._naming = person_id
         self.naming_changed.emit(person_id)
         self.viewport().update()
-        self._field.setAccessibleName(tr("Name of {name}").format(name=words.person_name(person)))
-        self._field.setText(person.name if words.has_given_name(person) else "")
+        self._field.setAccessibleName(tr("Name of {name}").format(name=text_formatting.person_name(person)))
+        self._field.setText(person.name if text_formatting.has_given_name(person) else "")
         self._place_field()
         self._field.show()
         self._field.selectAll()
@@ -397,7 +397,7 @@ class PersonDelegate(QStyledItemDelegate):
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         theme, rect = self._theme, self._view.row_rect(index.row())
         person: PersonRow = index.data(PERSON_ROLE)
-        named = words.has_given_name(person)
+        named = text_formatting.has_given_name(person)
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         caption = self._people.captions.get(index.row())
@@ -448,12 +448,12 @@ class PersonDelegate(QStyledItemDelegate):
     def _paint_words(self, painter: QPainter, rect: QRect, person: PersonRow) -> None:
         """Paint the identity with group and tags, and the state below. A suggestion replaces the name."""
         theme = self._theme
-        suggested = words.maybe(person)
+        suggested = text_formatting.maybe(person)
         head = theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
         small = theme.font(tokens.STATUS_PX)
         role = "amber" if suggested else "text" if person.here else "dim"
         upper = QRect(rect.left(), rect.top(), rect.width(), 20)
-        used = self._paint_cut(painter, upper, suggested or words.person_name(person), head, role)
+        used = self._paint_cut(painter, upper, suggested or text_formatting.person_name(person), head, role)
         rest = upper.adjusted(used + 8, 1, 0, 1)
         if person.group and not suggested:
             used = self._paint_cut(painter, rest, person.group, small, "dim")
@@ -470,7 +470,7 @@ class PersonDelegate(QStyledItemDelegate):
             painter.drawText(QRect(rest.left(), rest.top(), width + 1, 20), Qt.AlignmentFlag.AlignCenter, tag)
             rest = rest.adjusted(width + 6, 0, 0, 0)
         seen = self._people.seen(person)
-        below = f"{words.person_name(person)} · {seen}" if suggested else seen
+        below = f"{text_formatting.person_name(person)} · {seen}" if suggested else seen
         lower = QRect(rect.left(), rect.top() + 20, rect.width(), 20)
         if self._people.is_unconfirmed(person.person_id):
             mark = tr(UNCONFIRMED)

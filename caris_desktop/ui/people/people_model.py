@@ -9,7 +9,7 @@ from PySide6.QtCore import QAbstractListModel, QModelIndex, QObject, QPersistent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order, standing_of, what_is_seen
 
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
@@ -152,9 +152,15 @@ class PeopleModel(QAbstractListModel):
     def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         person = self._persons[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return words.person_name(person)
+            return text_formatting.person_name(person)
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            said = (words.person_name(person), words.maybe(person), person.group, *person.tags, self.seen(person))
+            said = (
+                text_formatting.person_name(person),
+                text_formatting.maybe(person),
+                person.group,
+                *person.tags,
+                self.seen(person),
+            )
             return ", ".join(filter(None, said))
         return person if role == PERSON_ROLE else None
 

@@ -15,16 +15,16 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.people.about_page import AboutPage
-from caris_desktop.ui.people.face import PortraitView
 from caris_desktop.ui.people.forget_page import ForgetPage
 from caris_desktop.ui.people.merge_page import MergePage
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.portrait_view import PortraitView
 from caris_desktop.ui.people.shown_people import what_is_seen
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 WIDTH_PX = 400
 _BELOW_TOP_BAR_PX = 62
@@ -93,16 +93,16 @@ class PersonCard(QWidget):
         self.hide()
 
     def _arrange(self, close: QWidget) -> None:
-        texts = boxes.column(spacing_px=2)
+        texts = layouts.column(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
         texts.addWidget(self._seen)
         texts.addStretch(1)
-        head = boxes.row(margins_px=(14, 0, 8, 0), spacing_px=12)
+        head = layouts.row(margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(self._face)
         head.addLayout(texts, 1)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        column = boxes.column(self, margins_px=(1, 12, 1, 10), spacing_px=8)
+        column = layouts.column(self, margins_px=(1, 12, 1, 10), spacing_px=8)
         column.addLayout(head)
         column.addWidget(self._pages, 1)
 
@@ -139,7 +139,7 @@ class PersonCard(QWidget):
         self._person = person
         self._now_ns = now_ns
         self._face.show_person(person)
-        self._name.setText(words.person_name(person))
+        self._name.setText(text_formatting.person_name(person))
         self._seen.setText(" · ".join(what_is_seen(person, now_ns)))
         self.about.show_person(person, self._groups())
         if newly:

@@ -9,7 +9,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow, unnamed_label
-from caris_desktop.ui import words
+from caris_desktop.ui import text_formatting
 
 Standing = Literal["here", "was", "known"]
 """Present in front of a camera, gone since the console started, or only known to the study."""
@@ -36,7 +36,7 @@ def standing_of(person: PersonRow) -> Standing:
 
 def is_nameless_past(person: PersonRow) -> bool:
     """Whether a former person has neither a name nor any notes."""
-    return standing_of(person) == "was" and not person.known and not words.has_given_name(person)
+    return standing_of(person) == "was" and not person.known and not text_formatting.has_given_name(person)
 
 
 def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
@@ -48,7 +48,7 @@ def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
         groups[standing_of(person)].append(person)
     groups["here"].sort(key=lambda person: person.since_ns)
     groups["was"].sort(key=lambda person: -person.last_seen_ns)
-    groups["known"].sort(key=lambda person: words.person_name(person).casefold())
+    groups["known"].sort(key=lambda person: text_formatting.person_name(person).casefold())
     return [person for group in groups.values() for person in group]
 
 
@@ -70,7 +70,7 @@ def is_identified(person: PersonRow) -> bool:
 
 def found(person: PersonRow, query: str) -> bool:
     """Whether name, group and tags contain every word of the query."""
-    there = " ".join((words.person_name(person), person.group, *person.tags)).casefold()
+    there = " ".join((text_formatting.person_name(person), person.group, *person.tags)).casefold()
     return all(word in there for word in query.casefold().split())
 
 
@@ -98,8 +98,8 @@ def recognised(person: PersonRow) -> str:
     """Identification confidence, as "recognised, 94 %"; empty without an identification."""
     if not is_identified(person) or not person.confidence:
         return ""
-    how = tr("recognised") if words.has_given_name(person) else tr("was here before")
-    return f"{how}, {words.percent(person.confidence)}"
+    how = tr("recognised") if text_formatting.has_given_name(person) else tr("was here before")
+    return f"{how}, {text_formatting.percent(person.confidence)}"
 
 
 def as_permitted(persons: Iterable[PersonRow], *, naming: bool) -> tuple[PersonRow, ...]:
@@ -114,7 +114,7 @@ def name_of(console: WizardConsole, person_id: str) -> str:
     row = next((row for row in rows if row.person_id == person_id), None)
     if row is None:
         return tr("Somebody")
-    return words.person_name(row if console.scenario.permissions.naming_people else _unnamed(row))
+    return text_formatting.person_name(row if console.scenario.permissions.naming_people else _unnamed(row))
 
 
 def _unnamed(person: PersonRow) -> PersonRow:
@@ -139,7 +139,7 @@ def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
     seen_by = person.cameras or ((person.camera,) if person.camera else ())
     if not camera_on_show or not seen_by or camera_on_show in seen_by:
         return ""
-    return words.camera_in_text(seen_by[0])
+    return text_formatting.camera_in_text(seen_by[0])
 
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:
@@ -148,7 +148,7 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
     if standing == "known":
         return [tr("known from before")]
     if standing == "was":
-        return [tr("left {ago}").format(ago=words.ago((now_ns - person.last_seen_ns) / 1e9))]
+        return [tr("left {ago}").format(ago=text_formatting.ago((now_ns - person.last_seen_ns) / 1e9))]
     posture = _POSTURES.get(person.posture, person.posture)
     parts = [
         tr(SPEAKING) if person.speaking else "",
@@ -156,7 +156,7 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
         whereabouts(person),
         tr(posture),
         seen_elsewhere(person, camera_on_show),
-        tr("here {since}").format(since=words.since((now_ns - person.since_ns) / 1e9)),
+        tr("here {since}").format(since=text_formatting.since((now_ns - person.since_ns) / 1e9)),
         recognised(person),
     ]
     return [part for part in parts if part]
@@ -180,10 +180,10 @@ def buttons_of(
 
     ``unconfirmed``: the identity must be confirmed first.
     """
-    name = words.person_name(person)
+    name = text_formatting.person_name(person)
     card = RowButton("card", "", "identification-card", tr("All about {name}").format(name=name))
     if person.suggestion is not None:
-        other = words.name_in_words(person.suggestion.name)
+        other = text_formatting.name_in_words(person.suggestion.name)
         return (
             RowButton("yes", tr("Yes"), "", tr("Yes, this is {name}").format(name=other), yes_key),
             RowButton("no", tr("No"), "", tr("This is not {name}. It is remembered.").format(name=other), no_key),
@@ -195,7 +195,7 @@ def buttons_of(
         return same, rename, card
     if not can_be_named:
         return ()
-    if not words.has_given_name(person):
+    if not text_formatting.has_given_name(person):
         return RowButton("name", tr("Name"), "pencil-simple", tr("Give {name} a name").format(name=name)), card
     if is_identified(person) and standing_of(person) == "here":
         this_is_not = tr("This is not {name}. It is remembered.").format(name=name)

@@ -5,11 +5,11 @@ from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.actions import cap_text
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 _SHOWN_MS = 8_000
 
@@ -27,7 +27,7 @@ class UndoBar(QWidget):
         self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
         self.button.clicked.connect(self.undone)
-        row = boxes.row(self, margins_px=(14, 2, 10, 2), spacing_px=tokens.GRID_PX)
+        row = layouts.row(self, margins_px=(14, 2, 10, 2), spacing_px=tokens.GRID_PX)
         row.addWidget(self.text, 1, Qt.AlignmentFlag.AlignVCenter)
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)

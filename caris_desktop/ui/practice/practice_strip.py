@@ -8,18 +8,18 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.practice import STEPS, PracticeStep
+from caris_desktop.live.practice_steps import STEPS, PracticeStep
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.give_keys import Bar
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
+from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.wizard_profiles import WizardProfiles
-from caris_desktop.ui.words import shortened
 
 _BUTTON_PX = 30
 _DOT_PX, _GAP_PX = 22, 4
@@ -102,10 +102,10 @@ class PracticeStrip(Bar, QWidget):
         self._end = ActionButton(theme, tr("End the practice"), look="plain", height_px=_BUTTON_PX)
         self._end.setObjectName("practice_end")
         self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
-        words = boxes.column(spacing_px=1)
+        words = layouts.column(spacing_px=1)
         words.addWidget(self._title)
         words.addWidget(self._how)
-        row = boxes.row(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
+        row = layouts.row(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
         row.addLayout(words, 1)
         row.addWidget(self._dots)
         for button in (self._skip, self._again, self._end):

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import IN_SESSION, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
@@ -37,7 +37,7 @@ class PreflightCard(Overlay):
         head.addStretch(1)
         head.addWidget(close)
         self.list = PreflightList(theme, console)
-        column = boxes.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
+        column = layouts.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
         column.addLayout(head)
         column.addWidget(self._summary)
         column.addWidget(self.list, 1)

@@ -8,7 +8,7 @@ from caris_desktop.live.status import ProtocolStatus
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
-    from caris_desktop.recording.session.protocol import StepRecord
+    from caris_desktop.recording.session.session_protocol import StepRecord
 
 
 def short_time(seconds: float) -> str:

@@ -19,15 +19,15 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
-from caris_desktop.recording.annotation.agreement import Agreement, TierAgreement, compare_tiers, report
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier
+from caris_desktop.recording.annotation.coder_agreement import Agreement, TierAgreement, compare_tiers, report
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.scrolled import Scrolled
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 TOLERANCES_MS = (100, 250, 500, 1000, 2000)
 UNIT_MS = 100
@@ -138,7 +138,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(copy)
         content = QWidget()
-        layout = boxes.column(content, margins_px=0, spacing_px=12)
+        layout = layouts.column(content, margins_px=0, spacing_px=12)
         layout.addLayout(choices)
         layout.addWidget(self._kappa)
         layout.addWidget(self._lines)
@@ -146,7 +146,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._table, 1)
         self._table.setMinimumHeight(_LEAST_TABLE_PX)
         self._table.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        whole = boxes.column(self, margins_px=24, spacing_px=12)
+        whole = layouts.column(self, margins_px=24, spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(buttons)
         self._copy = copy

@@ -7,17 +7,17 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.recording.annotation.model import Vocabulary
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation.annotation_model import Vocabulary
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import CODE_COUNT
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.panel import show_part
 from caris_desktop.ui.replay.timeline_model import Row, exact_text
 from caris_desktop.ui.replay.timeline_overlay import OpenInterval
+from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
-from caris_desktop.ui.words import in_menu
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 _ACTS = (
     ("annotation_new", "plus", QT_TR_NOOP("New")),
@@ -72,7 +72,7 @@ class CodingStrip(QWidget):
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._acts.append(button)
-        row = boxes.row(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
+        row = layouts.row(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
         row.addWidget(self._words, 1)
         row.addWidget(self._add)
         for button in (*self._labels, self._more):

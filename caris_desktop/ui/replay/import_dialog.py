@@ -7,8 +7,8 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.editing import LONGEST_NAME
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation.annotation_editing import LONGEST_NAME
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -52,7 +52,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36)
         browse.setObjectName("import_browse")
         browse.clicked.connect(self.browse)
-        path = boxes.row(spacing_px=8)
+        path = layouts.row(spacing_px=8)
         path.addWidget(self.path_field, 1)
         path.addWidget(browse)
         self._coder = DropDown(theme, "import_coder", tr("Coder"))
@@ -84,7 +84,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(take)
-        layout = boxes.column(self, margins_px=24, spacing_px=16)
+        layout = layouts.column(self, margins_px=24, spacing_px=16)
         layout.addWidget(heading)
         layout.addWidget(hint)
         layout.addLayout(form)

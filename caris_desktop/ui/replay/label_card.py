@@ -7,8 +7,8 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.model import VocabularyEntry
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation.annotation_model import VocabularyEntry
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floating_card import FloatingCard
 
@@ -42,7 +42,7 @@ class LabelCard(FloatingCard):
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
         self.list.itemClicked.connect(self._on_item_clicked)
-        column = boxes.column(self, margins_px=8, spacing_px=4)
+        column = layouts.column(self, margins_px=8, spacing_px=4)
         column.addWidget(self.field)
         column.addWidget(self.list)
 

@@ -10,11 +10,11 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.scrubber import Scrubber, moment_words
 from caris_desktop.ui.replay.thumbnails import Thumbnails
@@ -31,7 +31,9 @@ _NARROWEST_PX = 640
 def session_title(session: Session) -> tuple[str, str]:
     """Participant and time of a session, as P07 and 21 Nov 2026 10:14."""
     when = datetime.fromtimestamp(session.clock.anchor.utc_ns_at(session.started_ns) / 1e9, UTC).astimezone()
-    return session.trial.get("participant") or session.folder.name, f"{words.day_of(when, with_year=True)} {when:%H:%M}"
+    return session.trial.get(
+        "participant"
+    ) or session.folder.name, f"{text_formatting.day_of(when, with_year=True)} {when:%H:%M}"
 
 
 def rate_text(rate: float) -> str:
@@ -84,27 +86,27 @@ class ReplayBar(QWidget):
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)
         self._one_line = False
-        left = boxes.row(spacing_px=8)
+        left = layouts.row(spacing_px=8)
         left.addWidget(self._title)
         left.addWidget(self._hint, 1)
         self._moves = (
             self._previous_mark, self._previous_utterance, self._frame_back, self._play, self._frame_on,
             self._next_utterance, self._next_mark,
         )  # fmt: skip
-        middle = boxes.row(spacing_px=8)
+        middle = layouts.row(spacing_px=8)
         for button in self._moves:
             middle.addWidget(button)
-        self._right = boxes.row(spacing_px=12)
+        self._right = layouts.row(spacing_px=12)
         self._right.addStretch(1)
         self._right.addWidget(self._times)
         self._right.addWidget(self._rate)
         self._left = left
-        self._row = boxes.row(spacing_px=16)
+        self._row = layouts.row(spacing_px=16)
         self._row.addLayout(left, 1)
         self._row.addLayout(middle)
         self._row.addLayout(self._right, 1)
         self._row.setContentsMargins(8, 0, 8, 0)
-        self._column = boxes.column(self, margins_px=(8, 4, 8, 8), spacing_px=0)
+        self._column = layouts.column(self, margins_px=(8, 4, 8, 8), spacing_px=0)
         self._column.addWidget(self.scrubber)
         self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)
@@ -294,7 +296,7 @@ class ReplayTitle(QWidget):
 
     @property
     def text(self) -> str:
-        parts = (tr("Replay"), words.shortened(self._participant, 24), self._when if self._date_shown else "")
+        parts = (tr("Replay"), text_formatting.shortened(self._participant, 24), self._when if self._date_shown else "")
         return " · ".join(part for part in parts if part)
 
     def set_date_shown(self, shown: bool) -> None:
@@ -344,13 +346,13 @@ class ReplayTimes(QWidget):
             self.updateGeometry()
 
     def show_times(self, now_s: float, total_s: float, wall: str) -> None:
-        now = f"{words.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"
+        now = f"{text_formatting.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"
         if total_s >= 3600 and now_s < 3600:
             now = f"0:{now}"
-        if (now, words.elapsed(total_s), wall) == (self._now, self._total, self._wall):
+        if (now, text_formatting.elapsed(total_s), wall) == (self._now, self._total, self._wall):
             return
-        resized = len(now) != len(self._now) or len(words.elapsed(total_s)) != len(self._total)
-        self._now, self._total, self._wall = now, words.elapsed(total_s), wall
+        resized = len(now) != len(self._now) or len(text_formatting.elapsed(total_s)) != len(self._total)
+        self._now, self._total, self._wall = now, text_formatting.elapsed(total_s), wall
         said = tr("{now} of {total}, recorded at {wall}")
         self.setAccessibleName(said.format(now=self._now, total=self._total, wall=wall))
         if resized:

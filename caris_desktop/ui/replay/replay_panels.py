@@ -4,7 +4,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QScrollArea
 
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, TabNode
 from caris_desktop.ui.dock_host import DockHost
 
 LEAST_PX = 200

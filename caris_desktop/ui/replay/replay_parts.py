@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX
 from caris_desktop.ui.replay.replay_bar import ReplayBar

@@ -20,7 +20,7 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
-from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.replay.seek_throttle import SeekThrottle
 from caris_desktop.ui.replay.thumbnails import Thumbnails

@@ -17,9 +17,9 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, vocabulary_named, vocabulary_title
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
@@ -71,14 +71,14 @@ def with_tier(document: AnnotationDocument, wish: TierRequest, tier: Tier | None
         name = wish.vocabulary.name
         present = vocabulary_named(document, name)
         if present is None:
-            document = editing.add_vocabulary(document, wish.vocabulary)
+            document = annotation_editing.add_vocabulary(document, wish.vocabulary)
         elif present.entries != wish.vocabulary.entries:
             renamed = renamed_labels(present, wish.vocabulary)
-            document = editing.change_vocabulary(document, name, wish.vocabulary, renamed=renamed)
+            document = annotation_editing.change_vocabulary(document, name, wish.vocabulary, renamed=renamed)
     if tier is None:
-        return editing.add_tier(document, wish.name, wish.coder, name)
-    document = editing.rename_tier(document, tier.tier_id, wish.name)
-    return editing.set_tier_vocabulary(document, tier.tier_id, name) if name != tier.vocabulary else document
+        return annotation_editing.add_tier(document, wish.name, wish.coder, name)
+    document = annotation_editing.rename_tier(document, tier.tier_id, wish.name)
+    return annotation_editing.set_tier_vocabulary(document, tier.tier_id, name) if name != tier.vocabulary else document
 
 
 class TierDialog(VisualTabOrderMixin, QDialog):
@@ -115,17 +115,17 @@ class TierDialog(VisualTabOrderMixin, QDialog):
         self._coder.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._coder.setMinimumHeight(36)
         self._coder.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
-        self._coder.addItems(editing.coders_of(document))
+        self._coder.addItems(annotation_editing.coders_of(document))
         self._coder.setCurrentText(coder or (tier.coder if tier is not None else ""))
         line = self._coder.lineEdit()
         if line is not None:
             line.setPlaceholderText(tr("your name or initials"))
-            line.setMaxLength(editing.LONGEST_NAME)
+            line.setMaxLength(annotation_editing.LONGEST_NAME)
         self._name = QLineEdit("" if tier is None else tr_filled(tier.title), placeholderText=tr("for example Stance"))
         self._name.setObjectName("tier_name")
         self._name.setAccessibleName(tr("Name of the tier"))
         self._name.setMinimumHeight(36)
-        self._name.setMaxLength(editing.LONGEST_NAME)
+        self._name.setMaxLength(annotation_editing.LONGEST_NAME)
         self._labels = DropDown(theme, "tier_vocabulary", tr("Labels"))
         self._labels.setMinimumHeight(36)
         self._labels.addItem(tr(FREE_TEXT))
@@ -176,7 +176,7 @@ class TierDialog(VisualTabOrderMixin, QDialog):
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(self._save)
-        layout = boxes.column(self, margins_px=24, spacing_px=16)
+        layout = layouts.column(self, margins_px=24, spacing_px=16)
         layout.addWidget(heading)
         layout.addLayout(form)
         layout.addWidget(self._refusal)

@@ -22,8 +22,8 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.model import Annotation
-from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.annotation.annotation_model import Annotation
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui.replay.thumbnails import Thumbnails
 from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, Shown, TimelineDrawing
 from caris_desktop.ui.replay.timeline_geometry import Drag, DragKind, Hit, TimelineGeometry

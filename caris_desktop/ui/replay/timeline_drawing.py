@@ -14,7 +14,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap, QSta
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.overview import SessionOverview
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.thumbnails import Moment, Thumbnails

@@ -8,7 +8,7 @@ from PySide6.QtCore import QPointF, QRectF
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import Annotation
+from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
 from caris_desktop.ui.replay.timeline_model import (
     SHORTEST_MS,

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.sound import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
+from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier, Vocabulary
-from caris_desktop.recording.annotation.overview import SessionOverview, Waveform
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
 
 RowKind = Literal["pictures", "sound", "speed", "tier"]
 ROW_HEIGHTS_PX: Mapping[RowKind, int] = {"pictures": 48, "sound": 32, "speed": 32, "tier": 32}

@@ -5,7 +5,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen, QPolygonF
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.model import Annotation
+from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, TEXT_FROM_PX, Shown, TimelineDrawing

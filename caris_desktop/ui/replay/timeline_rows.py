@@ -9,18 +9,18 @@ from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.model import AnnotationDocument, Tier
-from caris_desktop.ui.actions import Actions
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.replay.agreement_dialog import AgreementDialog
 from caris_desktop.ui.replay.import_dialog import ImportDialog
 from caris_desktop.ui.replay.tier_dialog import TierDialog, TierRequest, with_tier
-from caris_desktop.ui.replay.timeline_acts import TimelineCommands
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
+from caris_desktop.ui.replay.timeline_commands import TimelineCommands
 from caris_desktop.ui.replay.timeline_model import Row, all_rows, arranged, moved_key
+from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.words import in_menu
 
 
 class TimelineRows(QObject):
@@ -109,7 +109,7 @@ class TimelineRows(QObject):
         AgreementDialog(self._theme, self._acts.document, self._view).open()
 
     def open_import(self) -> None:
-        coders = editing.coders_of(self._acts.document)
+        coders = annotation_editing.coders_of(self._acts.document)
         ImportDialog(self._theme, self._view, coders=coders, take_over=self._take_over).open()
 
     def _take_over(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
@@ -136,7 +136,7 @@ class TimelineRows(QObject):
         own = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
         tier_id = key.removeprefix("tier ")
         if tier_id in own and own != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
-            self._acts.edit(lambda document: editing.move_tier(document, tier_id, own.index(tier_id)))
+            self._acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, own.index(tier_id)))
         self.changed.emit()
         self._canvas.show_row(key)
 
@@ -209,7 +209,7 @@ class TimelineRows(QObject):
         return lambda: self._remove_tier(tier_id)
 
     def _remove_tier(self, tier_id: str) -> None:
-        self._acts.edit(lambda document: editing.remove_tier(document, tier_id))
+        self._acts.edit(lambda document: annotation_editing.remove_tier(document, tier_id))
 
     def _row_mover(self, key: str, position: int) -> Callable[[], None]:
         return lambda: self.move_row(key, position)

@@ -11,19 +11,19 @@ from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary
-from caris_desktop.recording.annotation.overview import SessionOverview
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import TIMELINE_ACTIONS
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.coding_strip import CodingStrip
 from caris_desktop.ui.replay.thumbnails import Thumbnails
-from caris_desktop.ui.replay.timeline_acts import TimelineCommands
 from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
+from caris_desktop.ui.replay.timeline_commands import TimelineCommands
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import (
     Row,
@@ -37,9 +37,9 @@ from caris_desktop.ui.replay.timeline_model import (
 from caris_desktop.ui.replay.timeline_overlay import OpenInterval
 from caris_desktop.ui.replay.timeline_rows import TimelineRows
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
-from caris_desktop.ui.widgets.told_state import ThrottledAccessibleDescription
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
@@ -93,10 +93,10 @@ class TimelineView(QWidget):
         middle.setSpacing(0)
         middle.addWidget(self.canvas, 0, 0)
         middle.addWidget(self._down, 0, 1)
-        under = boxes.row(margins_px=(NAMES_PX, 0, 0, 0))
+        under = layouts.row(margins_px=(NAMES_PX, 0, 0, 0))
         under.addWidget(self._across)
         middle.addLayout(under, 1, 0)
-        column = boxes.column(self, margins_px=(0, 0, 0, 1), spacing_px=0)
+        column = layouts.column(self, margins_px=(0, 0, 0, 1), spacing_px=0)
         column.addWidget(self._header)
         column.addLayout(middle, 1)
         column.addWidget(self.strip)
@@ -121,7 +121,7 @@ class TimelineView(QWidget):
         self._fact = ElidedLabel()
         self._fact.setObjectName("timeline_fact")
         self._named_buttons: list[tuple[ActionButton, str]] = []
-        row = boxes.row(header, margins_px=(14, 3, 6, 3), spacing_px=4)
+        row = layouts.row(header, margins_px=(14, 3, 6, 3), spacing_px=4)
         row.addWidget(self._title)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
@@ -262,7 +262,7 @@ class TimelineView(QWidget):
         )
         if not rows and all_rows(overview, self.document):
             words = self.rows.words()
-        self.canvas.show_rows(rows, editing.coders_of(self.document), words=words)
+        self.canvas.show_rows(rows, annotation_editing.coders_of(self.document), words=words)
         own = [row for row in rows if row.own]
         if self.canvas.active is None and own:
             self.canvas.activate(own[0].key)
@@ -318,7 +318,7 @@ class TimelineView(QWidget):
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("looking through the session…")
-        count, coders = len(self.document.annotations), len(editing.coders_of(self.document))
+        count, coders = len(self.document.annotations), len(annotation_editing.coders_of(self.document))
         if not coders:
             return ""
         of_count = tr("1 annotation") if count == 1 else tr("{count} annotations").format(count=f"{count:,}")

@@ -8,16 +8,16 @@ from typing import Any
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitter, QWidget
 
-from caris_desktop.domain.declared_places import Difference, differences
+from caris_desktop.domain.schema_paths import Difference, differences
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.read_aside import read_for
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.arranging import drop
-from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.scenario_editor.editing_context import FormContext
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.scenario_editor.text_page import CodeEditor
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -55,10 +55,10 @@ class ComparePage(QWidget):
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.activated.connect(self._on_chosen)
         self.said = QLabel(wordWrap=True)
-        self._list = boxes.column(spacing_px=6)
+        self._list = layouts.column(spacing_px=6)
         holder = QWidget()
         holder.setMaximumWidth(_WIDEST_PX)
-        column = boxes.column(holder, margins_px=(0, 0, 8, 0))
+        column = layouts.column(holder, margins_px=(0, 0, 8, 0))
         column.addLayout(self._list)
         column.addStretch(1)
         scroll = QScrollArea(widgetResizable=True)
@@ -79,7 +79,7 @@ class ComparePage(QWidget):
         head.addWidget(label)
         head.addWidget(self.choice)
         head.addStretch(1)
-        layout = boxes.column(self, margins_px=(24, 16, 24, 16), spacing_px=12)
+        layout = layouts.column(self, margins_px=(24, 16, 24, 16), spacing_px=12)
         layout.addLayout(head)
         layout.addWidget(self.said)
         layout.addWidget(splitter, 1)
@@ -151,7 +151,7 @@ class ComparePage(QWidget):
 
     def _row(self, difference: Difference, where: str) -> QWidget:
         theme, row = self._context.theme, QWidget()
-        texts = boxes.column(spacing_px=0)
+        texts = layouts.column(spacing_px=0)
         title, words = QLabel(where), QLabel(difference_words(difference))
         title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         words.setFont(theme.font(tokens.STATUS_PX))
@@ -165,7 +165,7 @@ class ComparePage(QWidget):
         take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._editing.document.unreadable is None)
         take.clicked.connect(lambda: self._take(difference))
-        line = boxes.row(row, margins_px=(0, 2, 0, 2))
+        line = layouts.row(row, margins_px=(0, 2, 0, 2))
         line.addLayout(texts, 1)
         line.addWidget(take)
         return row

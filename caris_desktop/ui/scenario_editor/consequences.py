@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.panel_table import PANELS

@@ -10,7 +10,8 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QKeyEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from caris_desktop.domain.declared import (
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import (
     Group,
     Key,
     ValueForm,
@@ -22,7 +23,8 @@ from caris_desktop.domain.declared import (
     size_of,
     text_of,
 )
-from caris_desktop.domain.declared_places import (
+from caris_desktop.domain.schema_labels import said_of, section_of, title_of, words_of
+from caris_desktop.domain.schema_paths import (
     ABSENT,
     blank_group,
     blank_of,
@@ -31,16 +33,14 @@ from caris_desktop.domain.declared_places import (
     text_key,
     value_at,
 )
-from caris_desktop.domain.declared_words import said_of, section_of, title_of, words_of
-from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.scenario_editor.arranging import drop, show_at_once
-from caris_desktop.ui.scenario_editor.editing import FormContext, readable, sentence_at
-from caris_desktop.ui.scenario_editor.entries import card_name, in_one_row, kinds_of_entries
-from caris_desktop.ui.scenario_editor.fields import ChoiceField, Field, FormPart, NumberField, field_for
+from caris_desktop.ui.scenario_editor.editing_context import FormContext, readable, sentence_at
 from caris_desktop.ui.scenario_editor.keys_of_entries import key_of_entry
+from caris_desktop.ui.scenario_editor.list_entries import card_name, in_one_row, kinds_of_entries
 from caris_desktop.ui.scenario_editor.robot_here import POSE_KEYS, RobotHere
+from caris_desktop.ui.scenario_editor.value_fields import ChoiceField, Field, FormPart, NumberField, field_for
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.key_cap import KeyCap
@@ -77,7 +77,7 @@ class _Holder(FormPart):
         headed = key is not None and self.title == section_of(key)
         self.context = context if headed else context.inside(self.title)
         self.parts: list[FormPart] = []
-        self.column = boxes.column(self, margins_px=0, spacing_px=12)
+        self.column = layouts.column(self, margins_px=0, spacing_px=12)
         self.title_label = QLabel(self.title)
         self.help_label = QLabel(readable(said))
         self.mistake_label = QLabel()
@@ -85,7 +85,7 @@ class _Holder(FormPart):
         for label in (self.help_label, self.mistake_label):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
-        head = boxes.column(spacing_px=2)
+        head = layouts.column(spacing_px=2)
         for label in (self.title_label, self.help_label, self.mistake_label):
             head.addWidget(label)
         self.column.addLayout(head)
@@ -246,13 +246,13 @@ class ListPart(_Holder):
         self._stale = True
         self._more_rows = QTimer(self, singleShot=True, interval=0)
         self._more_rows.timeout.connect(self.refresh)
-        self._box = boxes.column(spacing_px=8)
+        self._box = layouts.column(spacing_px=8)
         self.column.addLayout(self._box)
         least, most = size_of(form)
         self.fixed = least == most
         self._most = most
         self._adders: list[ActionButton] = []
-        buttons = boxes.row(spacing_px=8)
+        buttons = layouts.row(spacing_px=8)
         for words, blank in kinds_of_entries(item):
             button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
             button.setObjectName(f"add_{'_'.join(map(str, path))}_{len(self._adders)}")
@@ -366,7 +366,7 @@ class EntryRow(FormPart):
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(12, 10, 8, 10) if self._folds else self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(8)
-        self._head = boxes.row(spacing_px=6)
+        self._head = layouts.row(spacing_px=6)
         self._column.addLayout(self._head)
         self._make_cap()
         if self._folds:
@@ -393,7 +393,7 @@ class EntryRow(FormPart):
             return
         holder = QWidget()
         holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
-        inside = boxes.row(holder, margins_px=(0, 7, 0, 7))
+        inside = layouts.row(holder, margins_px=(0, 7, 0, 7))
         inside.addWidget(KeyCap(self.context.theme, key))
         inside.addStretch(1)
         self._head.addWidget(holder, 0, Qt.AlignmentFlag.AlignBottom)
@@ -442,7 +442,7 @@ class EntryRow(FormPart):
         if self._holder.fixed:
             return
         name = self.context.within
-        buttons = boxes.row(spacing_px=0)
+        buttons = layouts.row(spacing_px=0)
         for icon, words, do in (
             ("arrow-up", tr("Move up: {what}"), lambda: self._holder.move_entry(self._index, -1)),
             ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
@@ -526,7 +526,7 @@ class EntryRow(FormPart):
         self._open = not self._open
         if self._open and self._more is None:
             self._more = QWidget()
-            row = boxes.row(self._more, margins_px=(36, 0, 0, 4), spacing_px=12)
+            row = layouts.row(self._more, margins_px=(36, 0, 0, 4), spacing_px=12)
             for key in self._others:
                 field = field_for(self.context, (*self.path, key.name), key.form, key, compact=True)
                 self.fields.append(field)

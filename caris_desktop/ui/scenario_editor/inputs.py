@@ -7,7 +7,7 @@ from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QLineEdit, QPlainTextEdit
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.scenario_editor.editing_context import FormContext
 
 _LEAST_PROSE_LINES = 3
 _MOST_PROSE_LINES = 14

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from caris_desktop.domain.declared_places import value_at
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.ui.action_rows import ACTIONS
 
 _KEYS = {spec.id: spec.keys[0] for spec in ACTIONS if spec.keys}

@@ -2,13 +2,13 @@
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.domain.declared import Known
-from caris_desktop.domain.declared_places import value_at
+from caris_desktop.domain.schema_fields import Known
+from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import LOOK, NOD
-from caris_desktop.ui.read_aside import read_for
-from caris_desktop.ui.scenario_editor.editing import Editing, Names
-from caris_desktop.ui.scenario_editor.opened import names_of_files
+from caris_desktop.ui.background_reading import read_for
+from caris_desktop.ui.scenario_editor.editing_context import Editing, Names
+from caris_desktop.ui.scenario_editor.opened_scenario import names_of_files
 
 _DONE_AT_ONCE = ("button", "toggle")
 """Kinds of controls that a phrase can trigger: others need a value."""

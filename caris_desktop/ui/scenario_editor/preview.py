@@ -5,21 +5,21 @@ from html import escape
 from itertools import zip_longest
 from typing import Any
 
-from caris_desktop.domain.declared import keys_of, value_from
-from caris_desktop.domain.declared_check import quoted
-from caris_desktop.domain.declared_places import ABSENT, Difference, entry_name
-from caris_desktop.domain.declared_words import title_of
+from caris_desktop.domain.schema_fields import keys_of, value_from
+from caris_desktop.domain.schema_labels import title_of
+from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name
+from caris_desktop.domain.schema_validation import quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.scenario.checklist_settings import manual_checks
 from caris_desktop.scenario.document import ScenarioDocument
-from caris_desktop.scenario.migrations import migrate
-from caris_desktop.scenario.model import Permissions, Scenario
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.scenario.preflight import manual_checks
-from caris_desktop.scenario.protocol import step_named
-from caris_desktop.scenario.recording import ERROR_KEYS
+from caris_desktop.scenario.protocol_steps import step_named
+from caris_desktop.scenario.recording_settings import ERROR_KEYS
+from caris_desktop.scenario.scenario_migrations import migrate
+from caris_desktop.scenario.scenario_model import Permissions, Scenario
+from caris_desktop.ui.action_bindings import rows_of
 from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, perform_nth_gesture
-from caris_desktop.ui.actions import rows_of
-from caris_desktop.ui.mark_acts import mark_with_label
+from caris_desktop.ui.mark_intents import mark_with_label
 from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
 from caris_desktop.ui.tokens import Colors
 

@@ -5,7 +5,7 @@ import math
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui.scenario_editor.editing_context import FormContext
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 POSE_KEYS = {"x_m", "y_m", "heading_deg"}

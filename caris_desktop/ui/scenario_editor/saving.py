@@ -13,13 +13,13 @@ from caris_desktop.domain.yaml_source import YamlSourceError
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument
-from caris_desktop.scenario.library import own_file, own_file_called
-from caris_desktop.scenario.model import Scenario
-from caris_desktop.ui.read_aside import read_for
+from caris_desktop.scenario.scenario_library import own_file, own_file_called
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage
-from caris_desktop.ui.scenario_editor.editing import Editing
-from caris_desktop.ui.scenario_editor.notice import Notice
-from caris_desktop.ui.scenario_editor.opened import Opened, opened_anew
+from caris_desktop.ui.scenario_editor.editing_context import Editing
+from caris_desktop.ui.scenario_editor.editor_notice import Notice
+from caris_desktop.ui.scenario_editor.opened_scenario import Opened, opened_anew
 from caris_desktop.ui.scenario_editor.text_page import TextPage
 
 _TITLE: KeyPath = ("title",)

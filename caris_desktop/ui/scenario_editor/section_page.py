@@ -6,12 +6,12 @@ from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.scenario_editor.arranging import show_at_once
-from caris_desktop.ui.scenario_editor.editing import FormContext
-from caris_desktop.ui.scenario_editor.fields import Field, FormPart
+from caris_desktop.ui.scenario_editor.editing_context import FormContext
 from caris_desktop.ui.scenario_editor.groups import part_for
 from caris_desktop.ui.scenario_editor.sections import Section
+from caris_desktop.ui.scenario_editor.value_fields import Field, FormPart
 
 _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 
@@ -48,7 +48,7 @@ class SectionPage(QScrollArea):
             return
         holder = QWidget()
         holder.setObjectName("section_holder")
-        column = boxes.column(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
+        column = layouts.column(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
         self._title = QLabel(tr(self.section.title))
         self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         column.addWidget(self._title)

@@ -1,10 +1,10 @@
 """Sections of the form: which keys each has, and their order."""
 
-from caris_desktop.domain.declared import Key, choices_of, keys_of
-from caris_desktop.domain.declared_words import title_of
+from caris_desktop.domain.schema_fields import Key, choices_of, keys_of
+from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario
 
 _ORDER: dict[str, tuple[str, str]] = {
     QT_TR_NOOP("About"): ("info", QT_TR_NOOP("What this scenario is called and what it is for.")),

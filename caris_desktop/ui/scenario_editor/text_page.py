@@ -17,8 +17,8 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QPlainTextEdit, QTextEdit, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
-from caris_desktop.ui.scenario_editor.editing import FormContext
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.scenario_editor.editing_context import FormContext
 from caris_desktop.ui.scenario_editor.inputs import Lines
 
 _TYPING_PAUSE_MS = 200
@@ -48,7 +48,7 @@ class TextPage(QWidget):
         self.editor = CodeEditor(context)
         self.editor.setObjectName("scenario_text")
         self.editor.setAccessibleName(tr("The text of the scenario file"))
-        column = boxes.column(self, margins_px=12)
+        column = layouts.column(self, margins_px=12)
         column.addWidget(self.editor)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._take)

@@ -7,14 +7,14 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import COLUMNS, Column
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 _CELL_PX = 28
@@ -88,9 +88,9 @@ class ShortcutRow(QWidget):
         self._back.clicked.connect(self.put_back)
         self._back_room = QWidget()
         self._back_room.setFixedWidth(_PUT_BACK_PX)
-        back = boxes.row(self._back_room, margins_px=0)
+        back = layouts.row(self._back_room, margins_px=0)
         back.addWidget(self._back)
-        line = boxes.row(self, margins_px=0, spacing_px=4)
+        line = layouts.row(self, margins_px=0, spacing_px=4)
         line.addWidget(self._words, 1)
         for cell in self.cells.values():
             line.addWidget(cell)
@@ -135,8 +135,8 @@ class ShortcutGroup(QWidget):
         super().__init__()
         self.rows = rows
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        column = boxes.column(self, margins_px=(0, 0, 0, 12), spacing_px=0)
-        heading = boxes.row(spacing_px=4)
+        column = layouts.column(self, margins_px=(0, 0, 0, 12), spacing_px=0)
+        heading = layouts.row(spacing_px=4)
         words = QLabel(title)
         words.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
         heading.addWidget(words, 1)

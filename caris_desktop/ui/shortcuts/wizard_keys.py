@@ -5,8 +5,8 @@ from collections.abc import Callable
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import Keys, as_text, from_text, name_of_row, owners, with_keys, without
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 

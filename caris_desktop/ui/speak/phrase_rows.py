@@ -6,9 +6,9 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import MOST_GESTURES
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture
-from caris_desktop.ui.actions import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
@@ -30,7 +30,7 @@ class PhraseRows(QWidget):
         self._actions = actions
         self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
-        self._tabs_row = boxes.row(tabs, margins_px=0, spacing_px=4)
+        self._tabs_row = layouts.row(tabs, margins_px=0, spacing_px=4)
         self._next_key = KeyCap(theme)
         self._tabs_row.addWidget(self._next_key)
         self._tabs_row.addStretch(1)
@@ -41,7 +41,7 @@ class PhraseRows(QWidget):
         self._next.bind(actions, "next_phrases")
         self._flow.add(self._next)
         self._keyless = QLabel(wordWrap=True)
-        column = boxes.column(self, margins_px=0, spacing_px=6)
+        column = layouts.column(self, margins_px=0, spacing_px=6)
         column.addWidget(tabs)
         column.addWidget(self._flow)
         column.addWidget(self._keyless)

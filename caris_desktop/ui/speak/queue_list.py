@@ -9,16 +9,16 @@ from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import boxes, tokens, words
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import QUEUE_GROUP
-from caris_desktop.ui.actions import Actions
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.cut_label import ElidedLabel
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 ROW_PX = 30
 
@@ -42,7 +42,7 @@ class QueueList(QWidget):
         self.setObjectName("speak_queue")
         self.setAccessibleName(tr("What is said next"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self._column = boxes.column(self, margins_px=0, spacing_px=0)
+        self._column = layouts.column(self, margins_px=0, spacing_px=0)
         actions.answer_for(QUEUE_GROUP, self)
         self.setVisible(False)
 
@@ -76,7 +76,7 @@ class QueueList(QWidget):
                 self._column.removeWidget(row)
                 self._column.insertWidget(number - 1, row)
             row.show()  # shown now, so that it can be focused
-            spoken = words.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
+            spoken = text_formatting.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
             row.show_utterance(number, len(waiting), spoken, utterance)
         self._choose(self._chosen if self._chosen in self._rows else self._nearest(shown))
         self.setVisible(bool(waiting))
@@ -195,7 +195,7 @@ class _QueueRow(QWidget):
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
-        row = boxes.row(self, margins_px=(6, 0, 2, 0), spacing_px=4)
+        row = layouts.row(self, margins_px=(6, 0, 2, 0), spacing_px=4)
         row.addWidget(self._number)
         row.addSpacing(4)
         row.addWidget(self.label, 1)

@@ -13,10 +13,10 @@ from PySide6.QtWidgets import QAbstractButton, QWidget
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.panel import Panel, draw_card_edge
+from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import boxes_fit
 
@@ -70,10 +70,10 @@ class SmallPicture(QAbstractButton):
     def __init__(self, theme: Theme, panel: Panel, camera: str, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName(f"small_picture_{camera}")
-        self.setAccessibleName(tr("Show the {camera}").format(camera=words.camera_in_text(camera)))
+        self.setAccessibleName(tr("Show the {camera}").format(camera=text_formatting.camera_in_text(camera)))
         self.setToolTip(
             tr("Show the {camera} large ({key}: the next camera)").format(
-                camera=words.camera_in_text(camera), key=panel.table.key_text("next_camera")
+                camera=text_formatting.camera_in_text(camera), key=panel.table.key_text("next_camera")
             )
         )
         self.setCursor(Qt.CursorShape.PointingHandCursor)
@@ -104,9 +104,9 @@ class SmallPicture(QAbstractButton):
             case "fresh":
                 return "", ""
             case "stale":
-                return tr("{age} old").format(age=words.age(age_s or 0.0)), ""
+                return tr("{age} old").format(age=text_formatting.age(age_s or 0.0)), ""
             case _ if live:
-                return "", words.no_picture(age_s, self._panel.state.state_of(self.camera).value)
+                return "", text_formatting.no_picture(age_s, self._panel.state.state_of(self.camera).value)
             case _:
                 return "", tr("No picture at this moment")
 
@@ -170,7 +170,7 @@ class SmallPicture(QAbstractButton):
             self._paint_words(painter, whole, instead)
         band = _BANDS[self._stream.freshness]
         painter.fillRect(QRectF(0, whole.bottom() - _BAND_PX, whole.width(), _BAND_PX), theme.color(band))
-        name = words.camera_title(self.camera)
+        name = text_formatting.camera_title(self.camera)
         self._paint_name(painter, f"{name} · {age}" if age else name, warns=bool(age or instead))
         edge = "blue" if self.underMouse() else "line"
         painter.setPen(QPen(theme.color(edge), 2 if self.underMouse() else 1))

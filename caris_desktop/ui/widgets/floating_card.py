@@ -10,10 +10,10 @@ from PySide6.QtGui import QHideEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import boxes, tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.enter_field import SubmitLineEdit
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 
 class FloatingCard(QWidget):
@@ -57,10 +57,10 @@ class ChoiceCard(FloatingCard):
         self.setObjectName(name)
         self._line = QLabel()
         self._line.setObjectName(f"{name}_line")
-        self._first = boxes.row(spacing_px=4)
-        self._second = boxes.row(spacing_px=4)
+        self._first = layouts.row(spacing_px=4)
+        self._second = layouts.row(spacing_px=4)
         self._buttons: list[ActionButton] = []
-        column = boxes.column(self, margins_px=8, spacing_px=6)
+        column = layouts.column(self, margins_px=8, spacing_px=6)
         column.addWidget(self._line)
         column.addLayout(self._first)
         column.addLayout(self._second)
@@ -123,9 +123,9 @@ class NameCard(FloatingCard):
         close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
         close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.hide)
-        column = boxes.column(self, margins_px=8, spacing_px=6)
+        column = layouts.column(self, margins_px=8, spacing_px=6)
         column.addWidget(self._line)
-        row = boxes.row(spacing_px=4)
+        row = layouts.row(spacing_px=4)
         row.addWidget(self.field, 1)
         row.addWidget(self._save)
         row.addWidget(close)

@@ -2,7 +2,7 @@
 
 import math
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import FrameRef, HeadState
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass

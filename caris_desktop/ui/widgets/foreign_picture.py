@@ -2,7 +2,7 @@
 
 from PySide6.QtGui import QImage
 
-from caris_desktop.domain.pictures import PictureError, checked_size
+from caris_desktop.domain.picture_checks import PictureError, checked_size
 
 
 def image_of(content: bytes) -> QImage:

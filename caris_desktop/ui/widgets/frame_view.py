@@ -21,16 +21,16 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PersonBox
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens, words
+from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PixmapCache
 from caris_desktop.ui.panel import Panel, draw_card_edge
+from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
-from caris_desktop.ui.widgets.tag_places import tag_places
+from caris_desktop.ui.widgets.label_placement import tag_places
 
 BOXES_SOLID_S = 0.25
 BOXES_GONE_S = 0.8
@@ -318,12 +318,14 @@ class FrameView(QWidget):
             return tr("No picture"), tr("None was recorded at this moment.")
         if self._freshness == "lost" and self._late:
             old = tr("The pictures are {age} old when they arrive. {reason}")
-            return tr("No live picture"), old.format(age=words.age(self._age_s or 0.0), reason=self._lost_reason)
+            return tr("No live picture"), old.format(
+                age=text_formatting.age(self._age_s or 0.0), reason=self._lost_reason
+            )
         if self._camera and (self._freshness == "lost" or self._told is not None):
-            silent = words.no_picture(self._age_s, self._told)
-            return words.camera_title(self._camera), f"{silent} {self._lost_reason}"
+            silent = text_formatting.no_picture(self._age_s, self._told)
+            return text_formatting.camera_title(self._camera), f"{silent} {self._lost_reason}"
         if self._freshness == "lost":
-            silent = words.age(self._age_s or 0.0)
+            silent = text_formatting.age(self._age_s or 0.0)
             nothing = tr("The camera has sent nothing for {time}. {reason}")
             return tr("No picture"), nothing.format(time=silent, reason=self._lost_reason)
         if self._out_of_reach:
@@ -348,7 +350,7 @@ class FrameView(QWidget):
         )  # fmt: skip
 
     def _paint_stale(self, painter: QPainter) -> None:
-        text = tr("Picture is {age} old").format(age=words.age(self._age_s or 0.0))
+        text = tr("Picture is {age} old").format(age=text_formatting.age(self._age_s or 0.0))
         font = self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD)
         width = QFontMetricsF(font).horizontalAdvance(text) + 32
         rect = QRectF((self.width() - width) / 2, self.height() / 2 - 22, width, 44)
@@ -374,7 +376,7 @@ class FrameView(QWidget):
         rects, tags = [], []
         for box in people.boxes:
             label, named = self._words_for(box)
-            label = " · ".join(part for part in (label, words.person_state(box)) if part)
+            label = " · ".join(part for part in (label, text_formatting.person_state(box)) if part)
             right_px = moved.get(box.track, 0.0)
             rect = QRectF(
                 picture.left() + (box.left_px + right_px) * scale_x, picture.top() + box.top_px * scale_y,

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.ui import tokens
-from caris_desktop.ui.drive_keys import DriveInputFilter, KeyOwner
+from caris_desktop.ui.drive_input_filter import DriveInputFilter, KeyOwner
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 

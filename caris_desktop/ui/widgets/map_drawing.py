@@ -16,10 +16,10 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.painted_once import PixmapCache
+from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_grid import GridLayer
 from caris_desktop.ui.widgets.map_layers import (

@@ -9,8 +9,8 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.model import Place
-from caris_desktop.ui import words
+from caris_desktop.scenario.scenario_model import Place
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -161,7 +161,7 @@ class MapTools(QObject):
 
     def goal_speed(self) -> str:
         """Speed limit on the way to a goal, shown before one is chosen."""
-        return words.goal_speed(self._state.robot.value, self._state.drive.value, begins=True)[0]
+        return text_formatting.goal_speed(self._state.robot.value, self._state.drive.value, begins=True)[0]
 
     def _on_ground_clicked(self, at: QPointF, where: QPointF) -> None:
         if not self.may_go or self._refuse_place():
@@ -173,7 +173,7 @@ class MapTools(QObject):
         pose = self.pose_now()
         line = refusal
         if not refusal and pose is not None:
-            speed, _as_drive_says = words.goal_speed(self._state.robot.value, self._state.drive.value)
+            speed, _as_drive_says = text_formatting.goal_speed(self._state.robot.value, self._state.drive.value)
             distance_m = math.dist((at.x(), at.y()), (pose.x_m, pose.y_m))
             away = tr("{distance:.1f} m from the robot").format(distance=distance_m)
             line = " · ".join(part for part in (away, speed if self.can_navigate() else "") if part)

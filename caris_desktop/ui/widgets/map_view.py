@@ -22,7 +22,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, PersonPlace, RobotPose
 from caris_desktop.domain.translation import tr
-from caris_desktop.scenario.model import Place
+from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_drawing import Aim, MapDrawing, Tool

@@ -5,8 +5,8 @@ from PySide6.QtGui import QHideEvent
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
-from caris_desktop.ui.actions import Actions
-from caris_desktop.ui.drive_keys import DriveInputFilter
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.conversation.face.file import Face, FaceError, face_names, load_face, parse_face, save_face
+from caris_desktop.conversation.face.face_file import Face, FaceError, face_names, load_face, parse_face, save_face
 
 
 def test_the_faces_that_come_with_the_program_can_be_worn(tmp_path: Path) -> None:

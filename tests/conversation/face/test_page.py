@@ -9,8 +9,8 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from caris_desktop.conversation.face.drawing import drawing_of
-from caris_desktop.conversation.face.file import Face
-from caris_desktop.conversation.face.motion import Look
+from caris_desktop.conversation.face.face_file import Face
+from caris_desktop.conversation.face.face_motion import Look
 from caris_desktop.conversation.face.page import FacePage, drawn
 
 FACE = Face("A")

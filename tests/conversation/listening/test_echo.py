@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import EchoCanceller
-from caris_desktop.domain.sound import PlayedSound, PlayedSoundEnded
+from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from tests.support.sounds import RATE_HZ, chunks_of, heard_in, int16, room, speech_like
 
 _START_NS = 5_000_000_000_000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.conversation.listening import local_engine
-from caris_desktop.conversation.listening.messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 
 
 def segment(seek_s: float, text: str) -> SimpleNamespace:

@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.messages import (
+from caris_desktop.conversation.listening.recogniser import run_recogniser
+from caris_desktop.conversation.listening.recogniser_messages import (
     RecogniserAway,
     RecogniserFailed,
     RecogniserReady,
     RecogniserSettings,
     UseSilence,
 )
-from caris_desktop.conversation.listening.recogniser import run_recogniser
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.model_files import packaged_file
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
 from tests.conversation.listening.transcription_server import serving
 

@@ -16,8 +16,8 @@ import pytest
 from caris_desktop.conversation.listening import recogniser_files
 from caris_desktop.conversation.listening.engine import NoEngineError
 from caris_desktop.conversation.listening.local_engine import LocalEngine
-from caris_desktop.conversation.listening.messages import RecogniserSettings
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 
 SETTINGS = RecogniserSettings()
 WEIGHTS = b"weights"

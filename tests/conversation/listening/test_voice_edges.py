@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.agreement import HeardWord
-from caris_desktop.conversation.listening.ear import SpeechSegmenter
+from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.learnt_silence import SilenceOfPeople
-from caris_desktop.conversation.listening.own_words import RobotSpeechFilter
-from caris_desktop.conversation.listening.turns import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_MICROPHONE
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from tests.conversation.listening.speech import RATE_HZ, room
-from tests.conversation.listening.test_ear import Plain
+from tests.conversation.listening.test_speech_segmenter import Plain
 
 _SAID = (
     "Can you tell me where the kitchen is?", "Thank you.", "How much does it cost?", "I have no idea, I am sorry.",

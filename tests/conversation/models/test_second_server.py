@@ -16,8 +16,8 @@ import pytest
 
 from caris_desktop.conversation.models.chat import Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.listing import models_here
-from caris_desktop.conversation.models.words import LanguageModelError
 from caris_desktop.conversation.suggestions.prompt import replies_schema
 from caris_desktop.conversation.suggestions.replies import replies_in
 from caris_desktop.domain.events import ChatMessage

@@ -2,8 +2,8 @@
 
 import pytest
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, ReplyGrounds, reply_messages, turns_told
-from caris_desktop.conversation.transcript import Turn
 from tests.conversation.test_prompts import HOSTILE
 
 

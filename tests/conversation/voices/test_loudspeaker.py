@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.voices.loudspeaker import _Playback
-from caris_desktop.conversation.voices.sound import StreamingBuffer
+from caris_desktop.conversation.voices.utterance_sound import StreamingBuffer
 from tests.support.polling import wait_for
 
 RATE_HZ = 1000

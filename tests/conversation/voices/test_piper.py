@@ -9,9 +9,14 @@ import pytest
 
 pytest.importorskip("piper", reason="piper-tts is not installed")
 
-from caris_desktop.conversation.voices.found import NoSuchVoiceError, PiperFiles, find_piper_voice, voice_folders
+from caris_desktop.conversation.voices.installed_voices import (
+    NoSuchVoiceError,
+    PiperFiles,
+    find_piper_voice,
+    voice_folders,
+)
 from caris_desktop.conversation.voices.piper import PiperVoice, _clauses
-from caris_desktop.conversation.voices.sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
 
 SENTENCE = "Please follow me to the robot arm."
 

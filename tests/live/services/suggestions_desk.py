@@ -13,16 +13,16 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.sound import ROBOT_MICROPHONE, Hearing
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.gate import Gate
-from caris_desktop.live.services.proposals import ProposalsService
-from caris_desktop.live.services.suggestions import SuggestionsService
-from caris_desktop.live.services.transcript import TranscriptService
+from caris_desktop.live.services.proposals_service import ProposalsService
+from caris_desktop.live.services.suggestions_service import SuggestionsService
+from caris_desktop.live.services.transcript_service import TranscriptService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.model import PanelLeaf, Scenario
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 
 MS = 1_000_000
 REPLIES = json.dumps({"answer": "It stops at once.", "ask": "Shall we go there?", "more": "There is a zone around it."})

@@ -15,11 +15,11 @@ from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import Problem, ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live import scenario_watch
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.scenario import ScenarioService
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.services.scenario_service import ScenarioService
 from caris_desktop.live.state import LiveState
-from caris_desktop.scenario.file import load_scenario
+from caris_desktop.scenario.scenario_file import load_scenario
 
 TEXT = """\
 version: 1

@@ -11,14 +11,14 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.scenario import Imported, ScenarioParts, ScenarioService
-from caris_desktop.live.slow_work import BackgroundWorker
+from caris_desktop.live.services.scenario_service import Imported, ScenarioParts, ScenarioService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import RecordingStatus, SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
-from caris_desktop.scenario.file import OtherFileError
-from caris_desktop.scenario.model import PanelLeaf, Scenario
+from caris_desktop.scenario.scenario_file import OtherFileError
+from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 
 OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
 

@@ -16,17 +16,17 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import bodies
+from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
-from caris_desktop.domain.commands import RobotCommand
 from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.link_commands import RobotCommand
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound import ROBOT_VOICE
+from caris_desktop.domain.sound_values import ROBOT_VOICE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.children import ProcessManager
+from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.service import Restarts
-from caris_desktop.live.services.speech import SpeechService
+from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.polling import wait_for
@@ -46,7 +46,7 @@ class Bench:
         self.told: list[Any] = []
         self.bus.tap(lambda value, _raw: self.told.append(value))
         self.children = ProcessManager(self.bus, self.owner)
-        body = ProcessSpec("speech", bodies.speech)
+        body = ProcessSpec("speech", process_entry_points.speech)
         self.service = SpeechService(self.state, self.bus, self.children, body, robot=self, parent=self.owner)
         self.service._restarts = Restarts(at_most=1000)
         self.bus.follow(self.service.follows())

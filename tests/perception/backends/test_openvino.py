@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caris_desktop.perception.backends.choice import open_fastest
+from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
-from caris_desktop.perception.backends.opening import open_detector
 from caris_desktop.perception.backends.openvino import OpenvinoNetwork
+from caris_desktop.perception.backends.runtime_selection import open_fastest
 from caris_desktop.perception.weights import Weights, WeightsError, find_weights, offline_package_weights
 from tests.perception.shared_data import YOLOX_WEIGHTS, bus_picture
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from websockets.sync.client import connect
 
 from caris_desktop.perception.backends import remote
-from caris_desktop.perception.backends.chosen import open_chosen
 from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
+from caris_desktop.perception.backends.selected_runtime import open_chosen
 from caris_desktop.perception.detector import Detections, DetectorAwayError
 from caris_desktop.perception.inference_settings import DetectorSettings
 from caris_desktop.perception.weights import WeightsError

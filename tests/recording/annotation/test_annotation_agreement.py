@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 from sklearn.metrics import cohen_kappa_score, confusion_matrix
 
-from caris_desktop.recording.annotation import command, editing
-from caris_desktop.recording.annotation.agreement import (
+from caris_desktop.recording.annotation import agreement_command, annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument
+from caris_desktop.recording.annotation.annotation_store import save_coder
+from caris_desktop.recording.annotation.coder_agreement import (
     NOTHING,
     UNMATCHED,
     agreement,
@@ -18,9 +21,6 @@ from caris_desktop.recording.annotation.agreement import (
     report,
     unit_codes,
 )
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument
-from caris_desktop.recording.annotation.store import save_coder
 from tests.recording.told_session import tell
 
 LABELS = ("robot", "away", "floor", "other person")
@@ -30,9 +30,9 @@ def coded(**spans: list[tuple[int, int, str]]) -> AnnotationDocument:
     """A tier Gaze of each coder, in a session of a minute."""
     document = AnnotationDocument(duration_ms=60_000)
     for coder, its_spans in spans.items():
-        document = editing.add_tier(document, "Gaze", coder)
+        document = annotation_editing.add_tier(document, "Gaze", coder)
         for start_ms, end_ms, value in its_spans:
-            document = editing.add_annotation(document, document.tiers[-1].tier_id, start_ms, end_ms, value)
+            document = annotation_editing.add_annotation(document, document.tiers[-1].tier_id, start_ms, end_ms, value)
     return document
 
 
@@ -154,14 +154,14 @@ def test_the_command_prints_a_report(tmp_path: Path, capsys: pytest.CaptureFixtu
     for coder in ("anna", "ben"):
         save_coder(folder, document, coder)
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    assert command.run(parser.parse_args([str(folder), "anna", "ben", "--tier", "Gaze"])) == 0
+    agreement_command.add_arguments(parser)
+    assert agreement_command.run(parser.parse_args([str(folder), "anna", "ben", "--tier", "Gaze"])) == 0
     told = capsys.readouterr().out
     first, second = [unit_codes(document.of_tier(tier.tier_id), 60_000, 100) for tier in document.tiers]
     assert f"Cohen's kappa {cohen_kappa_score(first, second):.3f}" in told
     assert "1 matched, 1 only of anna, 0 only of ben" in told
     assert "end +1000 ms on average" in told or "end +1000 ms (at most 1000 ms)" in told
-    assert command.run(parser.parse_args([str(folder), "anna", "zoe"])) == 1
+    assert agreement_command.run(parser.parse_args([str(folder), "anna", "zoe"])) == 1
     assert "There are: anna, ben." in capsys.readouterr().err
-    assert command.run(parser.parse_args([str(tmp_path), "anna", "ben"])) == 1
+    assert agreement_command.run(parser.parse_args([str(tmp_path), "anna", "ben"])) == 1
     assert "is no session" in capsys.readouterr().err

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary, VocabularyEntry
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.csv_import import read_csv
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
-from caris_desktop.recording.annotation.store import save_coder
-from caris_desktop.recording.export import ExportContext, export_session
+from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.told_session import tell
 
 ROWS = [("anna", "Gaze", 1000, 2500, "robot"), ("anna", "Gaze", 2500, 61_234, "away")]
@@ -19,7 +19,7 @@ def read(folder: Path, content: str | bytes, *, coder: str = "anna") -> list[tup
     path = folder / "x.csv"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     document = read_csv(path, coder=coder)
-    editing.check_document(document)
+    annotation_editing.check_document(document)
     return [
         (tier.coder, tier.name, item.start_ms, item.end_ms, item.value)
         for tier in document.tiers
@@ -73,13 +73,13 @@ def test_coders_and_quoted_texts(tmp_path: Path) -> None:
 
 def test_our_own_table_reads_back(tmp_path: Path) -> None:
     gaze = Vocabulary("Gaze", (VocabularyEntry("robot"), VocabularyEntry("away")))
-    document = editing.add_vocabulary(AnnotationDocument(duration_ms=60_000), gaze)
-    document = editing.add_tier(document, "Looks", "anna", "Gaze")
-    document = editing.add_tier(document, "Notes", "anna")
+    document = annotation_editing.add_vocabulary(AnnotationDocument(duration_ms=60_000), gaze)
+    document = annotation_editing.add_tier(document, "Looks", "anna", "Gaze")
+    document = annotation_editing.add_tier(document, "Notes", "anna")
     looks, notes = (tier.tier_id for tier in document.tiers)
-    document = editing.add_annotation(document, looks, 1, 1234, "robot")
-    document = editing.add_annotation(document, looks, 1234, 60_000, "away")
-    document = editing.add_annotation(document, notes, 17, 18, 'He said "no";\nthen, <went>')
+    document = annotation_editing.add_annotation(document, looks, 1, 1234, "robot")
+    document = annotation_editing.add_annotation(document, looks, 1234, 60_000, "away")
+    document = annotation_editing.add_annotation(document, notes, 17, 18, 'He said "no";\nthen, <went>')
     folder = tell(tmp_path / "s", [], lasts_s=60.0)
     save_coder(folder, document, "anna")
     export_session(folder, "csv", tmp_path / "out", ExportContext(with_names=True))

@@ -37,16 +37,16 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.domain.translation import tr, tr_filled
-from caris_desktop.recording.annotation import editing
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.event_summary import EVENTS_IN_WORDS, type_in_words
-from caris_desktop.recording.annotation.model import AnnotationDocument
-from caris_desktop.recording.annotation.overview_of import BUCKET_NS, build_overview
 from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, session_tiers, streams_of_tiers
 from caris_desktop.recording.annotation.states import STATES_IN_WORDS
-from caris_desktop.recording.export import ExportContext
+from caris_desktop.recording.annotation.timeline_builder import BUCKET_NS, build_overview
 from caris_desktop.recording.exporters.csv import write_csv
 from caris_desktop.recording.exporters.eaf import write_eaf
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.ui.replay.timeline_model import all_rows
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
@@ -57,7 +57,7 @@ def told(folder: Path, values: list[Any], *, lasts_s: float = 60.0, **fields: An
 
 
 def rows(document: AnnotationDocument) -> dict[str, list[tuple[int, int, str]]]:
-    editing.check_document(document)
+    annotation_editing.check_document(document)
     return {
         tier.name: [(item.start_ms, item.end_ms, item.value) for item in document.of_tier(tier.tier_id)]
         for tier in document.tiers
@@ -65,7 +65,7 @@ def rows(document: AnnotationDocument) -> dict[str, list[tuple[int, int, str]]]:
 
 
 def vocabulary(document: AnnotationDocument, name: str) -> list[str]:
-    return [entry.value for entry in editing.vocabulary_of(document, name).entries]
+    return [entry.value for entry in annotation_editing.vocabulary_of(document, name).entries]
 
 
 def test_what_was_said_becomes_tiers_by_speaker(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain.declared_check import problems
-from caris_desktop.recording.annotation import editing, store
+from caris_desktop.domain.schema_validation import problems
+from caris_desktop.recording.annotation import annotation_editing, annotation_store
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary, VocabularyEntry
+from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents, save_coder
 from caris_desktop.recording.annotation.coding_file import Coding
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import AnnotationDocument, Vocabulary, VocabularyEntry
-from caris_desktop.recording.annotation.store import annotation_files, load_documents, save_coder
 from tests.recording.told_session import tell
 from tests.support.broken_data import changed
 from tests.support.schemas import schema_validator
@@ -21,11 +21,11 @@ from tests.support.schemas import schema_validator
 
 def coded(coder: str, value: str = "robot", *, at_ms: int = 0) -> AnnotationDocument:
     gaze = Vocabulary("Gaze", (VocabularyEntry("robot", "at it"), VocabularyEntry("away")), "Where people look.")
-    document = editing.add_vocabulary(AnnotationDocument(duration_ms=60_000), gaze)
-    document = editing.add_tier(document, "Looks", coder, "Gaze", participant="P07")
-    document = editing.add_tier(document, "Notes", coder)
-    document = editing.add_annotation(document, document.tiers[0].tier_id, at_ms, at_ms + 50, value)
-    return editing.add_annotation(document, document.tiers[1].tier_id, 7, 9, 'ü\n"\U0001f916 <&')
+    document = annotation_editing.add_vocabulary(AnnotationDocument(duration_ms=60_000), gaze)
+    document = annotation_editing.add_tier(document, "Looks", coder, "Gaze", participant="P07")
+    document = annotation_editing.add_tier(document, "Notes", coder)
+    document = annotation_editing.add_annotation(document, document.tiers[0].tier_id, at_ms, at_ms + 50, value)
+    return annotation_editing.add_annotation(document, document.tiers[1].tier_id, 7, 9, 'ü\n"\U0001f916 <&')
 
 
 def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
     path = save_coder(tmp_path, document, "anna")
     assert path == tmp_path / "annotations" / "anna.json"
     assert load_documents(tmp_path) == document
-    fewer = editing.remove_tier(document, document.tiers[1].tier_id)
+    fewer = annotation_editing.remove_tier(document, document.tiers[1].tier_id)
     save_coder(tmp_path, fewer, "anna")
     assert load_documents(tmp_path) == fewer
     assert [file.name for file in path.parent.iterdir()] == ["anna.json"]
@@ -57,10 +57,10 @@ def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> 
     assert len({path.name.casefold() for path in files}) == len(coders)
     assert {path.parent for path in files} == {tmp_path / "annotations"}
     document = load_documents(tmp_path)
-    assert set(editing.coders_of(document)) == set(coders)
+    assert set(annotation_editing.coders_of(document)) == set(coders)
     starts = {tier.coder: document.of_tier(tier.tier_id)[0].start_ms for tier in document.tiers if tier.name == "Looks"}
     assert starts == {coder: number for number, coder in enumerate(coders)}
-    editing.check_document(document)
+    annotation_editing.check_document(document)
 
 
 @pytest.mark.logs(r"annotation\.store: ")
@@ -99,13 +99,13 @@ def test_a_damaged_file_is_told_and_never_overwritten(tmp_path: Path, content: s
         save_coder(tmp_path, coded("anna"), "anna")
     assert path.read_bytes() == before
     messages: list[str] = []
-    assert editing.coders_of(load_documents(tmp_path, on_damaged=messages.append)) == ("ben",)
+    assert annotation_editing.coders_of(load_documents(tmp_path, on_damaged=messages.append)) == ("ben",)
     assert [told in message and str(path) in message for message in messages] == [True]
 
 
 def test_the_schema_refuses_what_the_program_refuses() -> None:
     validator = schema_validator("annotations.schema.json")
-    data = store.coding_jsonable(coded("anna"), "anna")
+    data = annotation_store.coding_jsonable(coded("anna"), "anna")
     assert list(problems(Coding, data)) == []
     assert validator.is_valid(data)
     chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
@@ -132,7 +132,7 @@ def test_a_full_disk_leaves_the_last_saved_state(tmp_path: Path, monkeypatch: py
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, "replace_file", full)
+    monkeypatch.setattr(annotation_store, "replace_file", full)
     with pytest.raises(AnnotationError, match=r"The disk is full: anna\.json was not saved"):
         save_coder(tmp_path, coded("anna", "away"), "anna")
     assert load_documents(tmp_path) == coded("anna")
@@ -144,7 +144,7 @@ from pathlib import Path
 folder = Path(sys.argv[1])
 subprocess.run(["mount", "--bind", str(folder), str(folder)], check=True)
 subprocess.run(["mount", "-o", "remount,ro,bind", str(folder)], check=True)
-from caris_desktop.recording.annotation.editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from tests.recording.annotation.test_annotation_store import coded, load_documents, save_coder
 assert load_documents(folder) == coded("anna")
 try:

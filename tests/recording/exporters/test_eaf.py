@@ -16,21 +16,21 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.sensing import AudioBlock
-from caris_desktop.recording.annotation import editing
-from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
-from caris_desktop.recording.annotation.editing import AnnotationError
-from caris_desktop.recording.annotation.model import (
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
     Tier,
     Vocabulary,
     VocabularyEntry,
 )
+from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
+from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.annotation.store import load_documents, save_coder
-from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.export_checks import check_what_elan_insists_on
 from tests.recording.told_session import at, heard, said, tell, tour
 from tests.support.examples import examples
@@ -59,16 +59,18 @@ def coded(*coders: str) -> AnnotationDocument:
     """Several coders with tiers of the same names, a vocabulary with nasty values, nasty texts."""
     values = tuple(VocabularyEntry(" ".join(text.split()), text) for text in NASTY)
     document = AnnotationDocument(duration_ms=60_000)
-    document = editing.add_vocabulary(document, Vocabulary("Gaze <&>", values, 'Where "people" look.'))
-    document = editing.add_vocabulary(document, Vocabulary("free text", (VocabularyEntry("x"),)))
+    document = annotation_editing.add_vocabulary(document, Vocabulary("Gaze <&>", values, 'Where "people" look.'))
+    document = annotation_editing.add_vocabulary(document, Vocabulary("free text", (VocabularyEntry("x"),)))
     for coder in coders:
-        document = editing.add_tier(document, "Looks", coder, "Gaze <&>", participant="P07 <x>")
-        document = editing.add_tier(document, "Notes & more", coder)
-        document = editing.add_tier(document, "Empty", coder, "free text")
+        document = annotation_editing.add_tier(document, "Looks", coder, "Gaze <&>", participant="P07 <x>")
+        document = annotation_editing.add_tier(document, "Notes & more", coder)
+        document = annotation_editing.add_tier(document, "Empty", coder, "free text")
         looks, notes = document.tiers[-3].tier_id, document.tiers[-2].tier_id
         for number, text in enumerate(("", *NASTY)):
-            document = editing.add_annotation(document, looks, number * 100, number * 100 + 100, " ".join(text.split()))
-            document = editing.add_annotation(document, notes, number * 500, number * 500 + 1, text)
+            document = annotation_editing.add_annotation(
+                document, looks, number * 100, number * 100 + 100, " ".join(text.split())
+            )
+            document = annotation_editing.add_annotation(document, notes, number * 500, number * 500 + 1, text)
     return document
 
 
@@ -122,13 +124,13 @@ def test_whatever_coders_type_reads_back_identical(
     """Through the functions of editing, which make other control characters U+FFFD and lone ends of lines feeds."""
     document = AnnotationDocument(duration_ms=10_000)
     vocabulary = Vocabulary("V\n1", tuple(VocabularyEntry(*entry) for entry in entries), "d\x07")
-    steps: list[Any] = [lambda doc: editing.add_vocabulary(doc, vocabulary)]
+    steps: list[Any] = [lambda doc: annotation_editing.add_vocabulary(doc, vocabulary)]
     for name, coder, limited in tiers:
         uses = "V 1" if limited else ""
-        steps.append(lambda doc, name=name, coder=coder, uses=uses: editing.add_tier(doc, name, coder, uses))
+        steps.append(lambda doc, name=name, coder=coder, uses=uses: annotation_editing.add_tier(doc, name, coder, uses))
     for tier, start_ms, length_ms, text in spans:
         steps.append(
-            lambda doc, tier=tier, start_ms=start_ms, length_ms=length_ms, text=text: editing.add_annotation(
+            lambda doc, tier=tier, start_ms=start_ms, length_ms=length_ms, text=text: annotation_editing.add_annotation(
                 doc, doc.tiers[tier % len(doc.tiers)].tier_id, start_ms, start_ms + length_ms, text
             )
         )
@@ -164,12 +166,14 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("eaf") / "P07 run 1"
     make_session(folder, seconds=6.0, size_px=(160, 90), mark_every_s=2.0, utterance_every_s=2.0)
     for coder in ("anna", "ben"):
-        document = editing.add_vocabulary(
+        document = annotation_editing.add_vocabulary(
             AnnotationDocument(duration_ms=6000),
             Vocabulary("Gaze", (VocabularyEntry("robot"), VocabularyEntry("floor"))),
         )
-        document = editing.add_tier(document, "Looks", coder, "Gaze")
-        save_coder(folder, editing.add_annotation(document, document.tiers[0].tier_id, 500, 1500, "robot"), coder)
+        document = annotation_editing.add_tier(document, "Looks", coder, "Gaze")
+        save_coder(
+            folder, annotation_editing.add_annotation(document, document.tiers[0].tier_id, 500, 1500, "robot"), coder
+        )
     out = folder.parent / "out"
     export_session(folder, "eaf", out, ExportContext(with_names=True))
     return folder, out
@@ -181,7 +185,7 @@ def test_a_session_becomes_a_project(exported: tuple[Path, Path], elan_schema: x
     elan_schema.validate(str(path))
     check_what_elan_insists_on(path)
     session = open_session(folder)
-    document = editing.merge_documents(session_tiers(session), load_documents(folder))
+    document = annotation_editing.merge_documents(session_tiers(session), load_documents(folder))
     assert read_eaf(path) == document
     names = set(pympi.Elan.Eaf(str(path)).tiers)
     assert {"Driving source", "Wizard marks", "Motion", "Looks@anna", "Looks@ben"} <= names
@@ -351,7 +355,7 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
     (old,) = document.vocabularies
     assert (old.description, [entry.value for entry in old.entries]) == ("Before 2.8", ["yes", "no", "old value"])
     assert old.entries[0].description == "a yes"
-    taken = editing.take_over(AnnotationDocument(duration_ms=5000), document)
+    taken = annotation_editing.take_over(AnnotationDocument(duration_ms=5000), document)
     assert len(taken.annotations) == 6
 
 
@@ -445,7 +449,7 @@ def test_ends_of_files_are_told_not_thrown(tmp_path: Path) -> None:
         damaged[at_byte : at_byte + 4] = rng.bytes(4) if rng.random() < 0.5 else b'"'
         path.write_bytes(damaged[: int(rng.integers(len(whole) // 2, len(whole) + 1))])
         try:
-            editing.check_document(read_eaf(path))
+            annotation_editing.check_document(read_eaf(path))
         except AnnotationError as refusal:
             assert str(refusal).startswith("x.eaf cannot be taken over.")
     with pytest.raises(AnnotationError, match="cannot be read"):

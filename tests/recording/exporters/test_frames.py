@@ -20,10 +20,10 @@ from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.sensing import FrameRef, LaserScan, People, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.frames import write_frames
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.support.recorded_session import MadeSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from caris_desktop.domain import streams
-from caris_desktop.recording.export import export_session
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.minute import make_session
 
 

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from caris_desktop.domain import recorded_form
-from caris_desktop.recording.export import ExportContext, ExportRequest, export_all, export_session
+from caris_desktop.domain import json_encoding
 from caris_desktop.recording.exporters import parquet
+from caris_desktop.recording.session_export import ExportContext, ExportRequest, export_all, export_session
 from tests.recording.minute import S, everything, make_session
 
 
@@ -145,7 +145,7 @@ def test_values_that_fit_no_column_are_left_out_and_the_rest_kept(
     from caris_desktop.domain.geometry import Twist2D
 
     # As versions wrote them that did not look whether they can be read.
-    monkeypatch.setattr(recorded_form, "_require_readable", lambda *_: None)
+    monkeypatch.setattr(json_encoding, "_require_readable", lambda *_: None)
     odd: Any = "seven"
     make_session(
         tmp_path / "s",

@@ -28,14 +28,14 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.streams import BY_NAME
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.eaf_import import read_eaf
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
-from caris_desktop.recording.annotation.overview_of import build_overview
-from caris_desktop.recording.annotation.store import save_coder
-from caris_desktop.recording.export import ExportContext, ExportRequest, export_all, export_session
+from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import ExportContext, ExportRequest, export_all, export_session
 from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.recording.studies.statistics import study_statistics
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour

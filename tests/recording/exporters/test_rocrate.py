@@ -17,11 +17,11 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import RobotPose, StatusShown
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.export import ExportContext, ExportError, export_session
 from caris_desktop.recording.exporters.rocrate import licence_of
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import ExportContext, ExportError, export_session
 from tests.recording.told_session import at, tell
 from tests.support.recorded_session import MadeSession, make_session
 

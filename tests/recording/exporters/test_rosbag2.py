@@ -23,7 +23,7 @@ from rosbags.rosbag1 import Writer
 from scipy.spatial.transform import Rotation
 
 from caris_desktop.domain import streams
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, RobotChosen
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.schema import to_jsonable
@@ -37,13 +37,13 @@ from caris_desktop.domain.sensing import (
     PeopleInMap,
     RobotPose,
 )
-from caris_desktop.recording.export import ExportContext, export_session
 from caris_desktop.recording.exporters.rosbag2 import write_rosbag2
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.foreign.bag_messages import typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.ros import messages
+from caris_desktop.recording.session_export import ExportContext, export_session
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
 from tests.recording.exporters.test_frames import rerecorded
 from tests.support.recorded_session import MadeSession, make_session, number_in
@@ -330,7 +330,7 @@ def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path, caplog: 
 
 
 def test_an_imported_bag_keeps_the_type_of_its_velocities(tmp_path: Path) -> None:
-    message = messages.encode_twist_stamped(Dialect.ROS2, Twist2D(0.4, 0.0, 0.1), stamp_ns=7 * SECOND_NS)
+    message = message_conversion.encode_twist_stamped(Dialect.ROS2, Twist2D(0.4, 0.0, 0.1), stamp_ns=7 * SECOND_NS)
     kind = "geometry_msgs/msg/TwistStamped"
     with Writer(tmp_path / "foreign.bag") as bag:
         connection = bag.add_connection("/cmd_vel", kind, typestore=typestore(1))

@@ -12,10 +12,10 @@ import pytest
 from parselmouth.praat import call
 
 from caris_desktop.domain.events import Marked
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
-from caris_desktop.recording.annotation.store import save_coder
-from caris_desktop.recording.export import ExportRequest, export_all, export_session
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.exporters.textgrid import FILE_NAME
+from caris_desktop.recording.session_export import ExportRequest, export_all, export_session
 from tests.recording.minute import LENGTH_S, S, everything, make_session, said
 
 QUOTED = 'She said "hello"\nand left; "" \\ae'

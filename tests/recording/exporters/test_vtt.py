@@ -7,7 +7,7 @@ from typing import Any
 
 import webvtt
 
-from caris_desktop.recording.export import export_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.minute import S, everything, make_session, said, utterance
 
 

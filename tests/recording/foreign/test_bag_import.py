@@ -36,17 +36,17 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
-from caris_desktop.recording.export import FORMATS, export_session
 from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
 from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.robot_clock import robot_clock
+from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.ros import messages, navigation_messages
+from caris_desktop.recording.session_export import FORMATS, export_session
+from caris_desktop.ros import message_conversion, navigation_messages
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.fields import Message, encode_header
+from caris_desktop.ros.message_fields import Message, encode_header
 from caris_desktop.simulator.encoding import Placement, transforms
 from tests.recording.driving import scan
 from tests.support.recorded_session import MadeSession, make_session, number_in, picture_of
@@ -86,36 +86,46 @@ def robot_messages() -> Iterator[Written]:
     """A second of a robot: topic, type, milliseconds, plain message."""
 
     def tf(*transforms: tuple[str, str, Pose2D], at: int) -> Message:
-        return messages.encode_tf_message(ROS2, list(transforms), stamp_ns=T0_NS + at * MS)
+        return message_conversion.encode_tf_message(ROS2, list(transforms), stamp_ns=T0_NS + at * MS)
 
     stamp: Callable[[int], int] = lambda at: T0_NS + at * MS - 5 * MS  # noqa: E731 - measured 5 ms before
     yield "/tf_static", "tf2_msgs/msg/TFMessage", 0, tf(("base_link", "laser_link", Pose2D(0.2, 0.0, 0.5)), at=0)
     grid = OccupancyGrid(0, None, 0.05, Pose2D(-1, -2, 0), np.arange(12, dtype=np.int8).reshape(3, 4))
-    yield "/map", "nav_msgs/msg/OccupancyGrid", 1, messages.encode_occupancy_grid(ROS2, grid, stamp_ns=stamp(1))
+    yield (
+        "/map",
+        "nav_msgs/msg/OccupancyGrid",
+        1,
+        message_conversion.encode_occupancy_grid(ROS2, grid, stamp_ns=stamp(1)),
+    )
     for number in range(4):
-        costmap = messages.encode_occupancy_grid(ROS2, grid, stamp_ns=stamp(2))
+        costmap = message_conversion.encode_occupancy_grid(ROS2, grid, stamp_ns=stamp(2))
         yield "/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", 2 + number, costmap
     for at in range(10, 1000, 100):
         x_m = at / 1000
         yield "/tf", "tf2_msgs/msg/TFMessage", at, tf(("map", "odom", Pose2D(1.0, 0.0, 0.0)), at=at)
         yield "/tf", "tf2_msgs/msg/TFMessage", at + 1, tf(("odom", "base_link", Pose2D(x_m, 2.0, 0.0)), at=at + 1)
         odometry = Odometry(0, None, Pose2D(x_m, 2.0, 0.0), Twist2D(1.0, 0.0, 0.0))
-        yield "/odom", "nav_msgs/msg/Odometry", at + 2, messages.encode_odometry(ROS2, odometry, stamp_ns=stamp(at))
+        yield (
+            "/odom",
+            "nav_msgs/msg/Odometry",
+            at + 2,
+            message_conversion.encode_odometry(ROS2, odometry, stamp_ns=stamp(at)),
+        )
         for topic, beams in (("/scan", 30), ("/rear/scan_raw", 20)):
-            message = messages.encode_laser_scan(ROS2, scan(beams, stamp_ns=0), stamp_ns=stamp(at + 3))
+            message = message_conversion.encode_laser_scan(ROS2, scan(beams, stamp_ns=0), stamp_ns=stamp(at + 3))
             message["header"]["frame_id"] = "/laser_link"
             yield topic, "sensor_msgs/msg/LaserScan", at + 3, message
-        yield "/cmd_vel", "geometry_msgs/msg/Twist", at + 4, messages.encode_twist(Twist2D(x_m, 0.0, -0.2))
+        yield "/cmd_vel", "geometry_msgs/msg/Twist", at + 4, message_conversion.encode_twist(Twist2D(x_m, 0.0, -0.2))
         yield "/camera/rgb/image_raw", "sensor_msgs/msg/Image", at + 5, raw_image(at // 100, stamp(at + 5))
         yield "/head/image/compressed", "sensor_msgs/msg/CompressedImage", at + 6, jpeg_image(at // 100, stamp(at + 6))
-        lens = messages.Lens(160, 90, 100.0, 101.0, 80.0, 45.0)
-        info = messages.encode_camera_info(ROS2, lens, stamp_ns=stamp(at + 7))
+        lens = message_conversion.Lens(160, 90, 100.0, 101.0, 80.0, 45.0)
+        info = message_conversion.encode_camera_info(ROS2, lens, stamp_ns=stamp(at + 7))
         yield "/camera/rgb/camera_info", "sensor_msgs/msg/CameraInfo", at + 7, info
     path = navigation_messages.encode_path(ROS2, np.array([[0, 0], [1, 1]], np.float32), stamp_ns=1, frame_id="odom")
     yield "/plan", "nav_msgs/msg/Path", 991, path
-    goal = messages.encode_pose_stamped(ROS2, Pose2D(3.0, 4.0, 0.0), stamp_ns=stamp(992))
+    goal = message_conversion.encode_pose_stamped(ROS2, Pose2D(3.0, 4.0, 0.0), stamp_ns=stamp(992))
     yield "/goal_pose", "geometry_msgs/msg/PoseStamped", 992, goal
-    start = messages.encode_pose_with_covariance_stamped(ROS2, Pose2D(5.0, 6.0, 1.0), stamp_ns=stamp(993))
+    start = message_conversion.encode_pose_with_covariance_stamped(ROS2, Pose2D(5.0, 6.0, 1.0), stamp_ns=stamp(993))
     yield "/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", 993, start
     yield "/tts", "std_msgs/msg/String", 994, {"data": "Hello there"}
     yield "/asr/result", "std_msgs/msg/String", 995, {"data": "Hi robot"}
@@ -136,7 +146,7 @@ def jpeg_image(number: int, stamp_ns: int) -> Message:
     # Half way the camera changes its resolution.
     size = (160, 90) if number < 5 else (320, 180)
     _, jpeg = cv2.imencode(".jpg", picture_of(1, number, size))
-    return messages.encode_compressed_image(ROS2, jpeg.tobytes(), stamp_ns=stamp_ns)
+    return message_conversion.encode_compressed_image(ROS2, jpeg.tobytes(), stamp_ns=stamp_ns)
 
 
 def write_ros1(path: Path, written: Iterator[Written]) -> Path:
@@ -241,13 +251,15 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
 def scans_before_the_mount(*, mounted_ms: int | None) -> Iterator[Written]:
     """Scans from the beginning; how the laser is mounted is told later, or never."""
     for at in range(0, 500, 100):
-        message = messages.encode_laser_scan(ROS2, scan(30, stamp_ns=0), stamp_ns=T0_NS + at * MS)
+        message = message_conversion.encode_laser_scan(ROS2, scan(30, stamp_ns=0), stamp_ns=T0_NS + at * MS)
         message["header"]["frame_id"] = "laser_link"
         yield "/scan", "sensor_msgs/msg/LaserScan", at, message
-        pose = messages.encode_pose_stamped(ROS2, Pose2D(1.0, 2.0, 0.0), stamp_ns=T0_NS + at * MS)
+        pose = message_conversion.encode_pose_stamped(ROS2, Pose2D(1.0, 2.0, 0.0), stamp_ns=T0_NS + at * MS)
         yield "/robot_pose", "geometry_msgs/msg/PoseStamped", at + 1, pose
         if at == mounted_ms:
-            mount = messages.encode_tf_message(ROS2, [("base_link", "laser_link", Pose2D(0.2, 0.0, 3.1))], stamp_ns=1)
+            mount = message_conversion.encode_tf_message(
+                ROS2, [("base_link", "laser_link", Pose2D(0.2, 0.0, 3.1))], stamp_ns=1
+            )
             yield "/tf_static", "tf2_msgs/msg/TFMessage", at + 2, mount
 
 
@@ -382,11 +394,11 @@ def test_an_imported_bag_can_be_exported_again(tmp_path: Path) -> None:
 
 
 def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
-    message = messages.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
+    message = message_conversion.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
     store, kind = typestore(1), "sensor_msgs/msg/LaserScan"
     text = store.generate_msgdef(kind)[0].encode()
     ros1 = store.serialize_ros1(typed(1, kind, message), kind)
-    pose = json.dumps(messages.encode_pose_stamped(Dialect.ROS1, Pose2D(1, 2, 0.5), stamp_ns=T0_NS)).encode()
+    pose = json.dumps(message_conversion.encode_pose_stamped(Dialect.ROS1, Pose2D(1, 2, 0.5), stamp_ns=T0_NS)).encode()
     bag = mcap(
         tmp_path / "mixed.mcap",
         scan=("sensor_msgs/LaserScan", "ros1msg", "ros1", text, bytes(ros1)),
@@ -598,7 +610,7 @@ def test_nothing_is_overwritten_and_an_import_can_be_stopped(tmp_path: Path) -> 
     ],
 )
 def test_a_bag_that_only_pretends_to_be_ours(header: str, tmp_path: Path) -> None:
-    laser = messages.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
+    laser = message_conversion.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
     text = "std_msgs/msg/String"
     written = [
         ("/caris/session", text, 1, {"data": header}),
@@ -612,7 +624,7 @@ def test_a_bag_that_only_pretends_to_be_ours(header: str, tmp_path: Path) -> Non
 
 
 def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> None:
-    good = messages.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
+    good = message_conversion.encode_laser_scan(ROS2, scan(8, stamp_ns=0), stamp_ns=T0_NS)
     bad = {**good, "angle_increment": float("nan")}
     written = [("/scan", "sensor_msgs/msg/LaserScan", at, good if at % 2 else bad) for at in range(1, 7)]
     picture: NDArray[np.uint8] = np.zeros((2, 2, 3), np.uint8)
@@ -630,7 +642,7 @@ def test_odometry_without_a_rotation_keeps_its_speed_and_is_counted(tmp_path: Pa
     written = []
     for number in range(1, 7):
         odometry = Odometry(0, None, Pose2D(7.0, 7.0, 0.0), Twist2D(0.5, 0.0, 0.1))
-        message = messages.encode_odometry(ROS2, odometry, stamp_ns=T0_NS)
+        message = message_conversion.encode_odometry(ROS2, odometry, stamp_ns=T0_NS)
         message["pose"]["pose"]["orientation"] = dict.fromkeys("xyzw", 0.0)
         written.append(("/odom", "nav_msgs/msg/Odometry", 100 * number, message))
     report = import_bag(write_ros1(tmp_path / "a.bag", iter(written)), tmp_path / "session")

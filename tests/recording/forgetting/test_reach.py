@@ -16,12 +16,12 @@ import pytest
 
 from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.recording.forgetting.own_files import OwnFiles
+from caris_desktop.recording.forgetting.person_tracks import messages_of
 from caris_desktop.recording.forgetting.review import read_review
-from caris_desktop.recording.forgetting.sightings import messages_of
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.forgetting.named_study import NAME, make_study
-from tests.recording.forgetting.test_study import forget, hits_in, receipt_of, sessions_of
+from tests.recording.forgetting.test_study_erasure import forget, hits_in, receipt_of, sessions_of
 from tests.support import recorded_session
 from tests.support.recorded_session import SessionPlan, make_session
 

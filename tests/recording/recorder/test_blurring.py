@@ -19,7 +19,7 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.perception import blur
 from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import (
+from caris_desktop.recording.recorder.recorder_messages import (
     BlurDemand,
     BlurWhat,
     StartRecording,

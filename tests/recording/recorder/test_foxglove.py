@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from caris_desktop.domain.camera import CameraModel
+from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraLens, LaserScan, OccupancyGrid, People, PlannedPath, RobotPose

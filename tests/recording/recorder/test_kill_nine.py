@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording.export import export_session
-from caris_desktop.recording.recorder.messages import RecorderReport, StopRecording
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport, StopRecording
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.driving import start
 from tests.recording.export_checks import check_export, formats_there
 from tests.recording.loaded_console import CAMERAS, LoadedConsole

@@ -12,7 +12,7 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ChatMessage, Problem, StepEntered, UtteranceChanged
 from caris_desktop.recording.recorder.lsl_outlet import STREAM_NAME
-from caris_desktop.recording.recorder.messages import OfferMarkers, PauseRecording, RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import OfferMarkers, PauseRecording, RecorderReport
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, command, mark, pose, start
 from tests.recording.told_session import exchange

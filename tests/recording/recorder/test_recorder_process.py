@@ -41,7 +41,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import AudioChunk, OccupancyGrid, People, PersonBox
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import (
+from caris_desktop.recording.recorder.recorder_messages import (
     RecorderReport,
     SetRecordingPermissions,
     StopRecording,

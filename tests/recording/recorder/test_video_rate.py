@@ -13,8 +13,8 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap, Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder import video_encoders, video_file, video_rate
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder import video_encoders, video_rate, video_writer
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from caris_desktop.recording.recorder.video_rate import VideoRate
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, mark, picture, start
@@ -84,15 +84,15 @@ def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Encoding takes 70 ms a frame for the first frames, then as long as it does; patience ends after 1.5 s, and
     the encoder is the fastest from the beginning.
     """
-    write = video_file.VideoFileWriter.write
+    write = video_writer.VideoFileWriter.write
     left = itertools.count(36, -1)
 
-    def write_slowly(self: video_file.VideoFileWriter, image_bgr: np.ndarray, ref: FrameRef) -> None:
+    def write_slowly(self: video_writer.VideoFileWriter, image_bgr: np.ndarray, ref: FrameRef) -> None:
         if next(left) > 0:
             time.sleep(0.07)
         write(self, image_bgr, ref)
 
-    monkeypatch.setattr(video_file.VideoFileWriter, "write", write_slowly)
+    monkeypatch.setattr(video_writer.VideoFileWriter, "write", write_slowly)
     monkeypatch.setattr(video_rate, "_CALM_NS", 1_500_000_000)
     monkeypatch.setattr(video_encoders, "_SHARE_OF_IDLE", 0.0)
 

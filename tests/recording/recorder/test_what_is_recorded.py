@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import AudioChunk, BatteryState, StatusShown
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import (
+from caris_desktop.recording.recorder.recorder_messages import (
     ARRIVED,
     PauseRecording,
     RecorderReport,
@@ -33,7 +33,7 @@ from caris_desktop.recording.recorder.messages import (
     TakePhoto,
 )
 from caris_desktop.recording.session.folder_lock import is_held
-from caris_desktop.recording.session.gap_words import read_reason
+from caris_desktop.recording.session.gap_messages import read_reason
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken

@@ -18,12 +18,12 @@ from caris_desktop.domain.sensing import AudioChunk, BatteryState, FrameRef, Odo
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.export import export_session
 from caris_desktop.recording.recorder.event_log import EventLog
-from caris_desktop.recording.recorder.messages import ARRIVED, PauseRecording
+from caris_desktop.recording.recorder.recorder_messages import ARRIVED, PauseRecording
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.header_rebuilding import rebuilt_header
+from caris_desktop.recording.session.header_recovery import rebuilt_header
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.driving import RecorderUnderTest, picture, start
 from tests.recording.recorder.test_recorder_process import mcap_messages
 

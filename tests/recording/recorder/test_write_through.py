@@ -17,7 +17,7 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from caris_desktop.recording.recorder.write_through import FsyncThread
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, mark, start

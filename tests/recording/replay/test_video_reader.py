@@ -10,7 +10,7 @@ import pytest
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_file import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import open_session

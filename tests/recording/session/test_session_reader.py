@@ -15,7 +15,7 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.recording.recorder.messages import SessionHeader
+from caris_desktop.recording.recorder.recorder_messages import SessionHeader
 from caris_desktop.recording.recorder.session_recorder import DiskLimits, SessionRecorder
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader

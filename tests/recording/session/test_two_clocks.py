@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from caris_desktop.domain.events import LinkQuality
-from caris_desktop.recording.export import export_session
-from caris_desktop.recording.recorder.messages import RecorderReport
+from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.driving import RecorderUnderTest, start
 from tests.robot.link_bench import LinkProcess
 from tests.support.polling import wait_for

@@ -11,7 +11,7 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
     UtteranceState,
 )
-from caris_desktop.recording.session.marks import FinalMark, final_marks, final_marks_of
+from caris_desktop.recording.session.session_marks import FinalMark, final_marks, final_marks_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken, spoken_of
 from tests.recording.session.test_session_reader import record

@@ -28,7 +28,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies.completeness import data_quality_problems
+from caris_desktop.recording.studies.data_quality import data_quality_problems
 from caris_desktop.recording.studies.measures import (
     MEASURES,
     Interval,

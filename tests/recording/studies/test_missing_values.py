@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording.command import _verify
-from caris_desktop.recording.export import ExportRequest, export_all
+from caris_desktop.recording.export_command import _verify
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
-from caris_desktop.recording.session import mcap_blocks
+from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies.completeness import data_quality_problems
+from caris_desktop.recording.session_export import ExportRequest, export_all
+from caris_desktop.recording.studies.data_quality import data_quality_problems
 from caris_desktop.recording.studies.measures import MEASURES, measure, read_facts
 from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.support.recorded_session import MadeSession
@@ -26,7 +26,7 @@ def damaged(whole_session: MadeSession, tmp_path_factory: pytest.TempPathFactory
     folder = tmp_path_factory.mktemp("study") / "sessions" / "s"
     shutil.copytree(whole_session.folder, folder)
     path = folder / "events.mcap"
-    index = mcap_blocks.read_index(path)
+    index = mcap_chunks.read_index(path)
     content = bytearray(path.read_bytes())
     content[int(index.offsets[5]) + 60 : int(index.offsets[6]) + 60] = b"\xff" * int(
         index.offsets[6] - index.offsets[5]

@@ -25,8 +25,8 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
-from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
 from caris_desktop.recording.studies.measures import MEASURES, Measures, measure, read_facts

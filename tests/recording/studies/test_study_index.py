@@ -16,13 +16,13 @@ import pytest
 
 from caris_desktop.domain.events import ChatMessage, Marked, Problem, UtteranceChanged
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.model import Annotation, AnnotationDocument, Tier
-from caris_desktop.recording.annotation.store import save_coder
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import sessions_command, study_index
-from caris_desktop.recording.studies.query import SessionEntry, SessionQuery
 from caris_desktop.recording.studies.study_index import DATABASE_NAME, StudyIndex, content_signature
+from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
 from tests.benchmarks.study_search import answers, make_study
 from tests.recording.told_session import TRIAL, at, exchange, heard, said, tell
 from tests.support.translated_messages import untranslated_part
@@ -301,7 +301,7 @@ def test_a_locked_index_does_not_keep_anybody_from_finding(
 _FIND = """
 import sys
 from pathlib import Path
-from caris_desktop.recording.studies.query import SessionQuery
+from caris_desktop.recording.studies.study_query import SessionQuery
 from caris_desktop.recording.studies.study_index import StudyIndex
 index = StudyIndex.of_study(Path(sys.argv[1]))
 index.update()

@@ -4,11 +4,11 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from caris_desktop.scenario.model import PanelName
-from caris_desktop.ui.layout import arrangement as edits
-from caris_desktop.ui.layout.arrangement import DockLayout
-from caris_desktop.ui.layout.placing import dragged, place
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui.layout import dock_layout as edits
+from caris_desktop.ui.layout.dock_geometry import dragged, place
+from caris_desktop.ui.layout.dock_layout import DockLayout
+from caris_desktop.ui.layout.layout_rect import Rect
 
 WINDOW = Rect(0, 0, 1900, 920)
 SIDES = ("tab", "left", "right", "above", "below")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
 from caris_desktop.ui.dock_host import DockHost
 
 

@@ -7,11 +7,11 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.file import load_scenario
-from caris_desktop.scenario.model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.card_place import card_place, in_the_corner
-from caris_desktop.ui.layout.placing import TITLE_PX, GroupPlace, place
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
+from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from tests.support.window_check import flaws
 from tests.ui.conftest import click, find, freshen

@@ -9,26 +9,26 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.model import PanelLeaf, PanelName, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.layout.arrangement import (
+from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock_geometry import GroupPlace, place
+from caris_desktop.ui.layout.dock_layout import (
     DockLayout,
     arrangement_data,
     arrangement_from,
     arrangement_of,
     float_panel,
 )
-from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.layout_rect import Rect
+from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resizer
-from caris_desktop.ui.layout.placing import GroupPlace, place
-from caris_desktop.ui.layout.rect import Rect
-from caris_desktop.ui.layout.tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui import samples
 from tests.ui.layout.edits import KINDS, edited
 from tests.ui.layout.lying import Placed, shown_in
-from tests.ui.test_closing import AskedByTheWindowManager
+from tests.ui.test_quit_guard import AskedByTheWindowManager
 
 PLACE = Rect(60, 80, 420, 300)
 

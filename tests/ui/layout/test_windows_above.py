@@ -7,14 +7,14 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.status import RecordingStatus
-from caris_desktop.scenario.model import PanelName
+from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui.layout.floating_window import FloatingWindow
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.window_above import clear_place
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
-from tests.ui.test_closing import AskedByTheWindowManager
+from tests.ui.test_quit_guard import AskedByTheWindowManager
 
 pytestmark = pytest.mark.panels("video", "speak", "map")
 

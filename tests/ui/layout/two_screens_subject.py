@@ -8,7 +8,7 @@ import sys
 from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.ui.layout.rect import Rect
+from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole

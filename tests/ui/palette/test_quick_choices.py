@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.people.in_front import in_front
+from caris_desktop.ui.people.nearest_person import in_front
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 

@@ -13,10 +13,10 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import PersonIdentified
+from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.people.store import HistoryEntry
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.people import PeoplePanel
+from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.people.about_page import how_known, tags_of
 from caris_desktop.ui.people.history_list import what, when
 from caris_desktop.ui.people.merge_page import who_stays
@@ -24,7 +24,7 @@ from caris_desktop.ui.people.person_card import PersonCard
 from tests.ui import people_samples
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
-from tests.ui.panels.test_people import press
+from tests.ui.panels.test_people_panel import press
 
 pytestmark = pytest.mark.panels("people")
 

@@ -8,8 +8,8 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import PeopleMerged, PersonForgotten, PersonIdentified, PersonRejected
 from caris_desktop.domain.sensing import PeopleInMap, PersonPlace
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.map import MapPanel
-from caris_desktop.ui.panels.video import VideoPanel
+from caris_desktop.ui.panels.map_panel import MapPanel
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 

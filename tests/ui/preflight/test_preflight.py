@@ -11,11 +11,11 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PreflightChecked
-from caris_desktop.domain.trial import TrialDetails
+from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import MicrophoneStatus, PreflightCheck, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
-from caris_desktop.scenario.model import Permissions
+from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.preflight.preflight_words import log_line, state_words, summary, worst

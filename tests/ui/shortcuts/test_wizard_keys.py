@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.phrases import Phrase
-from caris_desktop.ui.actions import Actions
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.key_choices import Keys, as_text
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.wizard_profiles import WizardProfiles

@@ -1,0 +1,76 @@
+"""Command table and dispatch. The console needs Qt; the other commands are composed without it."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, redirect_stderr, redirect_stdout
+from typing import TextIO, cast
+
+from caris_desktop.app import quick_start
+from caris_desktop.app.arguments import build_parser
+from caris_desktop.domain.printable import PrintableStream
+from caris_desktop.live.logs import configure_logging, log_file
+
+# Each module has add_arguments(parser) and run(arguments) -> exit status.
+COMMANDS = {
+    "simulate": ("caris_desktop.simulator.simulate_command", "a simulated robot behind a rosbridge websocket"),
+    "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
+    "replay": ("caris_desktop.app.replay_command", "a recorded session in the console's window"),
+    "export": ("caris_desktop.recording.export_command", "recorded sessions as files for analysis"),
+    "sessions": ("caris_desktop.recording.studies.sessions_command", "sessions found by what was said in them"),
+    "statistics": ("caris_desktop.recording.studies.statistics_command", "figures over all sessions of a study"),
+    "agreement": ("caris_desktop.recording.annotation.agreement_command", "how far two coders of a session agree"),
+    "track": ("caris_desktop.app.track_command", "people in a recorded video, followed as the console does"),
+    "forget": ("caris_desktop.app.forget_command", "nothing of a study shows or names a person any more"),
+    "perceive-again": ("caris_desktop.app.perceive_again_command", "people in recordings, found by another model"),
+    "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
+    "camera-server": ("caris_desktop.app.camera_server_command", "a camera for the console on another computer"),
+    "perceive": ("caris_desktop.app.perceive_command", "people are found here for a console on another computer"),
+    "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
+}
+
+# As for the console, the user waits for a window; importing its parts is half of that time.
+_OPEN_A_WINDOW = ("replay",)
+# Their output is sentences about events; details for developers go to the log.
+_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again")
+
+
+def run(words: Sequence[str]) -> int:
+    """Run a command; without one, open the console."""
+    if words and words[0] in COMMANDS:
+        if words[0] in _OPEN_A_WINDOW:
+            quick_start.begin()
+        arguments = parser_of(words[0]).parse_args(list(words[1:]))
+        if words[0] in _DETAILS_IN_LOG:
+            configure_logging(log_file(), terminal=False)
+        # Titles, words and file names are foreign text; a terminal would execute escape sequences in them.
+        with _printable(sys.stdout, redirect_stdout), _printable(sys.stderr, redirect_stderr):
+            status = importlib.import_module(COMMANDS[words[0]][0]).run(arguments)
+        return int(status)
+    if words and not words[0].startswith("-"):
+        print(
+            f"There is no command '{words[0]}'. Commands: {', '.join(COMMANDS)}; without one the console opens.",
+            file=sys.stderr,
+        )
+        return 2
+    arguments = build_parser().parse_args(list(words))
+    quick_start.begin()
+    from caris_desktop.app import console_command
+
+    return console_command.run(arguments)
+
+
+def _printable(
+    stream: TextIO, redirect: Callable[[TextIO], AbstractContextManager[TextIO]]
+) -> AbstractContextManager[TextIO]:
+    return redirect(cast("TextIO", PrintableStream(stream)))
+
+
+def parser_of(command: str) -> argparse.ArgumentParser:
+    """Argument parser of a command."""
+    module_name, description = COMMANDS[command]
+    parser = argparse.ArgumentParser(prog=f"caris-desktop {command}")
+    parser.description = description[0].upper() + description[1:] + "."
+    importlib.import_module(module_name).add_arguments(parser)
+    return parser

@@ -1,0 +1,407 @@
+"""Speech segmentation of one microphone: sound in; turns, transcripts and reports to the console out.
+
+No thread and no clock: the caller passes in sound, requests the interval to transcribe, and returns its words.
+"""
+
+import itertools
+import secrets
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
+from caris_desktop.conversation.listening.endpointing import TurnTaking
+from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.heard_turn import HeardTurn, Stretch
+from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
+from caris_desktop.conversation.listening.turn_transcript import with_words
+from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
+from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+
+_WINDOW_NS = WINDOW * 1_000_000_000 // RATE_HZ
+_BEFORE_VOICE_NS = 400_000_000
+"""The first sound of a word is weak: this much before the voice goes along."""
+_HOLE_NS = 60_000_000
+_LONGEST_HOLE_NS = 12_000_000_000
+_SETTLED_NS = 500_000_000
+"""After so long a silence the words before it are not going to be others."""
+_ROBOT_RINGS_NS = 200_000_000
+"""For so long a room repeats what the robot has said; until then its words tell whose voice it is."""
+_LOOKED_BACK_TURNS = 4
+"""A sentence of the robot with pauses in it may have been told as so many turns."""
+_ONLY_ROBOT = 0.9
+_ROBOTS_WORDS = 0.6
+_NOTHING_BEYOND = 0.1
+"""A participant over a robot that is 6 dB louder makes up 0.15 of the energy beyond it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Finished:
+    """Turn that was reported as the participant's."""
+
+    turn_id: str
+    text: str
+    began_ns: int
+
+
+class Voices(Protocol):
+    """Voice activity detector."""
+
+    def probability(self, window: NDArray[np.float32]) -> float:
+        """Probability of voice in the next window."""
+
+
+class SpeechSegmenter:
+    """``tell`` receives reports to the console; ``turn_over`` estimates the probability that a turn's sound is
+    complete.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        turns: TurnTaking,
+        voices: Voices,
+        *,
+        canceller: EchoCanceller,
+        own_words: RobotSpeechFilter,
+        turn_over: Callable[[NDArray[np.float32]], float] | None,
+        tell: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
+    ) -> None:
+        self.source = source
+        self.canceller = canceller
+        self._of_wizard = source == WIZARD_MICROPHONE
+        self._turns = turns
+        self._voices = voices
+        self._own_words = own_words
+        self._turn_over = turn_over
+        self._tell = tell
+        self._rest = np.zeros(0, np.float32)
+        self._until_ns = 0
+        self._lead: list[NDArray[np.float32]] = []
+        self._to_judge = self._robot_speaks = False
+        self._robot_until_ns = 0
+        self._windows = 0
+        """So many were heard since the beginning."""
+        self._turn: HeardTurn | None = None
+        self._ending: list[HeardTurn] = []
+        self._finished: deque[_Finished] = deque(maxlen=_LOOKED_BACK_TURNS)
+
+    @property
+    def heard_until_ns(self) -> int:
+        """End of the sound received so far; 0 before the first."""
+        return self._until_ns
+
+    @property
+    def busy(self) -> bool:
+        """True while a turn is in progress or being transcribed."""
+        return self._turn is not None or bool(self._ending)
+
+    def hear(self, chunk: AudioChunk) -> None:
+        """Process the next sound of this microphone."""
+        clean: CleanSound = self.canceller.process(chunk)
+        if len(clean.again):
+            self._hear_again(clean.again)
+        if not len(clean.samples):
+            return
+        hole_ns = clean.stamp_ns - self._until_ns - len(self._rest) * 1_000_000_000 // RATE_HZ
+        if abs(hole_ns) > _HOLE_NS:
+            if self._until_ns and hole_ns > 0:
+                self.hear_nothing(min(clean.stamp_ns, self._until_ns + _LONGEST_HOLE_NS))
+            self._rest = np.zeros(0, np.float32)
+            self._until_ns = clean.stamp_ns
+        sound = np.concatenate((self._rest, clean.samples))
+        whole = len(sound) // WINDOW * WINDOW
+        for at in range(0, whole, WINDOW):
+            self._hear_window(sound[at : at + WINDOW], clean.echo_share)
+        self._rest = sound[whole:]
+
+    def _hear_again(self, sound: NDArray[np.float32]) -> None:
+        """Process the newest sound again after better echo cancellation: uncommitted words may change."""
+        rest = len(self._rest)
+        if rest:
+            self._rest[-len(sound) :] = sound[-rest:]
+            sound = sound[:-rest]
+        whole = len(sound) // WINDOW
+        windows = list(sound[len(sound) - whole * WINDOW :].reshape(whole, WINDOW))
+        for window, again in zip(reversed(self._lead), reversed(windows), strict=False):
+            window[:] = again
+        for turn in (*self._ending, self._turn):
+            if turn is not None:
+                turn.hear_again(windows, self._windows)
+
+    def hear_nothing(self, until_ns: int) -> None:
+        """Count missing sound until that time as silence."""
+        self._rest = np.zeros(0, np.float32)
+        for _ in range((until_ns - self._until_ns) // _WINDOW_NS):
+            self._hear_window(np.zeros(WINDOW, np.float32), 0.0)
+
+    def end_turn(self) -> None:
+        """End the turn because a recording ends or pauses; later speech is another turn."""
+        if self._turn is not None:
+            turn = self._turn
+            self._turns.end()
+            self._end(turn)
+
+    def another_spoke(self) -> None:
+        """The robot starts an utterance."""
+        self._robot_speaks = True
+        self._turns.another_spoke()
+
+    def another_ended(self, stamp_ns: int) -> None:
+        """The robot's utterance ended."""
+        self._robot_speaks, self._robot_until_ns = False, stamp_ns
+
+    def look_back(self) -> None:
+        """Reassign finished turns that were the robot's own speech, by later reports of its utterances."""
+        finished = list(self._finished)
+        runs = [finished[first:last] for first, last in itertools.combinations(range(len(finished) + 1), 2)]
+        robots = max(runs, key=self._told_late, default=[])
+        if not self._told_late(robots):
+            return
+        for turn in robots:
+            self._finished.remove(turn)
+            self._tell(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
+
+    def _told_late(self, turns: Sequence[_Finished]) -> float:
+        if not turns:
+            return 0.0
+        text = " ".join(turn.text for turn in turns)
+        return self._own_words.told_late(text, turns[0].began_ns)
+
+    def judge(self) -> None:
+        """Estimate the end of turn by sound at a new pause. It takes 0.1 s, during which its words can be recognised:
+        call it after ``wanted``.
+        """
+        turn, to_judge, self._to_judge = self._turn, self._to_judge, False
+        if to_judge and turn is not None and self._turn_over is not None and not self._turns.speaking:
+            turn.sounds_over = self._turn_over(turn.sound_to_judge())
+            if self._judge_words(turn):
+                self._tell_hearing(turn)
+
+    def wanted(self, every_s: float) -> Stretch | None:
+        """Interval to transcribe now; ``every_s``: minimum new sound during continuous speech."""
+        for turn in (*self._ending, self._turn):
+            if turn is None or turn.asked:
+                continue
+            if turn.over or not self._turns.speaking:
+                if not turn.known_whole:
+                    return turn.ask(at_pause=True)
+            elif self._turns.voiced and turn.unheard_s(self._until_ns) >= every_s:
+                # Not during a silence that may become a pause: its transcription would be delayed.
+                return turn.ask(at_pause=False)
+        return None
+
+    def take(self, stretch: Stretch, heard: HeardText | None) -> None:
+        """Add the transcript of an interval; None if recognition failed."""
+        for turn in (*self._ending, self._turn):
+            if turn is None or turn.turn_id != stretch.turn_id:
+                continue
+            changed = turn.take(stretch, heard)
+            changed |= self._leave_out_the_robot(turn)
+            if not turn.told and turn.own_words and not self._is_robots(turn):
+                self._tell_beginning(turn)
+            if not turn.over:
+                judged = self._judge_words(turn)
+                if self._settle(turn) or changed or judged:
+                    self._tell_hearing(turn)
+            elif turn.known_whole:
+                self._finish(turn)
+
+    def _hear_window(self, window: NDArray[np.float32], echo_share: float) -> None:
+        began_ns, self._until_ns = self._until_ns, self._until_ns + _WINDOW_NS
+        self._windows += 1
+        voice = self._voices.probability(window)
+        if echo_share >= _ONLY_ROBOT:
+            voice = 0.0
+        change = self._turns.hear(began_ns, _WINDOW_NS, voice)
+        turn = self._turn
+        if turn is None:
+            self._lead.append(window)
+            if change == "began":
+                self._begin()
+            elif len(self._lead) * _WINDOW_NS > _BEFORE_VOICE_NS + self._turns.beginning_ns:
+                del self._lead[0]
+            return
+        turn.hear(window, self._windows, voiced=self._turns.voiced)
+        turn.voice_ended_ns = self._turns.voice_ended_ns
+        match change:
+            case "spoke on":
+                turn.turn_over = turn.sounds_over = None
+                turn.revision += 1
+                self._tell_hearing(turn)
+            case "paused":
+                self._to_judge = self._turn_over is not None
+                self._tell_hearing(turn)
+            case "over":
+                self._end(turn)
+            case _ if self._settle(turn):
+                self._tell_hearing(turn)
+
+    def _begin(self) -> None:
+        lead, self._lead = self._lead, []
+        turn_id = f"h-{secrets.token_hex(4)}"
+        sound_from_ns = self._until_ns - len(lead) * _WINDOW_NS
+        turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead, self._windows)
+        turn.voice_began_ns = turn.onset_ns(turn.voice_began_ns)
+        turn.voice_ended_ns = self._until_ns
+        self._turns.turn = turn_id
+        robot_heard = (
+            self._robot_speaks
+            or turn.voice_began_ns <= self._robot_until_ns + _ROBOT_RINGS_NS
+            or self._own_words.may_be_heard(turn.voice_began_ns, _ROBOT_RINGS_NS)
+        )
+        if self._of_wizard or not robot_heard:
+            self._tell_beginning(turn)
+
+    def _judge_words(self, turn: HeardTurn) -> bool:
+        """Update the end-of-turn estimate by words once the transcript reaches the pause. True if it changed."""
+        if self._turns.speaking or not turn.known_whole or turn.sounds_over is None:
+            return False
+        before, text = turn.turn_over, " ".join(word.text for word in turn.own_words)
+        turn.turn_over = with_words(turn.sounds_over, text, turn.language)
+        self._turns.judge(turn.turn_over)
+        return turn.turn_over != before
+
+    def _settle(self, turn: HeardTurn) -> bool:
+        """Commit the words after silence, if all sound was transcribed. True if any were committed."""
+        silent_ns = self._until_ns - turn.voice_ended_ns
+        return bool(turn.known_whole and silent_ns >= _SETTLED_NS and turn.words.tentative and turn.commit_all())
+
+    def _end(self, turn: HeardTurn) -> None:
+        turn.over = True
+        self._turn = None
+        if turn.known_whole:
+            self._finish(turn)
+        else:
+            self._ending.append(turn)
+
+    def _finish(self, turn: HeardTurn) -> None:
+        if turn in self._ending:
+            self._ending.remove(turn)
+        turn.commit_all()
+        text, _none = turn.texts
+        robots = not self._of_wizard and self._is_robots(turn)
+        if robots or turn.robots_words:
+            own = text if robots else ""
+            began_ns = turn.sound_began_ns
+            words = " ".join(word.text for word in turn.words.words[: turn.robots_words])
+            until_ns = turn.voice_ended_ns if robots else turn.voice_began_ns
+            whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
+            if self.canceller.share_between(began_ns, until_ns) is None:
+                # The robot's own speech synthesis: its reported times are not from samples.
+                self._tell_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
+        if not turn.told:
+            return
+        if self._of_wizard:
+            # No further report after it: only the newest is retained, and this one has all words.
+            turn.turn_over = 1.0
+            self._tell_hearing(turn)
+            return
+        if not text:
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were made out in it"))
+        elif robots:
+            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice"))
+        else:
+            if turn.voice_began_ns != turn.told_began_ns:
+                began = UtteranceCorrected(self._until_ns, turn.turn_id, start_ns=turn.voice_began_ns, actor=CONSOLE)
+                self._tell(began)
+            self._tell_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
+            self._finished.append(_Finished(turn.turn_id, text, turn.voice_began_ns))
+        if self._turn is None:
+            self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
+
+    def _leave_out_the_robot(self, turn: HeardTurn) -> bool:
+        """Exclude the robot's own words at the start of a turn, as when a participant answers before its voice has
+        decayed. True if the number of its words changed.
+        """
+        if self._of_wizard:
+            return False
+        words = [(word.text, turn.moment_of(word.end_s)) for word in turn.words.words]
+        share = self.canceller.share_between(turn.sound_began_ns, turn.voice_ended_ns)
+        count = self._own_words.robots_beginning(words, turn.sound_began_ns, share)
+        if count == turn.robots_words:
+            return False
+        # Possibly fewer than before: the rest of the sentence may show that it is all the robot's.
+        turn.robots_words = count
+        turn.revision += 1
+        if count:
+            # Recognisers' word starts are inexact by half a second.
+            began_ns = turn.onset_ns(turn.moment_of(turn.own_words[0].start_s), nearest=True)
+        else:
+            began_ns = turn.onset_ns(turn.sound_began_ns)
+        turn.voice_began_ns = min(began_ns, turn.voice_ended_ns)
+        return True
+
+    def _is_robots(self, turn: HeardTurn) -> bool:
+        text = " ".join(turn.texts)
+        self._own_words.was_heard_on_time(self.canceller.share_between)
+        began_ns, ended_ns = turn.voice_began_ns, turn.voice_ended_ns
+        heard = self.canceller.heard_in(began_ns, ended_ns) if turn.over else None
+        if heard is not None and heard.beyond <= _NOTHING_BEYOND:
+            return True
+        robots = self._own_words.is_robots(
+            text,
+            began_ns,
+            ended_ns,
+            self.canceller.share_between(began_ns, ended_ns),
+            confidence=turn.confidence,
+            beside_robot=self.canceller.plays_at(began_ns),
+            late_s=None if heard is None else heard.late_s,
+        )
+        return robots >= _ROBOTS_WORDS
+
+    def _tell_utterance(
+        self, turn: HeardTurn, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""
+    ) -> None:
+        if self._of_wizard:
+            return
+        known = state == "finished"
+        self._tell(
+            UtteranceChanged(
+                stamp_ns, turn.turn_id, "participant", text, "heard", state,
+                detail=detail, source=self.source,
+                confidence=turn.confidence if known else None, language=turn.language if known else "",
+            )
+        )  # fmt: skip
+
+    def _tell_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
+        """Report measured start and end times of the robot's utterances."""
+        for utterance_id, begins, ends in whole:
+            start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
+            if start_ns is not None or end_ns is not None:
+                self._tell(
+                    UtteranceCorrected(self._until_ns, utterance_id, start_ns=start_ns, end_ns=end_ns, actor=CONSOLE)
+                )
+
+    def _tell_beginning(self, turn: HeardTurn) -> None:
+        turn.told, turn.told_began_ns = True, turn.voice_began_ns
+        self._tell_utterance(turn, "started", turn.voice_began_ns)
+        self._tell_hearing(turn)
+
+    def _tell_hearing(self, turn: HeardTurn) -> None:
+        if not turn.told:
+            return
+        speaking = turn is self._turn and self._turns.speaking
+        speaker: Literal["participant", "robot", "wizard"] = "wizard" if self._of_wizard else "participant"
+        if speaker == "participant" and turn.own_words and self._is_robots(turn):
+            speaker = "robot"
+        committed, tentative = turn.texts
+        self._tell(
+            Hearing(
+                self._until_ns, self.source, speaking, speaker, turn.turn_id,
+                committed=committed,
+                tentative=tentative,
+                speech_started_ns=turn.voice_began_ns,
+                silent_since_ns=None if speaking else turn.voice_ended_ns,
+                turn_over=turn.turn_over,
+                revision=turn.revision,
+            )
+        )  # fmt: skip

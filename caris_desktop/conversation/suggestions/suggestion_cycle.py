@@ -1,0 +1,287 @@
+"""Suggestion cycle: when replies are requested, which are displayed, and the outcome of each. Time is injected.
+
+A round begins at each pause of a participant. It ends when speech resumes, the transcript changes, or the robot speaks:
+later replies for it are discarded.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+from caris_desktop.conversation.suggestions.edit_distance import characters_changed
+from caris_desktop.conversation.suggestions.intention import same_intention
+from caris_desktop.conversation.suggestions.replies import same_words
+from caris_desktop.domain.actor import CONSOLE, MODEL, Actor
+from caris_desktop.domain.events import SuggestionChanged, SuggestionState, UtteranceChanged
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.value_class import dataclass
+
+MOST_REPLIES = 3
+PAUSE_NS = 200_000_000
+TO_READ_NS = 300_000_000
+"""A reply that takes the place of another one is not said before: the key may have been meant for that."""
+EXPIRES_NS = 60_000_000_000
+_SENTENCES_KEPT = 100
+_MISSED_NS = 1_000_000_000
+"""A countdown whose end nobody saw, as the program stood still, has no effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Utterance to reply to. ``voice_ended_ns`` is the start of the silence."""
+
+    turn_id: str
+    revision: int
+    text: str
+    voice_ended_ns: int
+    person_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Suggested:
+    """Displayed reply. ``rank`` is its position and key number; its key works from ``from_ns``."""
+
+    suggestion_id: str
+    turn_id: str
+    revision: int
+    rank: int
+    text: str
+    model: str
+    shown_ns: int
+    from_ns: int = 0
+
+
+class Follower(Protocol):
+    """Receiver of requests and events, called at once."""
+
+    def ask(self, begun: Round) -> None:
+        """Request replies from the model; each is returned by ``Rounds.offer``."""
+
+    def drop(self, why: str) -> None:
+        """Cancel the last request."""
+
+    def tell(self, event: SuggestionChanged) -> None: ...
+
+
+class SuggestionCycle:
+    """Replies of one conversation. ``acts_after_ns`` is the countdown after which the first is said without a key, None
+    for never.
+    """
+
+    def __init__(self, follower: Follower, new_id: Callable[[], str]) -> None:
+        self._follower = follower
+        self._new_id = new_id
+        self.acts_after_ns: int | None = None
+        self.round: Round | None = None
+        self.cards: tuple[Suggested, ...] = ()
+        self._pause: Round | None = None
+        self._speaking: str | None = None
+        self._last: Round | None = None
+        self._done: Round | None = None
+        self._spoken_since = False
+        self._gone_ns = -TO_READ_NS
+        # A queued sentence starts long after its request, which is what moved the conversation on.
+        self._robot_said: deque[str] = deque(maxlen=_SENTENCES_KEPT)
+
+    # Speech input
+
+    def hear(self, hearing: Hearing) -> None:
+        """Process the present state of a microphone."""
+        if hearing.source not in PARTICIPANT_SOURCES or hearing.speaker in ("robot", "wizard"):
+            return
+        if hearing.speaking:
+            self._speaking, self._spoken_since, self._pause = hearing.utterance_id, True, None
+            self._end("superseded", hearing.stamp_ns, why="the participant speaks on")
+            return
+        self._speaking = None
+        words = " ".join(filter(None, (hearing.committed, hearing.tentative)))
+        current = self.round
+        if current is not None and (hearing.silent_since_ns or 0) > current.voice_ended_ns + PAUSE_NS:
+            # There was speech in between, which the newest value of a stream may not show.
+            self._spoken_since = True
+            self._end("superseded", hearing.stamp_ns, why="the participant spoke on")
+        if hearing.utterance_id and words.strip() and hearing.silent_since_ns is not None:
+            self._wait_for(
+                Round(hearing.utterance_id, hearing.revision, words, hearing.silent_since_ns), hearing.stamp_ns
+            )
+        elif self._last is not None and self._last != self._done and self.round is None and self._pause is None:
+            # It was noise: the speech before it still needs a reply.
+            since_ns = hearing.silent_since_ns or hearing.stamp_ns
+            self._wait_for(replace(self._last, revision=self._last.revision + 1), since_ns)
+        self.pass_time(hearing.stamp_ns)
+
+    def on_participant(self, utterance: UtteranceChanged, now_ns: int) -> None:
+        """A participant's turn ended with its final transcript, or was not speech."""
+        same_turn = self._last is not None and self._last.turn_id == utterance.utterance_id
+        if utterance.state == "failed" and same_turn:
+            self._end("superseded", now_ns, why="nobody has spoken")
+            self._pause = self._last = None
+        elif utterance.state == "finished" and utterance.text.strip():
+            revision = self._last.revision + 1 if same_turn and self._last is not None else 1
+            turn = Round(utterance.utterance_id, revision, utterance.text, utterance.stamp_ns, utterance.person_id)
+            if self._speaking in (None, utterance.utterance_id):
+                self._wait_for(turn, now_ns)
+                self.pass_time(now_ns)
+            elif not self._needs_none(turn):
+                self._last = turn  # speech has already resumed; if that is noise, this turn gets a reply
+
+    def on_robot(self, utterance: UtteranceChanged, now_ns: int) -> None:
+        """The robot speaks, which ends the round, except for a filler."""
+        if utterance.state not in ("requested", "started") or utterance.origin == "filler":
+            return
+        if utterance.utterance_id not in self._robot_said:
+            self._robot_said.append(utterance.utterance_id)
+            self._leave("superseded", now_ns, why="the robot replies")
+
+    # Model output
+
+    def offer(self, begun: Round, text: str, model: str, now_ns: int) -> bool:
+        """Display ``text`` as the next reply. False if it is late or equivalent to a displayed one."""
+        current = self.round
+        if current is None or (begun.turn_id, begun.revision) != (current.turn_id, current.revision):
+            return False
+        shown = [card.text for card in self.cards]
+        if len(shown) >= MOST_REPLIES or any(same_intention(text, other) for other in shown):
+            return False
+        rank = len(shown) + 1
+        from_ns = now_ns + TO_READ_NS if now_ns - self._gone_ns < TO_READ_NS else 0
+        card = Suggested(self._new_id(), begun.turn_id, begun.revision, rank, text, model, now_ns, from_ns)
+        self.cards = (*self.cards, card)
+        self._tell(card, "displayed", now_ns, latency_ms=(now_ns - current.voice_ended_ns) / 1e6)
+        return True
+
+    # Outcomes
+
+    def card(self, suggestion_id: str, now_ns: int) -> Suggested | None:
+        """Reply by id, while it is displayed and readable."""
+        self.pass_time(now_ns)
+        return next(
+            (card for card in self.cards if card.suggestion_id == suggestion_id and now_ns >= card.from_ns), None
+        )
+
+    def take(self, card: Suggested, said: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
+        """``card`` was said, unchanged or edited, which supersedes the others."""
+        distance = characters_changed(card.text, said)
+        self._tell(
+            card, "edited" if distance else "taken", now_ns,
+            edit_distance=distance or None, utterance_id=utterance_id, actor=actor,
+        )  # fmt: skip
+        self.cards = tuple(other for other in self.cards if other is not card)
+        self._robot_said.append(utterance_id)
+        self._leave("superseded", now_ns, why="one of the replies is said")
+
+    def dismiss(self, actor: Actor, now_ns: int) -> None:
+        """Dismiss all replies."""
+        self._leave("dismissed", now_ns, why="the wizard wants none", actor=actor)
+
+    def withdraw(self, why: str, now_ns: int) -> None:
+        """End the round without a need for a reply."""
+        self._leave("superseded", now_ns, why=why)
+
+    def reword(self, text: str, now_ns: int) -> None:
+        """The wizard corrected the transcript."""
+        current = self.round
+        if current is not None and not same_words(current.text, text):
+            self._ask_anew(replace(current, text=text), "the words were corrected", now_ns)
+
+    def ask_again(self, why: str, now_ns: int) -> None:
+        """Request other replies."""
+        if self.round is not None:
+            self._ask_anew(self.round, why, now_ns)
+
+    def _ask_anew(self, about: Round, why: str, now_ns: int) -> None:
+        self._end("superseded", now_ns, why=why)
+        self._pause = replace(about, revision=about.revision + 1)
+        self.pass_time(now_ns)
+
+    def forget(self, now_ns: int) -> None:
+        """Reset for another conversation."""
+        self._leave("expired", now_ns, why="the conversation is over")
+        self._pause = self._last = self._done = self._speaking = None
+
+    def pass_time(self, now_ns: int) -> None:
+        """Start a round after a pause, and expire unused replies."""
+        pause = self._pause
+        if pause is not None and now_ns >= pause.voice_ended_ns + PAUSE_NS:
+            self._pause, self._last, self.round = None, pause, pause
+            self._follower.ask(pause)
+        if self.cards and now_ns >= self.cards[0].shown_ns + EXPIRES_NS:
+            self._leave("expired", now_ns, why="nobody wanted them")
+
+    @property
+    def says_ns(self) -> int | None:
+        """Time at which the first reply is said without a key."""
+        if self.acts_after_ns is None or not self.cards:
+            return None
+        return self.cards[0].shown_ns + self.acts_after_ns
+
+    def due(self, now_ns: int) -> Suggested | None:
+        """Reply to say without a key now; None if the end of its countdown was missed."""
+        says_ns = self.says_ns
+        return self.cards[0] if says_ns is not None and 0 <= now_ns - says_ns < _MISSED_NS else None
+
+    @property
+    def next_ns(self) -> int | None:
+        """Next time at which ``pass_time`` is needed."""
+        moments = [self._pause.voice_ended_ns + PAUSE_NS] if self._pause is not None else []
+        if self.cards:
+            moments.append(self.cards[0].shown_ns + EXPIRES_NS)
+        return min(moments, default=None)
+
+    def _wait_for(self, pause: Round, now_ns: int) -> None:
+        """Start a round after a long enough pause, unless one has the same transcript."""
+        if self._needs_none(pause):
+            return
+        for known in (self.round, self._pause):
+            if known is not None and known.turn_id == pause.turn_id and same_words(known.text, pause.text):
+                if self.round is not None and pause.person_id:
+                    self.round = replace(self.round, person_id=pause.person_id)
+                return
+        self._end("superseded", now_ns, why="the words turned out to be others")
+        last = self._last
+        if last is not None and last.turn_id == pause.turn_id and pause.revision <= last.revision:
+            pause = replace(pause, revision=last.revision + 1)
+        self._pause = pause
+
+    def _needs_none(self, pause: Round) -> bool:
+        """True if that turn was handled and nothing was said in it since."""
+        done = self._done
+        if done is None or done.turn_id != pause.turn_id:
+            return False
+        return not self._spoken_since or same_words(done.text, pause.text)
+
+    def _leave(self, fate: SuggestionState, now_ns: int, *, why: str, actor: Actor = CONSOLE) -> None:
+        """End the round: this turn needs no reply, whatever its final transcript."""
+        self._done = self._last = self._pause or self.round or self._last
+        self._pause, self._spoken_since = None, False
+        self._end(fate, now_ns, why=why, actor=actor)
+
+    def _end(self, fate: SuggestionState, now_ns: int, *, why: str, actor: Actor = CONSOLE) -> None:
+        if self.round is None:
+            return
+        for card in self.cards:
+            self._tell(card, fate, now_ns, actor=actor)
+        if self.cards:
+            self._gone_ns = now_ns
+        self.cards = ()
+        self.round = None
+        self._follower.drop(why)
+
+    def _tell(
+        self,
+        card: Suggested,
+        state: SuggestionState,
+        now_ns: int,
+        *,
+        latency_ms: float | None = None,
+        edit_distance: int | None = None,
+        utterance_id: str = "",
+        actor: Actor = "",
+    ) -> None:
+        self._follower.tell(
+            SuggestionChanged(
+                now_ns, card.suggestion_id, state, card.turn_id, card.revision, card.rank, card.text, card.model,
+                latency_ms, edit_distance, utterance_id, MODEL if state == "displayed" else actor,
+            )
+        )  # fmt: skip

@@ -1,0 +1,29 @@
+"""Intents of the guided exercise for wizards."""
+
+from caris_desktop.domain.intents.base_intents import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class BeginPractice(Intent):
+    """Begin the exercise on the simulated robot. ``wizard`` is whose training it is."""
+
+    wizard: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SkipPracticeStep(Intent):
+    """Go on with the next step, though this one did not come about."""
+
+
+@dataclass(frozen=True, slots=True)
+class EndPractice(Intent):
+    """End the exercise, or put its result away."""
+
+
+PRACTICE: IntentTable = {
+    BeginPractice: IntentSpec(QT_TR_NOOP("Beginning the practice")),
+    SkipPracticeStep: IntentSpec(QT_TR_NOOP("Skipping a part of the practice")),
+    EndPractice: IntentSpec(QT_TR_NOOP("Ending the practice")),
+}

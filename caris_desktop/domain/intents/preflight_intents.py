@@ -1,0 +1,30 @@
+"""Intents of the preflight checks before a recording."""
+
+from caris_desktop.domain.intents.base_intents import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class TickCheck(Intent):
+    """Somebody has looked after one of the scenario's own checks, or takes that back."""
+
+    check_id: str
+    done: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class TryMicrophone(Intent):
+    """Listen at the participant's microphone for a little while, to see whether it hears; nothing is recorded."""
+
+    on: bool = True
+
+    @property
+    def lets_go(self) -> bool:
+        return not self.on
+
+
+PREFLIGHT: IntentTable = {
+    TickCheck: IntentSpec(QT_TR_NOOP("Ticking a check")),
+    TryMicrophone: IntentSpec(QT_TR_NOOP("Trying the microphone"), "audio_recording"),
+}

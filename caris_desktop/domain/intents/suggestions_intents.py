@@ -1,0 +1,71 @@
+"""Intents of suggested replies and proposals of the language model: the wizard decides on them."""
+
+from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
+from caris_desktop.domain.intents.base_intents import Intent, IntentSpec, IntentTable
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SaySuggestion(Intent):
+    """Say this suggested reply, which was read at that place."""
+
+    rank: int
+    suggestion_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SayEditedSuggestion(Intent):
+    """Say what the wizard made of a suggested reply."""
+
+    suggestion_id: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class DismissSuggestions(Intent):
+    """None of the replies is wanted, nor the filler that was to be said by itself."""
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmProposal(Intent):
+    """Do what the language model proposed."""
+
+    proposal_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class VetoProposal(Intent):
+    """Do not do what the language model proposed."""
+
+    proposal_id: str
+
+    @property
+    def lets_go(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class SetLevel(Intent):
+    """How much the language model does by itself, up to what the scenario allows."""
+
+    function: AssistedFunction
+    level: AssistanceLevel
+
+    @property
+    def lets_go(self) -> bool:
+        return self.level == "off"
+
+
+SUGGESTIONS: IntentTable = {
+    SaySuggestion: IntentSpec(QT_TR_NOOP("Saying the suggestion"), "assistant", also="speech"),
+    SayEditedSuggestion: IntentSpec(QT_TR_NOOP("Saying the edited suggestion"), "assistant", also="speech"),
+    DismissSuggestions: IntentSpec(QT_TR_NOOP("Dismissing the suggestions")),
+    ConfirmProposal: IntentSpec(QT_TR_NOOP("Confirming the proposal"), "assistant"),
+    VetoProposal: IntentSpec(QT_TR_NOOP("Rejecting the proposal")),
+    SetLevel: IntentSpec(QT_TR_NOOP("Setting what the assistant may do by itself"), "assistant"),
+}

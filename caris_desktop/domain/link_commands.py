@@ -1,0 +1,228 @@
+"""Commands to the robot: messages from the console to the link process.
+
+None is queued while the link is down: what cannot be sent now is refused and reported. ``actor`` requested it; the
+events that report the outcome carry it as well.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.control_definitions import ControlValue, RobotControl
+from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.value_class import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease.
+
+    ``drive_id`` counts the drives of the console: one that is let go and taken again is another.
+    """
+
+    stamp_ns: int
+    target: Twist2D
+    source: CommandSource
+    actor: Actor = ""
+    drive_id: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RenewLease:
+    """Sent every 50 ms while a drive key is held; 150 ms without one ends the motion."""
+
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """Nothing holds the lease any more: zero at once, repeated for 0.5 s, then silence."""
+
+    stamp_ns: int
+    reason: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StopMotion:
+    """Zero at once, and cancel every navigation goal and what a control has the robot do."""
+
+    stamp_ns: int
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SetEmergencyStop:
+    """Latch or clear the emergency stop. While latched nothing moves; goals and controls that move are refused."""
+
+    stamp_ns: int
+    latched: bool
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Start a navigation goal; one that is under way is replaced."""
+
+    stamp_ns: int
+    goal_id: str
+    target_in_map: Pose2D
+    place: str | None = None
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitGoals:
+    """Goals are driven no faster than this from now on, where the robot's navigation can be told."""
+
+    stamp_ns: int
+    forward_mps: float
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CancelGoal:
+    """Cancel the navigation goal, wherever it stands."""
+
+    stamp_ns: int
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SetGuard:
+    """Switch the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
+
+    stamp_ns: int
+    on: bool
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SetInitialPose:
+    """Tell the localization where the robot is, with one standard deviation of position and heading."""
+
+    stamp_ns: int
+    pose_in_map: Pose2D
+    spread_m: float = 0.5
+    spread_rad: float = 0.26
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestMap:
+    """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then not used)."""
+
+    stamp_ns: int
+    request_id: str
+    operation: MapOperation
+    name: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveHead:
+    """Turn the head to these angles: pan left positive, tilt down positive. Newer ones replace older ones."""
+
+    stamp_ns: int
+    pan_rad: float
+    tilt_rad: float
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OfferControls:
+    """The controls that the scenario adds to the profile's own, so that their readings are listened to.
+
+    Where it does not permit driving, no control moves the robot, the profile's own included.
+    """
+
+    stamp_ns: int
+    controls: tuple[RobotControl, ...]
+    driving_permitted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class UseControl:
+    """Use a control of the profile or the scenario; a button's ``value`` is True."""
+
+    stamp_ns: int
+    request_id: str
+    control: str
+    value: ControlValue
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """Speak ``text`` through the robot's own voice.
+
+    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` come back with what is told of it: names are
+    spoken, and never recorded. ``language``, where it is known, says how long it will take.
+    """
+
+    stamp_ns: int
+    utterance_id: str
+    text: str
+    actor: Actor = ""
+    origin: UtteranceOrigin = "typed"
+    person_id: str = ""
+    recorded: str = ""
+    language: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """Stop the robot's own voice, where the robot offers that."""
+
+    stamp_ns: int
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ListenToRobot:
+    """Have the robot send what its microphone hears, or no longer. For the media link."""
+
+    stamp_ns: int
+    on: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayOnRobot:
+    """Sound for the robot's loudspeaker, now or not at all. For the media link.
+
+    ``samples`` is int16, shape (samples, 1), as many a second as the profile says.
+    """
+
+    stamp_ns: int
+    samples: NDArray[np.int16]
+
+
+@dataclass(frozen=True, slots=True)
+class CloseLink:
+    """Zero, cancel goals, close the socket and end the link process."""
+
+    stamp_ns: int
+
+
+RobotCommand = (
+    Drive
+    | RenewLease
+    | Release
+    | StopMotion
+    | SetEmergencyStop
+    | SetGuard
+    | GoTo
+    | LimitGoals
+    | CancelGoal
+    | SetInitialPose
+    | RequestMap
+    | MoveHead
+    | OfferControls
+    | UseControl
+    | Say
+    | Silence
+    | ListenToRobot
+    | PlayOnRobot
+    | CloseLink
+)

@@ -1,0 +1,156 @@
+"""JSON Schema of a declared file, with which editors complete, check and explain it."""
+
+import json
+from typing import Any
+
+from caris_desktop.domain.schema_fields import (
+    FieldSpec,
+    Group,
+    Key,
+    ValueForm,
+    choices_of,
+    form_of,
+    groups_of,
+    is_free,
+    is_group,
+    item_of,
+    keys_of,
+    scalars_of,
+    size_of,
+    text_of,
+)
+
+_TYPES = {str: "string", float: "number", int: "integer", bool: "boolean"}
+
+
+def file_schema(declaration: Group, *, title: str, schema_id: str = "") -> dict[str, Any]:
+    """Schema of a whole file."""
+    definitions: dict[str, Any] = {}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **({"$id": schema_id} if schema_id else {}),
+        "title": title,
+        **_bare(form_of(declaration), definitions),
+        "description": description_of(form_of(declaration)),
+        "$defs": definitions,
+    }
+
+
+def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
+    """Content of the schema file."""
+    return json.dumps(file_schema(declaration, title=title, schema_id=schema_id), indent=2, ensure_ascii=False) + "\n"
+
+
+def description_of(form: ValueForm) -> str:
+    """Description for people: the rule's text, else the declaration's docstring."""
+    said = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
+    return " ".join(said.replace("``", "`").split())
+
+
+def _schema(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
+    if form.elsewhere is not None:
+        schema: dict[str, Any] = {"$ref": form.elsewhere.schema}
+    else:
+        schema = _defined(form, definitions) if form.rule.noun else _bare(form, definitions)
+    allowed = f"Allowed: {form.rule.allowed}" if form.rule.allowed else ""
+    description = f"{description_of(form)} {allowed}".strip()
+    return {**schema, "description": description} if description else schema
+
+
+def _defined(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
+    """Reference to a shared definition: what has a noun is described once, and may be recursive."""
+    name = form.rule.noun.replace(" ", "_")
+    if name not in definitions:
+        definitions[name] = {}
+        definitions[name] |= {"title": form.rule.noun, **_bare(form, definitions)}
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def _bare(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
+    kind, rule = form.kind, form.rule
+    least, most = size_of(form)
+    if is_group(kind):
+        return _group(kind, definitions, rule)
+    if groups := groups_of(kind):
+        schema = {"type": "object", **_one_of(groups, definitions)}
+        text = text_of(kind)
+        return schema if text is None else {"if": {"type": "string"}, "then": _bare(text, definitions), "else": schema}
+    if is_free(kind):
+        return {"type": "object"}
+    if choices := choices_of(kind):
+        return {"enum": list(choices)} if len(choices) > 1 else {"const": choices[0]}
+    if (item := item_of(kind)) is not None:
+        return _given(
+            {"type": "array", "minItems": least or None, "maxItems": most, "uniqueItems": rule.unique},
+            items=_schema(item, definitions),
+        )
+    types = [_TYPES[each] for each in scalars_of(kind)]
+    return _given(
+        {
+            "type": types if len(types) > 1 else types[0],
+            "minLength": least or None,
+            "maxLength": most,
+            "pattern": rule.pattern or None,
+            "minimum": rule.at_least,
+            "exclusiveMinimum": rule.more_than,
+            "maximum": rule.at_most,
+        }
+    )
+
+
+def _group(group: Group, definitions: dict[str, Any], rule: FieldSpec) -> dict[str, Any]:
+    keys = keys_of(group)
+    properties = {}
+    for key in keys:
+        properties[key.name] = _schema(key.form, definitions)
+        if isinstance(key.default, (bool, int, float, str)) and key.default != "" and not key.required:
+            properties[key.name]["default"] = key.default
+    neighbours = {key.name: found for key in keys if (found := _neighbours(key))}
+    return _given(
+        {
+            "type": "object",
+            "required": [key.name for key in keys if key.required] or None,
+            "anyOf": [{"required": [name]} for name in rule.some_of] or None,
+            "dependentSchemas": neighbours or None,
+            "allOf": [_needed(key, keys) for key in keys if key.form.rule.needed] or None,
+        },
+        additionalProperties=False,
+        properties=properties,
+    )
+
+
+def _neighbours(key: Key) -> dict[str, Any]:
+    """Constraints on the group's other keys while this one is present."""
+    rule = key.form.rule
+    schema = _standing(rule.beside) if rule.beside else {}
+    if rule.instead_of:
+        schema["not"] = {"anyOf": [{"required": [other]} for other in rule.instead_of]}
+    return schema
+
+
+def _needed(key: Key, keys: tuple[Key, ...]) -> dict[str, Any]:
+    instead = [other.name for other in keys if key.name in other.form.rule.instead_of]
+    any_of = [{"required": [name]} for name in (key.name, *instead)]
+    return {"if": _standing(key.form.rule.needed), "then": {"anyOf": any_of} if instead else any_of[0]}
+
+
+def _standing(wanted: tuple[str, ...]) -> dict[str, Any]:
+    """Schema that requires the key, with one of the words after it."""
+    other, *words = wanted
+    return {"required": [other]} | ({"properties": {other: {"enum": words}}} if words else {})
+
+
+def _one_of(groups: tuple[Group, ...], definitions: dict[str, Any]) -> dict[str, Any]:
+    """Alternatives selected by each group's first required key, so that an editor reports problems
+    of the group meant.
+    """
+    first, *others = groups
+    schema = _group(first, definitions, FieldSpec())
+    if not others:
+        return schema
+    decisive = next(key.name for key in keys_of(first) if key.required)
+    return {"if": {"required": [decisive]}, "then": schema, "else": _one_of(tuple(others), definitions)}
+
+
+def _given(schema: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {name: value for name, value in schema.items() if value is not None and value is not False} | more

@@ -1,0 +1,246 @@
+"""Paths in a declared file: value, form, title and default at each."""
+
+import copy
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING
+from typing import Any
+
+from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import (
+    FieldSpec,
+    Group,
+    Key,
+    ValueForm,
+    choices_of,
+    data_of,
+    form_of,
+    group_meant,
+    groups_of,
+    is_free,
+    is_group,
+    item_of,
+    keys_of,
+    scalars_of,
+    size_of,
+    text_of,
+)
+from caris_desktop.domain.schema_labels import title_of
+from caris_desktop.domain.value_class import dataclass
+
+ABSENT = MISSING
+"""Stands for what a file does not say."""
+_NAMING_KEYS = ("title", "name", "group", "say", "id", "source", "text")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What two files say otherwise at one place; ``ABSENT`` where one says nothing."""
+
+    path: KeyPath
+    before: Any
+    after: Any
+
+
+def group_at(form: ValueForm, data: Any) -> Group | None:
+    """Group of the keys at this position for the present ``data``; None if there are none."""
+    if is_group(form.kind):
+        return form.kind
+    groups = groups_of(form.kind)
+    if not groups:
+        return None
+    if isinstance(data, Mapping):
+        return group_meant(groups, data) or groups[0]
+    return groups[0] if text_of(form.kind) is not None else None
+
+
+def text_key(group: Group) -> str:
+    """Key of the group that a text in its place stands for: the first."""
+    return keys_of(group)[0].name
+
+
+def form_at(hint: Any, data: Any, path: KeyPath) -> ValueForm:
+    """Form declared at ``path``, given the ``data`` of the whole file. Raises KeyError if there is none."""
+    form = form_of(hint)
+    for part in path:
+        if isinstance(part, int):
+            item = item_of(form.kind)
+            if item is None:
+                raise KeyError(part)
+            form = item
+        else:
+            form = key_of(form, data, part).form
+        data = value_at(data, (part,))
+    return form
+
+
+def key_of(form: ValueForm, data: Any, name: str) -> Key:
+    """Key of that name in a group. Raises KeyError."""
+    groups = [group] if (group := group_at(form, data)) is not None else list(groups_of(form.kind))
+    for group in groups:
+        for key in keys_of(group):
+            if key.name == name:
+                return key
+    raise KeyError(name)
+
+
+def value_at(data: Any, path: KeyPath) -> Any:
+    """Value at ``path``; ABSENT if missing."""
+    for part in path:
+        listed = isinstance(data, list) and isinstance(part, int) and 0 <= part < len(data)
+        if not (listed or (isinstance(data, Mapping) and part in data)):
+            return ABSENT
+        data = data[part]
+    return data
+
+
+def default_of(key: Key) -> Any:
+    """Default of a missing key, as data; ABSENT without one."""
+    if key.default is MISSING or key.default is None:
+        return ABSENT
+    return data_of(key.form, key.default)
+
+
+def blank_of(form: ValueForm) -> Any:
+    """Initial content of a new list entry or group: required keys with minimal values."""
+    if text_of(form.kind) is not None:
+        return ""
+    group = form.kind if is_group(form.kind) else next(iter(groups_of(form.kind)), None)
+    if group is not None:
+        return blank_group(group, form.rule.some_of[:1])
+    item = item_of(form.kind)
+    if item is not None:
+        return [blank_of(item) for _ in range(size_of(form)[0])]
+    if is_free(form.kind):
+        return {}
+    if choices := choices_of(form.kind):
+        return choices[0]
+    kind = scalars_of(form.kind)[0]
+    if kind in (int, float):
+        at_least = form.rule.at_least if form.rule.more_than is None else form.rule.more_than + 1
+        return max(0, math.ceil(at_least or 0))
+    return False if kind is bool else ""
+
+
+def blank_group(group: Group, besides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Group with its required keys and ``besides`` only."""
+    return {
+        key.name: blank_of(key.form) if (default := default_of(key)) is ABSENT else default
+        for key in keys_of(group)
+        if key.required or key.name in besides
+    }
+
+
+def with_value_at(data: Any, path: KeyPath, value: Any) -> Any:
+    """Copy of ``data`` with ``value`` at ``path``; missing groups are created."""
+    if not path:
+        return value
+    part, *rest = path
+    if isinstance(data, list):
+        return [with_value_at(each, tuple(rest), value) if number == part else each for number, each in enumerate(data)]
+    known = dict(data) if isinstance(data, Mapping) else {}
+    known[str(part)] = with_value_at(known.get(str(part)), tuple(rest), value)
+    return known
+
+
+def without_at(data: Any, path: KeyPath) -> Any:
+    """Copy of ``data`` without the value at ``path``."""
+    part, *rest = path
+    if rest:
+        return with_value_at(data, (part,), without_at(value_at(data, (part,)), tuple(rest)))
+    if isinstance(data, list):
+        return [each for number, each in enumerate(data) if number != part]
+    return {name: each for name, each in data.items() if name != part}
+
+
+def differences(hint: Any, before: Any, after: Any, path: KeyPath = ()) -> Iterator[Difference]:
+    """Differences of two files at the level that a person would name: keys, and entries of lists of equal length, else
+    the whole list. A missing key equals its default.
+    """
+    yield from _differences(form_of(hint), before, after, path)
+
+
+def _differences(form: ValueForm, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
+    if before == after and before is not ABSENT:
+        return
+    if text_of(form.kind) is not None and isinstance(before, Mapping) is not isinstance(after, Mapping):
+        before, after = (_as_group(form, each) for each in (before, after))
+    item, groups = item_of(form.kind), (group_at(form, before), group_at(form, after))
+    if isinstance(before, Mapping) and isinstance(after, Mapping) and groups[0] is groups[1] and groups[0] is not None:
+        for key in keys_of(groups[0]):
+            old, new = before.get(key.name, ABSENT), after.get(key.name, ABSENT)
+            if is_group(key.form.kind) and not key.form.written_as:
+                old, new = ({} if each is ABSENT else each for each in (old, new))
+            yield from _key_differences(key, old, new, (*path, key.name))
+    elif item is not None and isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for number, (old, new) in enumerate(zip(before, after, strict=True)):
+            yield from _differences(item, old, new, (*path, number))
+    else:
+        yield Difference(path, before, after)
+
+
+def _as_group(form: ValueForm, data: Any) -> Any:
+    """Group that a text in its place stands for."""
+    group = group_at(form, data)
+    return {text_key(group): data} if isinstance(data, str) and group is not None else data
+
+
+def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
+    default = default_of(key)
+    # Empty text and an empty list equal a missing key.
+    old, new = (default if each is ABSENT else each for each in (before, after))
+    if old == new:
+        return
+    if before is not ABSENT and after is not ABSENT:
+        yield from _differences(key.form, before, after, path)
+    else:
+        yield Difference(path, before, after)
+
+
+def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
+    """References to entries of the file's own lists: path, rule and name."""
+    yield from _references(form_of(hint), data, ())
+
+
+def _references(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
+    item = item_of(form.kind)
+    if isinstance(data, Mapping) and (group := group_at(form, data)) is not None:
+        for key in keys_of(group):
+            if key.name in data:
+                yield from _references(key.form, data[key.name], (*path, key.name))
+    elif item is not None and isinstance(data, list):
+        for number, entry in enumerate(data):
+            yield from _references(item, entry, (*path, number))
+    elif form.rule.refers and isinstance(data, str):
+        yield path, form.rule, data
+
+
+def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
+    """Breadcrumbs of a path for people: titles of keys and names of entries."""
+    form, said = form_of(hint), []
+    for part in path:
+        try:
+            if isinstance(part, int):
+                form = item_of(form.kind) or form
+                said.append(entry_name(value_at(data, (part,))) or str(part + 1))
+            else:
+                key = key_of(form, data, part)
+                said.append(title_of(key))
+                form = key.form
+        except KeyError:
+            said.append(str(part))
+        data = value_at(data, (part,))
+    return said
+
+
+def entry_name(entry: Any) -> str:
+    """Name that distinguishes an entry of a list."""
+    if isinstance(entry, Mapping):
+        found = next((entry[name] for name in _NAMING_KEYS if name in entry), "")
+        return str(found)
+    return "" if entry is ABSENT or isinstance(entry, list) else str(entry)
+
+
+def copied(data: Any) -> Any:
+    """Deep copy of plain data."""
+    return copy.deepcopy(data)

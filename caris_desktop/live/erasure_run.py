@@ -1,0 +1,144 @@
+"""Erasing a person from a whole study: recordings are searched for all that the database knows about them."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import dataclass
+
+if TYPE_CHECKING:
+    from caris_desktop.people.person_erasure import PersonToForget
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.review import Review
+    from caris_desktop.recording.forgetting.study_erasure import Forgotten
+    from caris_desktop.recording.forgetting.text_erasure import Decision
+# Implementation is imported late: the window opens sooner.
+
+_log = logging.getLogger(__name__)
+_PROGRESS_STEP = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingAsked:
+    """Erase request. ``who`` is an id or name, ``also_called`` further names.
+
+    ``texts``: treatment of free text that names them, unless ``review``, a list of decisions, says otherwise; empty to
+    write such a list. ``unknown``: permits an id that the database does not have. ``own_files``: files of this user
+    outside the study.
+    """
+
+    study: Path
+    database: Path
+    who: str
+    also_called: tuple[str, ...] = ()
+    recordings: Literal["mask", "remove"] = "mask"
+    texts: Decision = ""
+    review: Path | None = None
+    keep_exports: bool = False
+    unknown: bool = False
+    own_files: OwnFiles | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingProgress:
+    """Progress, 0..1, with a description."""
+
+    fraction: float
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ForgettingEnded:
+    """Outcome, or the failure: what happened, its meaning, advice."""
+
+    outcome: Forgotten | None
+    failure: tuple[str, str, str] | None = None
+
+
+def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
+    """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
+    from caris_desktop.people.person_erasure import PersonToForget, look_up
+    from caris_desktop.recording.forgetting.review import read_review
+    from caris_desktop.recording.forgetting.study_erasure import under_way
+
+    review = None if asked.review is None else read_review(asked.review)
+    known = look_up(asked.database, asked.who)
+    if known is not None:
+        return known, review, True
+    if review is not None:
+        return PersonToForget((review.person_id or asked.who,), review.names, ()), review, False
+    unfinished = [person_id for person_id in under_way(asked.study) if look_up(asked.database, person_id) is None]
+    if asked.who in unfinished or len(unfinished) == 1:
+        # Only the rest of an interrupted run, which needs no name.
+        return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
+    if asked.also_called or asked.unknown:
+        return PersonToForget((asked.who,), (), ()), None, False
+    raise UserFacingError(
+        localized(QT_TR_NOOP("Nobody in {study} has the name or id {who}."), study=asked.study, who=asked.who),
+        QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
+        QT_TR_NOOP(
+            "Look the name up in the People panel. For somebody whom the study's database does not know, give the id "
+            "and --also-called NAME."
+        ),
+    )
+
+
+def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
+    """Erase a person, or resume an interrupted run. Takes as long as re-encoding the study's videos. Raises
+    UserFacingError.
+    """
+    from caris_desktop.people.person_erasure import erase, rewrite_texts
+    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
+
+    person, review, known = person_of(asked)
+    request = ForgetRequest(
+        asked.study,
+        person.person_ids,
+        (*person.names, *asked.also_called),
+        person.pictures,
+        recordings=asked.recordings,
+        otherwise=asked.texts,
+        decisions={} if review is None else review.decisions,
+        review=asked.review,
+        keep_exports=asked.keep_exports,
+        only_texts=review is not None and not known,
+        texts_of_people=partial(rewrite_texts, asked.database),
+        own_files=asked.own_files or OwnFiles(),
+    )
+    told = -1.0
+
+    def tell(fraction: float, what: str) -> None:
+        nonlocal told
+        if fraction >= told + _PROGRESS_STEP or fraction >= 1.0:
+            told = fraction
+            progress(fraction, what)
+
+    return forget_person(request, lambda: erase(asked.database, person.person_ids), tell)
+
+
+def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
+    """Process body: sends ForgettingProgress and finally ForgettingEnded."""
+    if hasattr(os, "nice"):
+        # The robot may be driven meanwhile.
+        os.nice(10)
+
+    def tell(fraction: float, what: str) -> None:
+        connection.send(ForgettingProgress(fraction, what))
+
+    try:
+        try:
+            ended = ForgettingEnded(forget(asked, tell))
+        except UserFacingError as failure:
+            ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
+        connection.send(ended)
+    except (BrokenPipeError, EOFError):
+        _log.warning("the console has gone: forgetting stopped, and goes on when it is asked for again")

@@ -1,0 +1,112 @@
+"""Remote microphone of the participant, on the robot or a camera. GUI thread."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import MicrophoneStatus
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.scenario_model import Scenario
+
+_LOOK_EVERY_MS = 200
+_SILENT_NS = 3_000_000_000
+_OFF = MicrophoneStatus()
+
+
+def ear_of(scenario: Scenario, robot: RobotProfile | None) -> str:
+    """Microphone of the participant with this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+    hears = robot is not None and robot.audio is not None and robot.audio.topic is not None
+    return scenario.sound.ear_with(robot_hears=hears)
+
+
+class RemoteMicrophone(QObject):
+    """Requests audio, maintains ``status``, and reports missing audio."""
+
+    def __init__(self, status: LiveValue, bus: Bus, *, settled: Callable[[], None], parent: QObject) -> None:
+        """``settled`` is called when audio arrives, or when none can be expected for now."""
+        super().__init__(parent)
+        self._status = status
+        self._bus = bus
+        self._settled = settled
+        self._reachable: Callable[[], bool] = lambda: True
+        self._ask: Callable[[bool], object] | None = None
+        self._whose = ""
+        self._heard_ns = self._asked_ns = self._unreachable_ns = 0
+        self._peak = 0
+        self._told = False
+        self._look = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._look.timeout.connect(self.look)
+        bus.tap(self._hear, (AudioChunk,))
+
+    def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
+        """Start listening. ``whose``: name of the microphone; ``ask`` requests or ends its audio.
+
+        While the source is not ``reachable``, missing audio is not reported, as its cause is known.
+        """
+        if self._whose == whose:
+            return
+        self.close()
+        self._whose, self._ask, self._reachable = whose, ask, reachable
+        self._asked_ns, self._told = clock.now_ns(), False
+        self._show("starting")
+        self._look.start()
+        ask(True)
+
+    def ask_again(self) -> None:
+        """Request again after a restart of the source."""
+        if self._ask is not None:
+            self._ask(True)
+
+    def close(self) -> None:
+        ask, self._ask, self._whose = self._ask, None, ""
+        self._look.stop()
+        if ask is not None:
+            ask(False)
+            self._status.set(_OFF)
+
+    def _hear(self, chunk: AudioChunk, _raw: bytes | None) -> None:  # any thread
+        if chunk.source == ROBOT_MICROPHONE:
+            self._heard_ns = clock.now_ns()
+            self._peak = max(self._peak, int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)))
+
+    def look(self) -> None:
+        """Update the status from the audio received so far."""
+        now_ns = clock.now_ns()
+        before: MicrophoneStatus = self._status.value
+        if not self._reachable():
+            self._unreachable_ns = now_ns
+        if self._heard_ns > self._asked_ns and now_ns - self._heard_ns < _SILENT_NS:
+            peak, self._peak = self._peak, 0
+            self._told = False
+            self._show("on", level=round(peak / 32768, 3))
+            if before.state != "on":
+                self._settled()
+        elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._told:
+            if before.state != "failed":
+                self._show("failed", detail=QT_TR_NOOP("No sound comes from it."))
+                self._settled()
+            if now_ns - self._unreachable_ns <= _SILENT_NS:
+                return
+            self._told = True
+            self._bus.problem(
+                "warning",
+                tr("No sound comes from a microphone that is open: {microphone}.").format(microphone=self._whose),
+                tr("Nothing that is said there is heard, recorded or written down until it is back."),
+                tr("Check its connection, and that the robot publishes its sound as the profile says."),
+                until="microphone",
+                cause="robot_sound",
+            )
+
+    def _show(self, state: Any, *, level: float = 0.0, detail: str = "") -> None:
+        self._status.set(
+            replace(_OFF, state=state, name=self._whose, level=level, detail=detail, source=ROBOT_MICROPHONE)
+        )

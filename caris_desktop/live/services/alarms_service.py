@@ -1,0 +1,268 @@
+"""Alarm service: alarms from reported problems and from the state. GUI thread."""
+
+from collections.abc import Callable, Iterator
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.alarm_causes import AlarmBook, Condition
+from caris_desktop.live.preflight_checks import no_answer_advice
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.robot.profile import RobotProfile
+
+BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
+_SILENT_AFTER_S = 5.0
+_OF_ROBOT = (
+    "robot_timeout", "robot_lacks", "robot_speed", "pose", "battery", "lidar", "scan_age",
+    "uncommanded", "commanded_elsewhere", "not_following", "movement_silent",
+)  # fmt: skip
+
+
+class AlarmsService(Service):
+    """Maintains ``state.alarms``, and publishes each alarm's start and end."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        publish: Callable[[Event], None],
+        parent: QObject | None = None,
+        *,
+        now_ns: Callable[[], int] = clock.now_ns,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._publish = publish
+        self._now_ns = now_ns
+        self._book = AlarmBook()
+        self._met_robot: tuple[str, str] | None = None
+        self._again = QTimer(self, singleShot=True)
+        self._again.timeout.connect(self.look)
+        for value in (
+            state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
+            state.microphone, state.wizard_microphone, state.listening, state.battery,
+        ):  # fmt: skip
+            value.changed.connect(self._on_changed)
+        for stream in (state.frame, state.scan, state.pose):
+            stream.freshness_changed.connect(self._on_changed)
+        self.look()
+
+    def follows(self) -> Follows:
+        return {
+            Problem: self.take,
+            RobotChosen: self._on_robot_chosen,
+            SessionStarted: self._on_session_started,
+            RecordingPaused: self._on_recording_paused,
+        }
+
+    def handlers(self) -> Handlers:
+        return {intents.DismissAlarm: self.dismiss}
+
+    def take(self, problem: Problem) -> None:
+        if problem.severity == "info" and problem.cause not in ("", ANSWER):
+            self._book.forget((problem.cause,), self._now_ns())  # reports the end of a problem
+        self._book.take(problem, self._now_ns())
+        self.look()
+
+    def look(self) -> None:
+        """Evaluate the conditions: raise and end alarms."""
+        state, now_ns = self._state, self._now_ns()
+        link = state.link.value
+        if link.state == "connected":
+            self._met_robot = link.robot, link.address
+        if link.starts:
+            self._book.forget(("link",), now_ns)
+        met = self._met_robot == (link.robot, link.address)
+        found = conditions(state, self._book.causes(), met_robot=met)
+        self._book.look(tuple(found), endings(state), now_ns)
+        self._tell()
+
+    def dismiss(self, asked: intents.DismissAlarm) -> None:
+        if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
+            raise UserFacingError(
+                tr("That is still wrong, or it is over already."), tr("Nothing was changed."),
+                tr("What ends by itself leaves the list when it is over."), severity="warning",
+            )  # fmt: skip
+        self._tell()
+
+    def stop(self) -> None:
+        self._again.stop()
+
+    def _on_robot_chosen(self, _robot: RobotChosen) -> None:
+        self._book.forget(_OF_ROBOT, self._now_ns())
+        self.look()
+
+    def _on_session_started(self, _session: SessionStarted) -> None:
+        self._book.tell_all(self._now_ns())
+        self._tell()
+
+    def _on_recording_paused(self, event: RecordingPaused) -> None:
+        """On resuming, record again what is still wrong."""
+        if not event.paused:
+            self._book.tell_all(self._now_ns())
+            self._tell()
+
+    def _on_changed(self, _value: object) -> None:
+        self.look()
+
+    def _tell(self) -> None:
+        for change in self._book.take_changes():
+            self._publish(change)
+        self._state.alarms.set(self._book.alarms)
+        wait_s = self._book.wait_s(self._now_ns())
+        if wait_s is None:
+            self._again.stop()
+        else:
+            self._again.start(max(50, round(wait_s * 1000)))
+
+
+def endings(state: LiveState) -> frozenset[ProblemEnd]:
+    """Conditions that can end a problem and hold now."""
+    now: dict[ProblemEnd, bool] = {
+        "connected": state.link.value.state == "connected",
+        "released": not state.drive.value.emergency_stop,
+        "picture": state.frame.freshness == "fresh",
+        # From the start on: problems while starting belong to it. Resuming continues the same recording.
+        "recording": state.recording.value.state in ("starting", "recording", "paused"),
+        "voice": state.speech.value.ready and not state.speech.value.detail,
+        "utterance": state.speech.value.now is not None and state.speech.value.now.state == "started",
+        "assistant": state.assistant.value.state in ("ready", "answering"),
+        "people": state.perception.value.state == "ready",
+        "microphone": state.microphone.value.state == "on",
+        "own_microphone": state.wizard_microphone.value.state == "on",
+        "transcription": state.listening.value.state == "ready",
+        "pose": state.pose.freshness == "fresh",
+    }
+    return frozenset(end for end, true in now.items() if true)
+
+
+def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = True) -> Iterator[Condition]:
+    """Alarm conditions of the state, reported or not. ``standing``: causes of current alarms; ``met_robot``: whether
+    the robot was connected since it was chosen.
+    """
+    recording = state.recording.value
+    if recording.state == "recording" and recording.covered_whole:
+        yield Condition(
+            "covered_whole", "warning",
+            tr("The whole picture of {camera} is pixelated.").format(camera=recording.covered_whole[0]),
+            tr("People have to be covered in what is kept, and where they are is not known in time. The recording "
+               "goes on, and shows everything again but them as soon as they are found in time."),
+            tr("See what Diagnostics says about people; close other programs if this computer is busy."),
+        )  # fmt: skip
+    link = state.link.value
+    if link.starts:
+        return
+    if link.state == "lost" or ("link" in standing and link.state in ("connecting", "trouble")):
+        yield _link_lost() if met_robot else _no_link_yet(state)
+    if link.state != "connected":
+        return
+    yield from _movement(state.drive.value, state.robot.value)
+    if state.frame.freshness == "lost" and state.frame.arrives_late:
+        yield Condition(
+            "picture", "warning", tr("The picture of the camera {camera} is old when it arrives.").format(
+                camera=state.camera.value),
+            tr("You do not see what is in front of the robot now."),
+            tr("Drive no further by it. See what slows the network or the robot, or choose another camera (V)."),
+            _SILENT_AFTER_S, until="picture",
+        )  # fmt: skip
+    elif state.frame.freshness == "lost":
+        yield Condition(
+            "picture", "warning", tr("No picture comes from the camera {camera}.").format(camera=state.camera.value),
+            tr("You do not see what is in front of the robot, and no video is recorded."),
+            tr("Drive no further without a picture. Look at the camera, or choose another one (V)."),
+            _SILENT_AFTER_S, until="picture",
+        )  # fmt: skip
+    if state.scan.freshness == "lost" and state.scan.arrives_late:
+        yield Condition(
+            "lidar", "warning", tr("The LIDAR’s scans are old when they arrive."),
+            tr("Obstacles are seen too late: the robot drives slowly."),
+            tr("See what slows the network or the robot, and set its clocks (NTP)."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    elif state.scan.freshness == "lost":
+        yield Condition(
+            "lidar", "warning", tr("The LIDAR sends nothing any more."),
+            tr("Obstacles are not seen: the robot drives slowly or not at all."),
+            tr("Look at the LIDAR on the robot, and drive by sight only."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    if not state.scan.age_known:
+        yield Condition(
+            "scan_age", "warning", tr("How old the LIDAR’s scans are is not known."),
+            tr("Their stamps are seconds or more off the robot’s clock. The obstacle guard counts from their arrival."),
+            tr("Set the clocks of the robot’s computers (NTP)."), _SILENT_AFTER_S,
+        )  # fmt: skip
+    charge = state.battery.value.charge_fraction if state.battery.value is not None else None
+    if charge is not None and charge < (BATTERY_WELL if "battery" in standing else BATTERY_LOW):
+        yield Condition(
+            "battery", "warning", tr("The robot’s battery is at {percent} %.").format(percent=round(charge * 100)),
+            tr("It may stop in the middle of the session."), tr("Bring the session to an end, then charge it."),
+        )  # fmt: skip
+
+
+def _movement(drive: DriveStatus, robot: RobotProfile | None) -> Iterator[Condition]:
+    """Alarm if odometry or the command topic contradicts our commands."""
+    topic = robot.velocity.topic if robot is not None else "cmd_vel"
+    who = tr("Nodes that publish {topic}: {nodes}.").format(topic=topic, nodes=", ".join(drive.velocity_publishers))
+    if not drive.velocity_publishers:
+        who = tr("The robot does not tell who publishes {topic}.").format(topic=topic)
+    stop_it = tr("Press Stop (Esc); if it moves on, the emergency stop (Esc Esc). Then find out who drives it.")
+    if drive.stopped:
+        stop_it = tr("Use the stop on the robot itself.")
+        if not drive.emergency_stop and robot is not None and robot.emergency_stop is not None:
+            stop_it = tr(
+                "Press the emergency stop (Esc Esc), which sets the robot’s own, or use the stop on the robot."
+            )
+    match drive.movement:
+        case "uncommanded" if drive.stopped:
+            what = tr("The robot moves, although the emergency stop is on.")
+            if not drive.emergency_stop:
+                what = tr("The robot moves, although it was stopped.")
+            yield Condition(
+                "uncommanded", "error", what,
+                tr("This console sends zero all the time; something else drives it. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "uncommanded":
+            yield Condition(
+                "uncommanded", "warning", tr("The robot moves, but not on a command of this console."),
+                tr("Somebody pushes it, or something else drives it. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "commanded_elsewhere":
+            yield Condition(
+                "commanded_elsewhere", "error" if drive.stopped else "warning",
+                tr("Something else sends the robot drive commands."),
+                tr("It may move at any moment without a command of this console. {who}").format(who=who), stop_it,
+            )  # fmt: skip
+        case "not_following":
+            yield Condition(
+                "not_following", "warning", tr("The robot does not follow the drive commands."),
+                tr("They are sent, and its odometry shows no such movement."),
+                tr("See whether its own stop, a joystick, a lock (twist_mux) or a wall holds it, and whether its "
+                   "rosbridge lets {topic} through (topics_glob).").format(topic=topic),
+            )  # fmt: skip
+        case "silent":
+            yield Condition(
+                "movement_silent", "warning", tr("The robot tells no movement: no odometry comes."),
+                tr("Whether it stands or moves is not known here, and its place is not followed."),
+                tr("Watch the robot itself. Look at its base driver, and at 'odometry' in its profile."), 1.0,
+            )  # fmt: skip
+
+
+def _link_lost() -> Condition:
+    return Condition(
+        "link", "error", tr("The connection to the robot is lost."),
+        tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
+        tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
+        until="connected", prevails=True,
+    )  # fmt: skip
+
+
+def _no_link_yet(state: LiveState) -> Condition:
+    robot, advice = state.link.value.robot or tr("The robot"), no_answer_advice(state.robot.value)
+    return Condition(
+        "link", "error", tr("{robot} does not answer.").format(robot=robot),
+        tr("Until it does it is neither driven nor seen, and what it should say waits."),
+        tr(advice), until="connected", prevails=True,
+    )  # fmt: skip

@@ -1,0 +1,399 @@
+"""Assistant service: choice of language model, prompts, questions, and the process of the embedded model."""
+
+import os
+from collections.abc import Callable, Container, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.models.connection import check_place
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
+from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import Actor, cancelled_by
+from caris_desktop.domain.events import AssistantChanged, ChatMessage, Marked
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.assistant_context import AssistantContext
+from caris_desktop.live.assistant_setup import AssistantSetupState, most_characters
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.exchanges import Exchanges
+from caris_desktop.live.model_client import ModelClient, StreamChat
+from caris_desktop.live.model_lists import ListModels, ModelLists
+from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantStatus, ModelChoice
+from caris_desktop.scenario.assistant_settings import AssistantPeople
+from caris_desktop.scenario.scenario_model import Scenario
+
+EMBEDDED = "embedded"
+_COUNT_EVERY_MS = 1000
+MOST_PICTURES = 4
+Setting = Literal["model", "role", "style", "system_prompt", "notes", "reset"]
+ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[[UserFacingError], None]], None]
+"""Reads images of these names as JPEG, scaled for a model, in a background thread. Raises UserFacingError."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssistantParts:
+    """``server`` runs the embedded model. ``resolve_endpoint(model, address)`` raises LanguageModelError."""
+
+    server: ProcessSpec
+    stream_chat: StreamChat
+    resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
+    list_models: ListModels
+
+
+class AssistantService(Service):
+    """Handles questions, setup and spoken answers. ``client`` serves other users of the model."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        parts: AssistantParts,
+        *,
+        asyncio_thread: AsyncioThread,
+        speech: SpeechQueue,
+        scenario: Scenario,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._parts = parts
+        self._speech = speech
+        self._scenario = scenario
+        self._setup = AssistantSetupState(scenario.assistant)
+        self._context = AssistantContext(state)
+        self.client = ModelClient(asyncio_thread, parts.stream_chat, bus.publish, self)
+        self._exchanges = Exchanges(state, self.client, bus.publish, self)
+        self._lists = ModelLists(asyncio_thread, parts.list_models, self)
+        self._lists.found.connect(self._show_setup)
+        self._read_pictures: ReadPictures | None = None
+        self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
+        self._counting.timeout.connect(self._show_setup)
+        self._server: ChildProcess | None = None
+        self._server_url: str | None = None
+        self._restarts = Restarts()
+        self._started = False
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.Ask: self.ask,
+            intents.CancelAnswer: lambda asked: self._exchanges.cancel(cancelled_by(asked.actor), asked.exchange_id),
+            intents.SayAnswer: self._say_answer,
+            intents.DismissAnswer: lambda asked: self._exchanges.dismiss(
+                asked.exchange_id, cancelled_by(asked.actor), asked.actor
+            ),
+            intents.ChooseModel: self._choose,
+            intents.ChoosePrompt: self._choose_prompt,
+            intents.EditPrompt: self._edit_prompt,
+            intents.ResetPrompts: self._reset,
+        }
+
+    def follows(self) -> Follows:
+        return {Marked: self._context.take_mark}
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {} if self._server is None else {self._parts.server.name: self._server}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._parts.server is None else {self._parts.server.name: self._restarts}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        if scenario.assistant != self._scenario.assistant:
+            self._setup = AssistantSetupState(scenario.assistant)
+        self._scenario = scenario
+        if self._started:
+            self._begin()
+
+    def start(self) -> None:
+        self._started = True
+        self._begin()
+
+    def _begin(self) -> None:
+        if self._scenario.permissions.assistant:
+            self._lists.start()
+            self._counting.start()
+        else:
+            self._lists.stop()
+            self._counting.stop()
+            self.client.cancel_all(QT_TR_NOOP("cancelled as the scenario was changed"))
+            self._end_server()
+        self._use_chosen()
+        self._show_setup()
+
+    def stop(self) -> None:
+        self._lists.stop()
+        self._counting.stop()
+        self.client.cancel_all(QT_TR_NOOP("cancelled as the program closed"))
+        if self._server is not None:
+            self._server.ask_to_end()
+
+    def end(self) -> None:
+        if self._server is not None:
+            self._server.stop(grace_s=1.5)
+
+    def forget(self, *, conversation: bool = False) -> None:
+        """Remove questions and answers; with ``conversation`` also the context, for another participant."""
+        if conversation:
+            self._context.forget()
+        self._exchanges.forget()
+
+    # Questions
+
+    def use_pictures(self, read: ReadPictures) -> None:
+        """Set the reader for images of questions."""
+        self._read_pictures = read
+
+    def check_picture(self) -> None:
+        """Raise UserFacingError if a question cannot include images."""
+        meaning = tr("The assistant was not asked; the picture stays where it is.")
+        if self._setup.model == EMBEDDED:
+            raise UserFacingError(
+                tr("The language model of this program cannot see pictures."), meaning,
+                tr("Choose a model that can, in a scenario with assistant.pictures."), severity="warning",
+            )  # fmt: skip
+        if not self._scenario.assistant.pictures:
+            raise UserFacingError(
+                tr("This scenario gives no pictures to a language model."), meaning,
+                tr("Set assistant.pictures in the scenario where participants agreed to it."), severity="warning",
+            )  # fmt: skip
+
+    def ask(self, asked: intents.Ask) -> None:
+        """Ask a question. Raises UserFacingError if refused; later failures are shown in its row."""
+        question = asked.question.strip()
+        if not question:
+            return
+        too_long = characters_too_long(question)
+        if too_long:
+            raise UserFacingError(
+                tr("The question is {too_long} characters too long.").format(too_long=too_long),
+                tr("The assistant was not asked; half a question would get an answer to something else."),
+                tr("Ask in {most} characters at most.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
+                severity="warning",
+            )
+        if len(asked.pictures) > MOST_PICTURES:
+            raise UserFacingError(
+                tr("More than {most} pictures cannot go with a question.").format(most=MOST_PICTURES),
+                tr("The assistant was not asked."), tr("Leave some out."), severity="warning",
+            )  # fmt: skip
+        if asked.pictures:
+            self.check_picture()
+        exchange_id = self._exchanges.prepare(question)
+        if asked.pictures and self._read_pictures is not None:
+            try:
+                self._read_pictures(
+                    asked.pictures,
+                    lambda jpegs: self._send(exchange_id, question, asked, jpegs),
+                    lambda failure: self._exchanges.fail(exchange_id, joined((failure.what, failure.advice))),
+                )
+            except UserFacingError as failure:
+                self._exchanges.fail(exchange_id, joined((failure.what, failure.advice)))
+        else:
+            self._send(exchange_id, question, asked, [])
+
+    def _send(self, exchange_id: str, question: str, asked: intents.Ask, jpegs: Sequence[bytes]) -> None:
+        what = self._may_tell()
+        settings = self._scenario.assistant
+        self._exchanges.ask(
+            exchange_id,
+            self._messages(question, what, asked.leave_out),
+            recorded=None if what == "numbers" else self._messages(question, "numbers", asked.leave_out),
+            max_tokens=settings.max_tokens,
+            temperature=settings.temperature,
+            actor=asked.actor,
+            photo=", ".join(asked.pictures),
+            jpegs=jpegs,
+        )
+
+    def _may_tell(self) -> AssistantPeople:
+        return self._scenario.assistant.people if self._scenario.permissions.naming_people else "numbers"
+
+    def _messages(
+        self, question: str, what: AssistantPeople, leave_out: Container[str] = ()
+    ) -> tuple[ChatMessage, ...]:
+        along = self._context.along(what, self._setup.text_of("notes"), leave_out)
+        return build_messages(question, system_prompt=self._setup.prompt, along=along)
+
+    def _say_answer(self, asked: intents.SayAnswer) -> None:
+        utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
+        self._exchanges.note_use(asked.text, utterance_id, asked.exchange_id, asked.actor)
+
+    # Setup
+
+    def _choose(self, asked: intents.ChooseModel) -> None:
+        if asked.model not in (choice.model for choice in self._offered()):
+            raise UserFacingError(
+                tr("That language model cannot be chosen here."),
+                tr("{model} stays the one that is asked.").format(model=self.client.model or self._setup.model),
+                tr("Add it to assistant.models of the scenario, or start its server."),
+                severity="warning",
+            )
+        if asked.model != self._setup.model:
+            self._setup.model = asked.model
+            self._tell("model", asked.model, "", asked.actor)
+            self._use_chosen()
+
+    def _choose_prompt(self, asked: intents.ChoosePrompt) -> None:
+        self._check_prompt(asked.kind, asked.name)
+        self._setup.choose(asked.kind, asked.name)
+        self._tell(asked.kind, asked.name, self._setup.text_of(asked.kind, asked.name), asked.actor)
+
+    def _edit_prompt(self, asked: intents.EditPrompt) -> None:
+        if asked.kind in ("role", "style"):
+            self._check_prompt("role" if asked.kind == "role" else "style", asked.name)
+        text = asked.text.strip()
+        most = most_characters(asked.kind)
+        if len(text) > most:
+            raise UserFacingError(
+                tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
+                tr("The assistant is asked as before."),
+                tr("Say it in {most} characters.").format(most=f"{most:,}"),
+                severity="warning",
+            )  # fmt: skip
+        self._setup.edit(asked.kind, asked.name, text)
+        self._tell(asked.kind, asked.name, text, asked.actor)
+
+    def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
+        if not self._setup.has(kind, name):
+            raise UserFacingError(
+                tr("This scenario has no role of that name.")
+                if kind == "role"
+                else tr("This scenario has no style of that name."),
+                tr("The assistant is asked as before."), tr("Choose another one."), severity="warning",
+            )  # fmt: skip
+
+    def _reset(self, asked: intents.ResetPrompts) -> None:
+        before = self._setup.model
+        self._setup.reset()
+        self._tell("reset", "", "", asked.actor)
+        if self._setup.model != before:
+            self._use_chosen()
+
+    def _tell(self, setting: Setting, name: str, text: str, actor: Actor) -> None:
+        self._bus.publish(AssistantChanged(clock.now_ns(), setting, name, text, actor))
+        self._show_setup()
+
+    def _show_setup(self) -> None:
+        if not self._scenario.permissions.assistant:
+            return
+        setup = self._setup.shown()
+        pictures = self._setup.model != EMBEDDED and self._scenario.assistant.pictures
+        models = self._offered()
+        where = next((choice.where for choice in models if choice.model == setup.model), _here())
+        self._state.assistant_setup.set(
+            replace(
+                setup,
+                server="" if where == _here() else where,
+                models=models,
+                pictures=pictures,
+                parts=self._context.parts(self._may_tell(), setup.notes),
+            )
+        )
+
+    def _offered(self) -> tuple[ModelChoice, ...]:
+        """Models to choose from: the scenario's, the embedded one, and those of local servers."""
+        settings = self._scenario.assistant
+        names = dict.fromkeys((settings.model, *settings.models, EMBEDDED, *self._lists.models))
+        choices = (self._choice(name) for name in names)
+        return tuple(choice for choice in choices if choice is not None)
+
+    def _choice(self, model: str) -> ModelChoice | None:
+        """Model as a choice; None if unknown or not permitted."""
+        if model == EMBEDDED:
+            return ModelChoice(model, _embedded_shown(), _here())
+        try:
+            endpoint = self._parts.resolve_endpoint(model, None)
+        except LanguageModelError:
+            return None
+        if not endpoint.leaves_computer:
+            return ModelChoice(model, endpoint.model, _here())
+        if not self._scenario.permissions.cloud_models:
+            return None
+        return ModelChoice(model, endpoint.model, endpoint.server)
+
+    # Model
+
+    def _use_chosen(self) -> None:
+        if not self._scenario.permissions.assistant:
+            self._exchanges.show_status(AssistantStatus(state="off"))
+        elif self._setup.model == EMBEDDED and self._server_url is None:
+            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_shown()))
+            if self._server is None:
+                self._server = self._children.start(
+                    self._parts.server, ended=self._on_server_ended, heard=self._on_heard
+                )
+        else:
+            self._use_endpoint()
+
+    def _end_server(self) -> None:
+        server, self._server, self._server_url = self._server, None, None
+        if server is not None:
+            self._children.dismiss(server, grace_s=2.0)
+
+    def _use_endpoint(self) -> None:
+        model, local_only = self._setup.model, not self._scenario.permissions.cloud_models
+        try:
+            endpoint = self._parts.resolve_endpoint(model, self._server_url)
+            check_place(endpoint, local_only=local_only)
+        except LanguageModelError as error:
+            self._exchanges.show_status(AssistantStatus(state="failed", detail=joined((error.what, error.advice))))
+            return
+        shown_as = _embedded_shown() if model == EMBEDDED else endpoint.model
+        self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
+        self.client.warm_up_soon(lambda: self._messages("Hello.", "numbers"), "question")
+
+    def _on_heard(self, message: Any) -> None:
+        match message:
+            case EmbeddedReady(url=url, key=key):
+                os.environ[EMBEDDED_KEY] = key
+                self._server_url = url
+                if self._asks_embedded():
+                    self._use_endpoint()
+            case EmbeddedFailed(problem):
+                self._bus.publish(told_here(problem))
+                if self._asks_embedded():
+                    self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
+
+    def _asks_embedded(self) -> bool:
+        return self._scenario.permissions.assistant and self._setup.model == EMBEDDED
+
+    def _on_server_ended(self, child: ChildProcess) -> None:
+        if child is not self._server:
+            return  # replaced while its exit was being reported
+        self._server = self._server_url = None
+        if self._asks_embedded():
+            self._restarts.after_end(self._tell_server_ended, self._use_chosen)
+        else:
+            self._restarts.another()
+
+    def _tell_server_ended(self, advice: str) -> None:
+        self._exchanges.show_status(AssistantStatus(state="failed", detail=QT_TR_NOOP("The language model stopped.")))
+        self._bus.problem(
+            "warning",
+            tr("The language model stopped unexpectedly."),
+            tr("The assistant gives no answers; everything else works."),
+            advice,
+            until="assistant",
+        )
+
+
+def _here() -> str:
+    """Location of a model whose data stays on this computer."""
+    return tr("on this computer")
+
+
+def _embedded_shown() -> str:
+    return tr("SmolLM2 on this computer")

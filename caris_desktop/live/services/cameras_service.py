@@ -1,0 +1,233 @@
+"""Camera service: one child process and frame ring per camera of this computer. GUI thread."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import field, replace
+from typing import Any
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.sensing import CameraState
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
+from caris_desktop.live.frame_ring import FrameRing, FrameRings
+from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import Restarts, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import PerceptionStatus
+from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
+from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.scenario.scenario_model import Scenario
+
+_log = logging.getLogger(__name__)
+_RESTART_AFTER_MS = 1000
+_GRACE_S = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class OwnCamera:
+    """Camera of this computer. ``body`` additionally gets its ring; ``model``: mounting pose and lens,
+    None if unknown.
+    """
+
+    name: str
+    body: ProcessSpec
+    model: CameraModel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WantedCameras:
+    """Cameras requested by scenario or command line. ``of_robot``: names, None for all of the robot's; ``failures``:
+    unusable ones.
+    """
+
+    own: tuple[OwnCamera, ...] = ()
+    of_robot: tuple[str, ...] | None = None
+    failures: tuple[UserFacingError, ...] = ()
+
+    def among(self, cameras: tuple[CameraTopic, ...]) -> tuple[CameraTopic, ...]:
+        """Requested cameras of the robot. One with the name of a local camera is renamed, because frames are identified
+        by camera name.
+        """
+        own = {camera.name for camera in self.own}
+        wanted = [camera for camera in cameras if self.of_robot is None or camera.name in self.of_robot]
+        return tuple(
+            replace(camera, name=f"robot-{camera.name}") if camera.name in own else camera for camera in wanted
+        )
+
+
+@dataclass(slots=True, eq=False)
+class _Running:
+    camera: OwnCamera
+    ring: FrameRing
+    child: ChildProcess
+    restarts: Restarts = field(default_factory=Restarts)
+    plays: bool = False
+
+
+class CamerasService(Service):
+    """Runs the scenario's cameras, and maintains ``state.own_cameras``: name and model of each."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        wanted_by: Callable[[Scenario], WantedCameras],
+        slow_work: BackgroundWorker,
+        *,
+        frames: FrameRings,
+        parent: QObject,
+    ) -> None:
+        """``frames`` receives the rings and closes them."""
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._wanted_by = wanted_by
+        self._slow_work = slow_work
+        self._frames = frames
+        self._free_rings: list[FrameRing] = []
+        self._wanted: tuple[OwnCamera, ...] = ()
+        self._running: dict[str, _Running] = {}
+        self._ended: set[str] = set()
+        self._heard = ""
+        self._started = self._stopped = False
+        state.perception.changed.connect(self._on_perception)
+        bus.tap(self._note, (CameraState,))
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {running.camera.body.name: running.child for running in self._running.values()}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {running.camera.body.name: running.restarts for running in self._running.values()}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        wanted = self._wanted_by(scenario)
+        for failure in wanted.failures:
+            self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
+        if wanted.own != self._wanted:
+            self._wanted = wanted.own
+            self._state.own_cameras.set({camera.name: camera.model for camera in wanted.own})
+            self._arrange()
+
+    def hear(self, camera: str, on: bool) -> None:
+        """Switch audio of a camera's microphone on or off; also applied after a restart."""
+        self._heard = camera if on else ""
+        running = self._running.get(camera)
+        if running is not None:
+            running.child.send(HearCamera(on))
+
+    def start(self) -> None:
+        self._started = True
+        self._arrange()
+
+    def stop(self) -> None:
+        self._stopped = True
+        for running in self._running.values():
+            running.child.ask_to_end()
+
+    def end(self) -> None:
+        for running in self._running.values():
+            running.child.stop(grace_s=_GRACE_S)
+
+    def _arrange(self) -> None:
+        if not self._started or self._stopped:
+            return
+        for running in tuple(self._running.values()):
+            if running.camera not in self._wanted:
+                self._leave(running)
+        for camera in self._wanted:
+            if camera.name not in self._running:
+                self._begin(camera)
+
+    def _begin(self, camera: OwnCamera) -> None:
+        if self._free_rings:
+            ring = self._free_rings.pop()
+        else:
+            ring = FrameRing.create()
+            self._frames.add(ring)
+        self._running[camera.name] = _Running(camera, ring, self._start_child(camera, ring))
+        self._on_perception(self._state.perception.value)
+
+    def _start_child(self, camera: OwnCamera, ring: FrameRing) -> ChildProcess:
+        self._ended.discard(camera.name)
+        body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
+        child = self._children.start(body, ended=self._on_ended, heard=self._on_heard)
+        if camera.name == self._heard:
+            child.send(HearCamera(True))
+        return child
+
+    def _leave(self, running: _Running) -> None:
+        """End a camera that another scenario does not use."""
+        name = running.camera.name
+        del self._running[name]
+        running.child.ask_to_end()
+        self._slow_work.do(
+            lambda: running.child.stop(grace_s=_GRACE_S),
+            lambda _ended: self._left(running),
+            self._bus.answer,
+        )
+        self._bus.publish(CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does without it.")))
+        self._state.forget_camera(name)
+
+    def _left(self, running: _Running) -> None:
+        """Clean up after the exit: process its last values first, so that they do not bring the camera back."""
+        self._free_rings.append(running.ring)
+        self._bus.take_in()
+        if running.camera.name not in self._running:
+            self._state.forget_camera(running.camera.name)
+
+    def _note(self, state: CameraState, _raw: bytes | None) -> None:  # any thread
+        if state.state == "ended":
+            self._ended.add(state.camera)
+
+    def _on_perception(self, status: PerceptionStatus) -> None:
+        if status.state not in ("ready", "failed"):
+            return
+        for running in self._running.values():
+            if not running.plays:
+                # A recorded video starts once perception is ready to see it.
+                running.plays = running.child.send(PlayVideo())
+
+    def _on_heard(self, message: Any) -> None:
+        _log.info("a camera says %r", message)
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        running = next((running for running in self._running.values() if running.child is child), None)
+        if running is None or self._stopped:
+            return
+        name = running.camera.name
+        if name in self._ended:
+            self._bus.problem(
+                "warning",
+                tr("The pictures of the camera {name} have ended.").format(name=name),
+                tr("There is no video of it from now on; a recording goes on without it."),
+                tr("To go on, choose another camera with --camera or in the scenario, and start again."),
+                until="picture",
+            )
+            return
+
+        def tell(advice: str) -> None:
+            self._bus.problem(
+                "warning",
+                tr("The camera {name} stopped unexpectedly.").format(name=name),
+                tr("There is no picture from it until it is back; everything else goes on."),
+                advice,
+                until="picture",
+            )
+            self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
+
+        running.restarts.after_end(tell, lambda: self._again(running), after_ms=_RESTART_AFTER_MS, within=self)
+
+    def _again(self, running: _Running) -> None:
+        if self._running.get(running.camera.name) is running and not self._stopped:
+            running.child = self._start_child(running.camera, running.ring)
+            running.plays = False
+            self._on_perception(self._state.perception.value)

@@ -1,0 +1,284 @@
+"""Crash recovery of a trial: saves its state, offers it to the next run, and resumes it."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar, get_args
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.robot_service import RobotService
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, RecordingStatus
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.study import unfinished_trial
+from caris_desktop.study.unfinished_trial import UnfinishedTrial
+
+_log = logging.getLogger(__name__)
+_KEPT_EVERY_MS = 5000
+_NOT_SHUT_DOWN_AFTER_MS = 60_000
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class CrashRecoveryAdapters:
+    """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
+    thread, empty if unavailable.
+    """
+
+    folder: Path
+    study: Path
+    details: Callable[[Path], TrialDetails]
+
+
+class CrashRecoveryService(Service):
+    """Maintains ``state.going_on``.
+
+    After a crash nothing is assumed: the emergency stop is latched, and pose, people, recording and consents need
+    confirmation. Until then the gate blocks recording.
+    """
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        parts: CrashRecoveryAdapters,
+        slow_work: BackgroundWorker,
+        *,
+        robot: RobotService,
+        do: Callable[[intents.Intent], str],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._parts = parts
+        self._slow_work = slow_work
+        self._robot = robot
+        self._do = do
+        self._scenario: Scenario | None = None
+        self._offered: UnfinishedTrial | None = None
+        self._resumed: TrialResumed | None = None
+        self._confirmed: list[ConfirmedAsBefore] = []
+        self.step = ""
+        """The step of the protocol in which the next recording goes on; empty where none broke off in one."""
+        self._kept: UnfinishedTrial | None = None
+        self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
+        self._soon.timeout.connect(self._keep)
+        self._told_to_end = False
+        self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)
+        self._shut_down_soon.timeout.connect(self._on_not_shut_down)
+        state.recording.changed.connect(self._on_recording_changed)
+        for value in (state.persons, state.selected_person, state.protocol, state.scenario, state.robot):
+            value.changed.connect(self._on_changed)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.GoOnWithTrial: self._go_on,
+            intents.LeaveTrial: self._leave,
+            intents.ConfirmAsBefore: self._confirm,
+        }
+
+    def follows(self) -> Follows:
+        return {InitialPoseSet: self._on_pose_set}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        before, self._scenario = self._scenario, scenario
+        status: CrashRecoveryStatus = self._state.going_on.value
+        if status.state in ("unconfirmed", "confirmed") and (before is None or _keeps(before) != _keeps(scenario)):
+            # The confirmation was given for another scenario.
+            left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
+            self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
+
+    def start(self) -> None:
+        def work() -> tuple[UnfinishedTrial, TrialDetails] | None:
+            found = unfinished_trial.take_newest(self._parts.folder, self._parts.study)
+            return (found, self._parts.details(found.session)) if found is not None else None
+
+        self._slow_work.do(_told(work), self._on_found, _tell)
+
+    def end(self) -> None:
+        """Called when the recording has ended normally."""
+        try:
+            unfinished_trial.forget(self._parts.folder)
+        except OSError:
+            _log.exception("the next run will offer to go on with a trial that has ended")
+
+    def expect_end(self) -> None:
+        """The program is asked to quit: what follows is no crash."""
+        self._shut_down_soon.stop()
+        self._told_to_end = True
+        self.end()
+
+    def expect_shutdown(self) -> None:
+        """The computer is shutting down or the user is logging out, which can still be cancelled."""
+        if not self._told_to_end:
+            self._shut_down_soon.start()
+        self._told_to_end = True
+        self.end()
+
+    def _on_not_shut_down(self) -> None:
+        self._told_to_end = False
+        if self._kept is not None:
+            self._kept = None
+            self._keep()
+
+    def standing(self, now_ns: int) -> list[Event]:
+        """Initial events in the recording of a resumed trial."""
+        if self._resumed is None:
+            return []
+        return [replace(self._resumed, stamp_ns=now_ns), *(replace(one, stamp_ns=now_ns) for one in self._confirmed)]
+
+    # Saving
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        if status.state in ("recording", "paused"):
+            if self._kept is None:
+                self._state.going_on.set(CrashRecoveryStatus())
+                self._keep()
+        elif status.state in ("idle", "failed") and self._kept is not None:
+            self._kept = None
+            self._soon.stop()
+            self._slow_work.do(_told(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _tell)
+            self._over()
+
+    def _over(self) -> None:
+        """The resumed trial was recorded."""
+        self._resumed, self._confirmed, self.step = None, [], ""
+        self._state.going_on.set(CrashRecoveryStatus())
+
+    def _on_changed(self, _value: object) -> None:
+        if self._kept is not None and not self._soon.isActive():
+            self._soon.start()
+
+    def _keep(self) -> None:
+        state, scenario, connection = self._state, self._scenario, self._robot.connection
+        folder: Path | None = state.recording.value.folder
+        if folder is None or self._told_to_end:
+            return
+        trial = UnfinishedTrial(
+            folder,
+            str(scenario.path) if scenario is not None and scenario.path is not None else "",
+            connection.profile.name if connection is not None else "",
+            tuple(row.person_id for row in state.persons.value if row.here),
+            state.selected_person.value,
+            state.protocol.value.step_id,
+        )
+        if trial != self._kept:
+            self._kept = trial
+            self._slow_work.do(_told(lambda: self._write(trial)), lambda _done: None, _tell)
+
+    def _write(self, trial: UnfinishedTrial) -> None:  # any thread
+        if not self._told_to_end:
+            unfinished_trial.keep(self._parts.folder, trial)
+
+    # Resuming
+
+    def _on_found(self, found: tuple[UnfinishedTrial, TrialDetails] | None) -> None:
+        if found is None:
+            return
+        self._offered, details = found
+        self._state.going_on.set(CrashRecoveryStatus("offered", self._offered.session.name, details))
+
+    def _go_on(self, asked: intents.GoOnWithTrial) -> None:
+        trial, status = self._offered, self._state.going_on.value
+        if trial is None or status.state != "offered":
+            raise UserFacingError(
+                tr("There is no trial to go on with."), tr("Nothing was changed."), tr("Start a recording.")
+            )
+        if self._state.recording.value.state in IN_SESSION:
+            raise UserFacingError(
+                tr("A recording is under way: the trial that broke off cannot go on in it."),
+                tr("Nothing was changed."), tr("End the recording first."),
+            )  # fmt: skip
+        # Anyone about to move when the program crashed may be anywhere now.
+        if not self._state.drive.value.emergency_stop:
+            self._do(intents.EmergencyStop(actor=asked.actor))
+        here, connection = self._scenario, self._robot.connection
+        if trial.scenario and (here is None or str(here.path) != trial.scenario):
+            self._do(intents.OpenScenario(Path(trial.scenario), actor=asked.actor))
+        if trial.robot and (connection is None or connection.profile.name != trial.robot):
+            self._do(intents.UseRobot(trial.robot, actor=asked.actor))
+        if trial.attended:
+            self._do(intents.AttendPerson(trial.attended, actor=asked.actor))
+        self._offered, self.step = None, trial.step
+        self._resumed = TrialResumed(clock.now_ns(), trial.session.name, asked.actor)
+        self._bus.publish(self._resumed)
+        self._state.going_on.set(
+            replace(
+                status,
+                state="unconfirmed",
+                unconfirmed=get_args(intents.AsBefore),
+                people=trial.people,
+                unconfirmed_people=trial.people,
+            )
+        )
+
+    def _leave(self, asked: intents.LeaveTrial) -> None:
+        self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
+        self._state.going_on.set(CrashRecoveryStatus())
+        _log.info("the trial is not gone on with, says %s", asked.actor)
+
+    def _confirm(self, asked: intents.ConfirmAsBefore) -> None:
+        status: CrashRecoveryStatus = self._state.going_on.value
+        if asked.what not in status.unconfirmed:
+            return
+        if asked.person_id:
+            if asked.person_id not in status.unconfirmed_people:
+                return
+            self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor, asked.person_id))
+            people = tuple(person for person in status.unconfirmed_people if person != asked.person_id)
+            status = replace(status, unconfirmed_people=people)
+            if self._have_rows(people):
+                self._state.going_on.set(status)
+                return
+        # Confirming the last existing row covers everyone.
+        self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor))
+        left = tuple(what for what in status.unconfirmed if what != asked.what)
+        people = status.unconfirmed_people if "people" in left else ()
+        self._state.going_on.set(
+            replace(status, unconfirmed=left, unconfirmed_people=people, state="unconfirmed" if left else "confirmed")
+        )
+
+    def _note(self, event: ConfirmedAsBefore) -> None:
+        self._confirmed.append(event)
+        self._bus.publish(event)
+
+    def _have_rows(self, people: tuple[str, ...]) -> bool:
+        """Whether any of them has a row: without one there is nothing to confirm."""
+        rows = (*self._state.persons.value, *self._state.everybody.value)
+        return any(row.person_id in people for row in rows)
+
+    def _on_pose_set(self, event: InitialPoseSet) -> None:
+        """Setting the robot's pose confirms it."""
+        self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
+
+
+def _keeps(scenario: Scenario) -> tuple[object, ...]:
+    """Permissions to record, and to pass data to a model."""
+    return scenario.permissions, scenario.blur, scenario.assistance
+
+
+def _told(work: Callable[[], T]) -> Callable[[], T]:
+    def run() -> T:
+        try:
+            return work()
+        except OSError as error:
+            raise UserFacingError(tr("A trial that breaks off cannot be offered again."), str(error), "") from error
+
+    return run
+
+
+def _tell(failure: UserFacingError) -> None:
+    # No session data is lost: the log suffices.
+    _log.warning("%s %s", failure.what, failure.meaning)

@@ -1,0 +1,447 @@
+"""Face service: contents, animation with speech, and outputs of the robot's face. GUI thread."""
+
+import asyncio
+import logging
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+
+from caris_desktop.conversation.face.drawing import Drawing, drawing_of, words_alone
+from caris_desktop.conversation.face.face_file import DEFAULT_FACE, Face, FaceError, load_face, parse_face, save_face
+from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudness, loudness
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import FaceChanged, UtteranceChanged
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.person_marks import with_names
+from caris_desktop.domain.picture_checks import jpeg_of
+from caris_desktop.domain.ports import FrameReader
+from caris_desktop.domain.sensing import FrameRef, People
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import FaceStatus
+from caris_desktop.scenario.scenario_model import Scenario
+
+_log = logging.getLogger(__name__)
+_DRAW_EVERY_MS = 40
+_PICTURE_EVERY_NS = 200_000_000
+_PICTURE_PX = 960
+_PAGE_ENDS_WITHIN_S = 2.0
+_KEPT_VOICES = 8
+_HEAD_SHARE = 0.12
+"""Eye height in a person's box, as a share from its top."""
+
+
+class FaceService(Service):
+    """Maintains ``state.face`` and, while an output is open, ``state.face_drawing`` at up to 25 Hz.
+
+    Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
+    """
+
+    _page_told = Signal(object, object)
+    _sound_told = Signal(object)
+    _page_ended = Signal(object)
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        slow_work: BackgroundWorker,
+        asyncio_thread: AsyncioThread,
+        *,
+        frames: FrameReader,
+        parent: QObject,
+        load: Callable[[str], Face] = load_face,
+        save: Callable[[Face], object] = save_face,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._slow_work = slow_work
+        self._asyncio = asyncio_thread
+        self._frames = frames
+        self._load = load
+        self._save = save
+        self._face: Face | None = None
+        self._motion: FaceMotion | None = None
+        self._wanted = ""
+        self._captions = self._network = False
+        self._live_permitted = self._photos_permitted = False
+        self._caption = ""
+        self._speaking_id = ""
+        self._voices: dict[str, PlayedSound] = {}
+        self._page: FacePageProcess | None = None
+        self._asked_by: Actor = CONSOLE
+        self._picture_ns = 0
+        self._shown: Drawing | bytes | None = None
+        self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
+        self._drawing.timeout.connect(self._draw)
+        self._page_told.connect(self._on_page_told, Qt.ConnectionType.QueuedConnection)
+        self._sound_told.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
+        self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
+        bus.tap(lambda sound, _raw: self._sound_told.emit(sound), (PlayedSound,))
+        state.people.changed.connect(self._on_people)
+        state.frame.changed.connect(self._on_frame)
+        for source in PARTICIPANT_SOURCES:
+            state.hearing_of(source).changed.connect(self._on_hearing)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.UseFace: lambda asked: self._use(asked.face, asked.actor),
+            intents.KeepFace: self._keep,
+            intents.ShowExpression: self._express,
+            intents.ShowOnFace: self._show_on_face,
+            intents.ShowFaceWindow: self._show_window,
+            intents.ServeFace: self._serve,
+        }
+
+    def follows(self) -> Follows:
+        return {UtteranceChanged: self._on_utterance}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        settings, permissions = scenario.face, scenario.permissions
+        self._captions, self._network = settings.captions, settings.page == "network"
+        self._live_permitted, self._photos_permitted = settings.live_picture, permissions.photos
+        if not permissions.face:
+            self._put_away()
+        elif self._wanted != settings.face or self._face is None:
+            self._use(settings.face, CONSOLE)
+
+    def stop(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            page.stop()
+        self._put_away()
+
+    def _put_away(self) -> None:
+        self._drawing.stop()
+        self._close_page()
+        self._wanted = self._speaking_id = self._caption = ""
+        self._face = self._motion = None
+        self._voices.clear()
+        self._state.face.set(FaceStatus())
+        self._shown = None
+        self._state.face_drawing.set_anew(None)
+
+    # Face and contents
+
+    def _use(self, name: str, actor: Actor) -> None:
+        self._wanted = name
+
+        def loaded(face: Face) -> None:
+            if self._wanted == name:
+                self._begin_with(face, actor)
+
+        self._slow_work.do(lambda: self._load(name), loaded, self._tell)
+
+    def _keep(self, asked: intents.KeepFace) -> None:
+        face = parse_face(asked.content, file_name=tr("The face"), name=asked.name)
+        self._slow_work.do(lambda: self._save(face), lambda _path: self._use(asked.name, asked.actor), self._tell)
+
+    def _begin_with(self, face: Face, actor: Actor) -> None:
+        if self._motion is None:
+            self._motion = FaceMotion(face)
+        else:
+            self._motion.use(face)
+        self._face = face
+        before: FaceStatus = self._state.face.value
+        self._change(
+            replace(
+                before, face=face.name, title=face.title, expression=self._motion.expression.name,
+                expressions=tuple(one.name for one in face.expressions),
+                what="face" if before.what == "off" else before.what,
+            ),
+            actor,
+        )  # fmt: skip
+        self._move()
+
+    def _express(self, asked: intents.ShowExpression) -> None:
+        motion = self._motion_or_raise()
+        status: FaceStatus = self._state.face.value
+        if asked.expression not in status.expressions:
+            raise UserFacingError(
+                tr("This face has no expression “{expression}”.").format(expression=asked.expression),
+                tr("It stays as it is."),
+                tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
+                severity="warning",
+            )  # fmt: skip
+        motion.express(asked.expression)
+        self._change(replace(status, expression=asked.expression), asked.actor)
+        self._move()
+
+    def _show_on_face(self, asked: intents.ShowOnFace) -> None:
+        self._motion_or_raise()
+        text = " ".join(asked.text.split())
+        if asked.what == "text" and not text:
+            raise UserFacingError(
+                tr("There is nothing to show."), tr("The face stays."), tr("Write a text first."), severity="warning"
+            )
+        if asked.what == "live" and not self._live_permitted:
+            raise UserFacingError(
+                tr("This scenario does not show people what the robot sees."), tr("The face stays."),
+                tr("Set face.live_picture in the scenario where that is wanted."), severity="warning",
+            )  # fmt: skip
+        if asked.what == "photo":
+            self._show_photo(text, asked.actor)
+            return
+        shown = replace(self._state.face.value, what=asked.what, text=text if asked.what == "text" else "")
+        self._change(shown, asked.actor)
+        self._move()
+
+    def _show_photo(self, file_name: str, actor: Actor) -> None:
+        photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
+        if photo is None or not self._photos_permitted:
+            raise UserFacingError(
+                tr("That photo is not at hand."),
+                tr("The face stays."),
+                tr("Choose one of the Photos panel."),
+                severity="warning",
+            )
+        self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
+        self._show(photo.preview_jpeg)
+
+    def _change(self, status: FaceStatus, actor: Actor) -> None:
+        self._state.face.set(status)
+        self._bus.publish(
+            FaceChanged(
+                clock.now_ns(), status.expression, status.text if status.what == "text" else "",
+                status.text if status.what == "photo" else "", status.what == "live",
+                status.pages + (1 if status.window else 0), actor,
+            )
+        )  # fmt: skip
+
+    def _motion_or_raise(self) -> FaceMotion:
+        if self._motion is None:
+            raise UserFacingError(
+                tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."), severity="warning"
+            )
+        return self._motion
+
+    def _tell(self, failure: UserFacingError) -> None:
+        self._bus.answer(failure)
+        if self._face is None and isinstance(failure, FaceError) and self._wanted != DEFAULT_FACE:
+            self._use(DEFAULT_FACE, CONSOLE)
+
+    # Outputs
+
+    def _show_window(self, asked: intents.ShowFaceWindow) -> None:
+        self._motion_or_raise()
+        self._change(replace(self._state.face.value, window=asked.on), asked.actor)
+
+    def _serve(self, asked: intents.ServeFace) -> None:
+        self._motion_or_raise()
+        if not asked.on:
+            self._close_page()
+            self._change(self._state.face.value, asked.actor)
+            return
+        if self._page is not None:
+            return
+        page = self._page = FacePageProcess(
+            self._network,
+            self._asyncio,
+            on_message=lambda message, _raw: self._page_told.emit(page, message),
+            on_exit=lambda _code: self._page_ended.emit(page),
+        )
+        self._asked_by = asked.actor
+
+    def _on_page_told(self, page: "FacePageProcess", message: Any) -> None:
+        from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
+
+        if page is not self._page:
+            return  # no longer needed
+        match message:
+            case PageOpened(address):
+                self._state.face_page.set(address)
+                self._change(replace(self._state.face.value, served=True), self._asked_by)
+                if self._shown is not None:
+                    page.show(self._shown)
+            case PageFailed(why):
+                self._tell_not_served(tr("The page with the face cannot be served ({error}).").format(error=why))
+            case PagesOpen(pages) if pages != self._state.face.value.pages:
+                self._change(replace(self._state.face.value, pages=pages), CONSOLE)
+
+    def _on_page_ended(self, page: "FacePageProcess") -> None:
+        if page is self._page:
+            self._tell_not_served(tr("The page with the face has ended by itself."))
+
+    def _tell_not_served(self, what: str) -> None:
+        self._close_page()
+        self._bus.answer(
+            UserFacingError(
+                what,
+                tr("The face's window on this computer works."),
+                tr("Try again, or use the window."),
+                severity="warning",
+            )
+        )
+
+    def _close_page(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            self._slow_work.do(page.stop, lambda _ended: None, self._bus.answer)
+            self._state.face_page.set("")
+            self._state.face.set(replace(self._state.face.value, served=False, pages=0))
+
+    # Animation
+
+    def _on_utterance(self, event: UtteranceChanged) -> None:
+        if event.speaker != "robot" or self._motion is None:
+            return
+        if event.state == "started":
+            self._speaking_id = event.utterance_id
+            played = self._voices.get(event.utterance_id)
+            self._motion.speak(SpokenLoudness(event.stamp_ns) if played is None else _voice_of(played))
+            self._caption = self._with_names(event.text)
+            self._state.face.set(replace(self._state.face.value, speaking=True))
+            self._move()
+        elif event.state != "requested" and event.utterance_id == self._speaking_id:
+            self._speaking_id = self._caption = ""
+            self._motion.speak(None)
+            self._state.face.set(replace(self._state.face.value, speaking=False))
+            self._move()
+
+    def _with_names(self, text: str) -> str:
+        """Caption for the addressee, with the spoken name."""
+        names = {row.person_id: row.name for row in self._state.everybody.value if row.known}
+        return with_names(text, lambda person_id: names.get(person_id, "")).strip()
+
+    def _on_sound(self, sound: PlayedSound) -> None:
+        """Add played audio, which is reported slightly before or after it is audible."""
+        if self._motion is None or not sound.utterance_id:
+            return
+        before = self._voices.get(sound.utterance_id)
+        whole = self._voices[sound.utterance_id] = sound if before is None else joined(before, sound)
+        while len(self._voices) > _KEPT_VOICES:
+            del self._voices[next(iter(self._voices))]
+        if sound.utterance_id == self._speaking_id:
+            self._motion.speak(_voice_of(whole))
+
+    def _on_hearing(self, hearing: Hearing) -> None:
+        listening = hearing.speaking and hearing.speaker in ("", "participant")
+        if self._motion is not None and listening != self._state.face.value.listening:
+            self._motion.hear(listening)
+            self._state.face.set(replace(self._state.face.value, listening=listening))
+            self._move()
+
+    def _on_people(self, people: People) -> None:
+        """Look at the selected person, else at the nearest, with the tallest box."""
+        if self._motion is None:
+            return
+        meant = self._state.selected_person.value
+        box = next((one for one in people.boxes if one.person_id == meant), None)
+        box = box or max(people.boxes, key=lambda one: one.height_px, default=None)
+        if box is None or not people.frame_width_px or not people.frame_height_px:
+            self._motion.look_to(0.0, 0.0)
+        else:
+            middle = (box.left_px + box.width_px / 2) / people.frame_width_px
+            eyes = (box.top_px + _HEAD_SHARE * box.height_px) / people.frame_height_px
+            # The left of the camera picture is the robot's left, which is the right of its screen.
+            self._motion.look_to(1.0 - 2.0 * middle, 1.0 - 2.0 * eyes)
+        self._move()
+
+    def _on_frame(self, frame: FrameRef) -> None:
+        if self._state.face.value.what != "live" or frame.stamp_ns - self._picture_ns < _PICTURE_EVERY_NS:
+            return
+        self._picture_ns = frame.stamp_ns
+        image_bgr = self._frames.read(frame)
+        if image_bgr is not None:
+            self._shown = None
+            self._state.face_drawing.set_anew(image_bgr)
+            if self._page is not None:
+                self._page.show(image_bgr)
+
+    def _move(self) -> None:
+        """Start animating."""
+        if self._state.face.value.what in ("face", "text"):
+            self._drawing.start(_DRAW_EVERY_MS)
+
+    def _draw(self) -> None:
+        motion, face = self._motion, self._face
+        status: FaceStatus = self._state.face.value
+        if motion is None or face is None or status.what not in ("face", "text"):
+            self._drawing.stop()
+            return
+        if status.what == "text":
+            self._drawing.stop()
+            self._show(words_alone(face, status.text))
+            return
+        now_ns = clock.now_ns()
+        look = motion.at(now_ns)
+        self._show(drawing_of(face, look, caption=self._caption if self._captions else ""))
+        if motion.still:
+            blink_ns = motion.next_blink_ns()
+            if blink_ns is None:
+                self._drawing.stop()
+            else:
+                self._drawing.start(max(_DRAW_EVERY_MS, (blink_ns - now_ns) // 1_000_000))
+        elif self._drawing.interval() != _DRAW_EVERY_MS:
+            self._drawing.start(_DRAW_EVERY_MS)
+
+    def _show(self, shown: Drawing | bytes) -> None:
+        if shown != self._shown:
+            self._shown = shown
+            self._state.face_drawing.set_anew(shown)
+            if self._page is not None:
+                self._page.show(shown)
+
+
+class FacePageProcess:
+    """Child process that serves the face page. Pages show the newest of ``show``; intermediate values
+    may be skipped.
+    """
+
+    def __init__(
+        self,
+        network: bool,
+        asyncio_thread: AsyncioThread,
+        *,
+        on_message: Callable[[Any, bytes], None],
+        on_exit: Callable[[int | None], None],
+    ) -> None:
+        from caris_desktop.conversation.face.page import run_face_page
+
+        self._asyncio = asyncio_thread
+        body = ProcessSpec("face page", run_face_page, (network,))
+        self._child = ChildProcess(body, on_message=on_message, on_exit=on_exit)
+        self._newest: Drawing | bytes | NDArray[np.uint8] | None = None
+        self._delivering = False
+        self._child.start()
+
+    def show(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+        """Show a drawing or an image (JPEG or BGR)."""
+        self._newest = shown
+        if not self._delivering:
+            self._delivering = True
+            self._asyncio.submit(self._deliver())
+
+    def stop(self) -> None:
+        """End the process and wait for it."""
+        self._child.stop(grace_s=_PAGE_ENDS_WITHIN_S)
+
+    async def _deliver(self) -> None:
+        while self._newest is not None:
+            shown, self._newest = self._newest, None
+            await asyncio.to_thread(self._send, shown)
+        self._delivering = False
+
+    def _send(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+        from caris_desktop.conversation.face.page import drawn
+
+        if isinstance(shown, np.ndarray):
+            shown = jpeg_of(shown, quality=75, most_px=_PICTURE_PX)
+        self._child.send_raw_waiting(pickle.dumps(shown if isinstance(shown, bytes) else drawn(shown)))
+
+
+def _voice_of(played: PlayedSound) -> SpokenLoudness:
+    return SpokenLoudness(played.stamp_ns, shares=loudness(played.samples[:, 0], played.sample_rate_hz))

@@ -1,0 +1,213 @@
+"""Speech recognition service: runs the recogniser while a permitted microphone is open. GUI thread unless stated
+otherwise.
+"""
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.conversation.listening.recogniser_messages import (
+    EndTurns,
+    RecogniserAway,
+    RecogniserFailed,
+    RecogniserReady,
+    SpokenBy,
+    UseSilence,
+)
+from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
+from caris_desktop.domain.sensing import AudioChunk
+from caris_desktop.domain.sound_values import (
+    PARTICIPANT_SOURCES,
+    WIZARD_MICROPHONE,
+    PlayedSound,
+    PlayedSoundEnded,
+)
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.listening_feed import ListeningFeed
+from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.service import Follows, Restarts, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
+from caris_desktop.scenario.scenario_model import Scenario
+
+_GRACE_S = 1.0
+_LOADS_AFTER_MS = 2000
+"""Loading a recogniser occupies a processor for seconds: the window comes first, and a further scenario change is not
+delayed.
+"""
+
+
+class ListeningService(Service):
+    """``body`` returns the recogniser process of a scenario."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        body: Callable[[Scenario], ProcessSpec],
+        *,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._body_of = body
+        self._wanted: ProcessSpec | None = None
+        self._child: ChildProcess | None = None
+        self._feed: ListeningFeed | None = None
+        self._to_recogniser: ListeningFeed | None = None
+        """The same once it is ready; the taps read it in their threads."""
+        self._to_dictate = True
+        """Whether the wizard's voice is for the Speak field, and not heard from the robot anyway."""
+        self._silence = UseSilence(0.3, 3.0)
+        self._restarts = Restarts()
+        self._started = self._stopped = False
+        self._soon = QTimer(self, singleShot=True, interval=_LOADS_AFTER_MS)
+        self._soon.timeout.connect(self._begin)
+        bus.tap(self._on_sound, (AudioChunk,))
+        bus.tap(self._pass_on, (PlayedSound, PlayedSoundEnded))
+        bus.tap(self._on_utterance, (UtteranceChanged,))
+        for microphone in (state.microphone, state.wizard_microphone):
+            microphone.changed.connect(self._on_microphone_changed)
+        state.sound.changed.connect(self._on_sound_status_changed)
+        self._records = False
+        state.recording.changed.connect(self._on_recording_changed)
+
+    def follows(self) -> Follows:
+        return {UtteranceCorrected: self._on_corrected}
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {} if self._child is None else {self._child.body.name: self._child}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._wanted is None else {self._wanted.name: self._restarts}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        wanted = self._body_of(scenario) if scenario.permissions.transcription else None
+        told = scenario.listening
+        self._silence = UseSilence(told.silence_at_least_s, told.silence_at_most_s)
+        if wanted == self._wanted:
+            self._tell_silence()
+            if self._soon.isActive():
+                self._soon.start()
+            return
+        self._wanted = wanted
+        self._leave()
+        self._restarts = Restarts()
+        if self._started:
+            self._soon.start()
+
+    def start(self) -> None:
+        self._started = True
+        self._begin()
+
+    def stop(self) -> None:
+        self._stopped = True
+        self._soon.stop()
+        self._to_recogniser = None
+        if self._child is not None and self._feed is not None:
+            self._child.ask_to_end()
+            self._feed.end()
+
+    def end(self) -> None:
+        if self._child is not None and self._feed is not None:
+            self._child.stop(grace_s=_GRACE_S)
+            self._feed.join()
+
+    def on_heard(self, message: Any) -> None:
+        """Handle a status message of the recogniser."""
+        match message:
+            case RecogniserReady(model=model, language=language, detail=detail):
+                self._to_recogniser = self._feed
+                self._state.listening.set(ListeningStatus("ready", model, language, detail))
+            case RecogniserAway(problem):
+                status: ListeningStatus = self._state.listening.value
+                self._state.listening.set(ListeningStatus("failed", status.model, status.language, problem.what))
+                self._bus.publish(told_here(problem))
+            case RecogniserFailed(problem):
+                self._to_recogniser = None
+                self._state.listening.set(ListeningStatus("failed", detail=problem.what))
+                self._bus.publish(told_here(problem))
+
+    def _on_microphone_changed(self, _status: object) -> None:
+        self._begin()
+
+    def _on_sound_status_changed(self, status: SoundStatus) -> None:
+        self._to_dictate = status.talking != "robot"
+
+    def _on_recording_changed(self, status: RecordingStatus) -> None:
+        records = status.state in ("starting", "recording")
+        if self._records and not records:
+            self._pass_on(EndTurns(), None)
+        self._records = records
+
+    def _begin(self) -> None:
+        """Start the recogniser, once there is audio: it takes hundreds of megabytes."""
+        if self._wanted is None or self._child is not None or not self._started or self._stopped:
+            return
+        if self._soon.isActive():
+            return
+        microphones = (self._state.microphone.value, self._state.wizard_microphone.value)
+        if self._restarts.exhausted or all(each.state in ("off", "failed") for each in microphones):
+            return
+        self._state.listening.set(ListeningStatus("loading"))
+        self._child = self._children.start(self._wanted, ended=self._on_ended, heard=self.on_heard)
+        self._feed = ListeningFeed(self._child, self._bus.publish)
+        self._tell_silence()
+
+    def _tell_silence(self) -> None:
+        if self._feed is not None:
+            self._feed.put(pickle.dumps(self._silence, protocol=pickle.HIGHEST_PROTOCOL))
+
+    def _leave(self) -> None:
+        """End the recogniser, for a scenario without it or with another one."""
+        child, feed, self._to_recogniser = self._child, self._feed, None
+        self._child = self._feed = None
+        self._state.listening.set(ListeningStatus())
+        if child is None or feed is None:
+            return
+        child.ask_to_end()
+        feed.end()
+        self._children.dismiss(child, grace_s=_GRACE_S, then=feed.join)
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        if child is not self._child or self._feed is None:
+            return
+        self._feed.end()
+        self._child = self._feed = self._to_recogniser = None
+        self._restarts.after_end(self._tell_ended, self._begin)
+
+    def _tell_ended(self, advice: str) -> None:
+        self._bus.problem(
+            "warning",
+            tr("Turning speech into text stopped unexpectedly."),
+            tr("What was being said is missing from the transcript; sound is recorded as before."),
+            advice,
+            until="transcription",
+        )
+        self._state.listening.set(ListeningStatus("failed", detail=QT_TR_NOOP("It stopped unexpectedly.")))
+
+    def _on_sound(self, chunk: AudioChunk, raw: bytes | None) -> None:  # any thread
+        if chunk.source in PARTICIPANT_SOURCES or (chunk.source == WIZARD_MICROPHONE and self._to_dictate):
+            self._pass_on(chunk, raw, sound=True)
+
+    def _on_utterance(self, utterance: UtteranceChanged, raw: bytes | None) -> None:  # any thread
+        if utterance.speaker == "robot":
+            self._pass_on(utterance, raw)
+        elif utterance.speaker == "participant" and utterance.person_id:
+            self._pass_on(SpokenBy(utterance.utterance_id, utterance.person_id), None)
+
+    def _on_corrected(self, correction: UtteranceCorrected) -> None:
+        if correction.person_id:
+            self._pass_on(SpokenBy(correction.utterance_id, correction.person_id), None)
+
+    def _pass_on(self, value: Any, raw: bytes | None, *, sound: bool = False) -> None:  # any thread
+        feed = self._to_recogniser
+        if feed is not None:
+            feed.put(pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL) if raw is None else raw, sound=sound)

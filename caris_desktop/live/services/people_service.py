@@ -1,0 +1,235 @@
+"""People service: perception in its own thread."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, get_args
+
+from PySide6.QtCore import QObject, Qt, QThread
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.camera_projection import CameraModel
+from caris_desktop.domain.events import Event, PersonAttended, UtteranceChanged
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.process_priority import RECORD_NICENESS
+from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
+from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import CrashRecoveryStatus, PerceptionStatus, PracticeStatus
+from caris_desktop.people.decisions import PeopleIntent
+from caris_desktop.people.presence import HistoryEvent, PortraitsOf, PresenceTracker, RecognitionSettings
+from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.scenario_model import BlurWho, Scenario
+
+_log = logging.getLogger(__name__)
+_ENDS_WITHIN_MS = 5000
+_PORTRAITS: dict[BlurWho, PortraitsOf] = {
+    "nobody": "everybody", "everybody": "nobody", "without_consent": "consenting",
+}  # fmt: skip
+"""Whom to save portraits of, by blur setting."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleParts:
+    """``inference`` is None without perception; ``as_told`` adapts it to a scenario."""
+
+    inference: ProcessSpec | None
+    open_presence: Callable[[], tuple[PresenceTracker, list[Event]]]
+    as_told: Callable[[ProcessSpec, Scenario], ProcessSpec] = lambda body, _scenario: body
+
+
+class PeopleService(Service):
+    """Runs the perception worker."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        parts: PeopleParts,
+        *,
+        rings: RingsToRead,
+        who_speaks: Callable[[UtteranceChanged], str],
+        parent: QObject,
+    ) -> None:
+        """``who_speaks`` returns the participant id of an utterance, empty if uncertain."""
+        super().__init__(parent)
+        self._who_speaks = who_speaks
+        self._state = state
+        self._bus = bus
+        self._parts = parts
+        self._rings = rings
+        self._thread = QThread(self)
+        self._thread.setObjectName("perception")
+        self._worker: PerceptionWorker | None = None
+        self._inference = parts.inference
+        self._recognition = RecognitionSettings()
+        self._may_decide = True
+        self._cover = False
+        state.robot.changed.connect(self._on_cameras_changed)
+        state.own_cameras.changed.connect(self._on_cameras_changed)
+        state.camera.changed.connect(self._on_camera_changed)
+        state.going_on.changed.connect(self._on_going_on_changed)
+        state.practice.changed.connect(self._on_practice_changed)
+        bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
+
+    def handlers(self) -> Handlers:
+        return dict.fromkeys(get_args(PeopleIntent), self.decide) | {
+            intents.AttendPerson: self._attend,
+            intents.LookUpPerson: self._look_up,
+        }
+
+    def follows(self) -> Follows:
+        return dict.fromkeys(get_args(HistoryEvent), self._note)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        names = scenario.permissions.naming_people
+        asked = scenario.perception
+        # Without naming there is nobody to recognise, so nothing is learnt about people.
+        self._recognition = RecognitionSettings(
+            asked.recognise if names else "nobody",
+            asked.confirm_at,
+            _PORTRAITS[scenario.blur.who],
+            asked.ask_at,
+        )
+        self._may_decide = names
+        self._cover = scenario.covers_people
+        body = self._parts.inference
+        if body is not None:
+            before, self._inference = self._inference, self._parts.as_told(body, scenario)
+            if self._worker is not None and self._inference != before:
+                self._worker.use_body(self._placed(self._inference))
+        if self._worker is not None:
+            self._worker.recognise(self._recognition, may_decide=names)
+            self._worker.look_to_cover(self._cover)
+
+    def _placed(self, body: ProcessSpec) -> ProcessSpec:
+        return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
+
+    def processes(self) -> dict[str, ChildProcess]:
+        child = None if self._worker is None else self._worker.child
+        return {} if child is None else {child.body.name: child}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {} if self._worker is None else {self._worker.name: self._worker.restarts}
+
+    def start(self) -> None:
+        body = self._inference
+        if body is None:
+            return
+        worker = PerceptionWorker(
+            self._placed(body),
+            self._parts.open_presence,
+            self._bus.publish,
+            self._state.portraits,
+        )
+        worker.moveToThread(self._thread)
+        worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)
+        worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
+        worker.history_found.connect(self._state.person_history.set_anew, Qt.ConnectionType.QueuedConnection)
+        worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
+        worker.recognise(self._recognition, may_decide=self._may_decide)
+        worker.look_to_cover(self._cover)
+        worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
+        worker.practise(_is_practice(self._state.practice.value))
+        self._thread.started.connect(worker.run)
+        self._worker = worker
+        self._on_cameras_changed(None)
+        worker.show_camera(self._state.camera.value)
+        self._thread.start(QThread.Priority.LowPriority)
+
+    def _ranked(self, argument: Any) -> Any:
+        """Raise the process priority of detection to the recorder's if recordings must be blurred. A process cannot
+        raise its priority later, so a later scenario does not change it.
+        """
+        if self._cover and isinstance(argument, InferenceSettings):
+            return replace(argument, niceness=RECORD_NICENESS)
+        return argument
+
+    def stop(self) -> None:
+        if self._worker is not None:
+            self._worker.stop()
+
+    def end(self) -> None:
+        if self._worker is not None and not self._thread.wait(_ENDS_WITHIN_MS):
+            _log.error("the perception thread did not end")
+
+    def look_at_most_every(self, seconds: float) -> None:
+        """Set the minimum interval between detections; 0 for none."""
+        if self._worker is not None:
+            self._worker.look_at_most_every(seconds)
+
+    def forget_robot(self) -> None:
+        """Reset for another robot with other cameras: nobody is present."""
+        robot: RobotProfile | None = self._state.robot.value
+        if self._worker is not None and robot is not None and robot.cameras:
+            self._worker.forget_cameras()
+
+    def _offer(self, value: Any, _raw: bytes | None) -> None:  # any thread
+        worker = self._worker
+        if worker is None:
+            return
+        if isinstance(value, FrameRef):
+            worker.offer(value)
+        elif isinstance(value, CameraLens):
+            worker.use_lens(value)
+        else:
+            worker.offer_evidence(value)
+
+    def decide(self, asked: PeopleIntent) -> None:
+        """Run a decision in the perception thread. Raises UserFacingError without perception."""
+        if self._worker is None:
+            raise UserFacingError(
+                tr("People are not looked for here."),
+                tr("Nothing about them was changed."),
+                tr("Start with people detection."),
+            )
+        self._worker.ask(asked)
+
+    def _look_up(self, asked: intents.LookUpPerson) -> None:
+        if self._worker is not None:
+            self._worker.look_up(asked.person_id, asked.text)
+
+    def _attend(self, asked: intents.AttendPerson) -> None:
+        self._state.selected_person.set(asked.person_id)
+        self._bus.publish(PersonAttended(clock.now_ns(), asked.person_id, asked.actor))
+
+    def _note(self, event: HistoryEvent) -> None:
+        if self._worker is None:
+            return
+        if isinstance(event, UtteranceChanged) and event.speaker == "participant" and not event.person_id:
+            event = replace(event, person_id=self._who_speaks(event))
+        self._worker.note(event)
+
+    def _on_cameras_changed(self, _value: object) -> None:
+        if self._worker is None:
+            return
+        robot: RobotProfile | None = self._state.robot.value
+        models: dict[str, CameraModel | None] = dict(self._state.own_cameras.value)
+        models.update({camera.name: camera.model for camera in (robot.cameras if robot is not None else ())})
+        self._worker.use_cameras({name: model for name, model in models.items() if model is not None})
+
+    def _on_camera_changed(self, name: str) -> None:
+        if self._worker is not None:
+            self._worker.show_camera(name)
+
+    def _on_going_on_changed(self, status: CrashRecoveryStatus) -> None:
+        if self._worker is not None:
+            self._worker.ask_consents_again("consent" in status.unconfirmed)
+
+    def _on_practice_changed(self, status: PracticeStatus) -> None:
+        if self._worker is not None:
+            self._worker.practise(_is_practice(status))
+
+    def _on_status(self, status: PerceptionStatus) -> None:
+        self._state.perception.set(status)
+
+
+def _is_practice(status: PracticeStatus) -> bool:
+    """Whether people in view belong to the practice, whose robot stays until its result is dismissed."""
+    return status.state != PracticeStatus().state

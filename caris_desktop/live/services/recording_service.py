@@ -1,0 +1,372 @@
+"""Recording service: recorder process and current session. GUI thread unless stated otherwise."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import ANSWER, Event, Problem
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
+from caris_desktop.domain.streams import STREAMS_OF_LINK, streams_voided_by
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
+from caris_desktop.live.addressee import addressee
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
+from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.recorder_feed import RecorderFeed
+from caris_desktop.live.service import Restarts, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import IN_SESSION
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.recording.recorder.recorder_messages import (
+    BlurDemand,
+    OfferMarkers,
+    PauseRecording,
+    RecorderReport,
+    SessionHeader,
+    SetRecordingPermissions,
+    StartRecording,
+    StopRecording,
+    TakePhoto,
+    UseConsents,
+)
+from caris_desktop.scenario.scenario_model import Scenario
+
+_log = logging.getLogger(__name__)
+# The recorder limits itself to a minute for checksums, and logs when it gives up.
+_CLOSE_WITHIN_S = 65.0
+ACTIVE = ("starting", "recording", "paused")
+
+
+class RecordingService(Service):
+    """Starts and ends sessions, forwards all values to the recorder, and maintains ``state.recording``."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        body: ProcessSpec,
+        slow_work: BackgroundWorker,
+        *,
+        rings: RingsToRead,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._slow_work = slow_work
+        self._body = replace(body, arguments=(*body.arguments, rings))
+        self._problem = bus.problem
+        bus.tap(self.put)
+        state.persons.changed.connect(self._on_persons_changed)
+        self._recorder = self._new_recorder()
+        self._feed = RecorderFeed(self._recorder)
+        self._folder: Path | None = None
+        self._making_folder = False
+        self._video = self._audio = False
+        self._markers_offered = OfferMarkers(False)
+        self._blur = BlurDemand()
+        self._consents = UseConsents()
+        self._restarts = Restarts()
+        self._scenario: Scenario | None = None
+        self._started = False
+
+    def _new_recorder(self) -> ChildProcess:
+        return self._children.new(self._body, ended=self._on_ended, heard=self.on_report, reads=self._read)
+
+    def _read(self, value: Any, _raw: bytes) -> None:  # reader thread
+        if isinstance(value, RecorderReport):
+            self._children.tell(self.on_report, value)
+        else:
+            self._bus.publish_recorded(value)
+
+    @property
+    def session_folder(self) -> Path | None:
+        """Folder of the current session, or of the last one."""
+        return self._folder
+
+    @property
+    def idle(self) -> bool:
+        return self._state.recording.value.state not in IN_SESSION
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {"recorder": self._recorder}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {"recorder": self._restarts}
+
+    def start(self) -> None:
+        self._started = True
+        self._recorder.start()
+        self._tell_consents()
+        if self._scenario is not None:
+            self._offer_markers(self._scenario)
+
+    def put(self, value: Any, raw: bytes | None = None) -> None:
+        """Record a domain value; ``raw`` is its pickled form if available. Any thread."""
+        if isinstance(value, FrameRef) and not self._video:
+            return
+        if isinstance(value, AudioChunk) and not self._audio:
+            return
+        if isinstance(value, People) and self._blur.who != "nobody" and not self._feed.records:
+            self._feed.request(value)  # a photo may wait for it
+            return
+        voided = streams_voided_by(value)
+        if voided:
+            self._feed.forget_streams(voided)
+        if isinstance(value, Problem):
+            value, raw = _without_home(value), None
+        self._feed.put(value, raw)
+
+    def forget_robot(self) -> None:
+        """Reset for another robot: values of the former one must not start the next recording."""
+        for names in (*STREAMS_OF_LINK.values(), ("lens",)):
+            self._feed.forget_streams(names)
+
+    # Sessions
+
+    def announce_session(self, opened: Sequence[Event]) -> bool:
+        """Announce a recording: ``opened`` are its initial events, and later values are included. Can be abandoned
+        until ``begin_session``. False if refused, with a reported reason if there is one.
+        """
+        if not self.idle or self._scenario is None:
+            return False
+        if self._restarts.exhausted:
+            self._state.recording.set(replace(self._state.recording.value, state="failed"))
+            self._problem(
+                "error", tr("The recorder failed too often."), tr("Nothing is recorded."), tr("Restart the program.")
+            )
+            return False
+        self._folder = None
+        self._audio = self._scenario.permissions.audio_recording
+        now_ns = clock.now_ns()
+        self._state.recording.set(
+            replace(self._state.recording.value, state="starting", folder=None, started_ns=now_ns, detail="")
+        )
+        self._feed.hold(*opened)
+        return True
+
+    def begin_session(
+        self, new_session: Callable[[], tuple[Path, SessionHeader]], actor: Actor, *, refused: Callable[[], None]
+    ) -> None:
+        """Create the folder of the announced session and record into it; ``refused`` is called on failure.
+
+        ``new_session`` raises UserFacingError in English, for the record; ``tr`` localises it.
+        """
+        if not self._feed.holds or self._making_folder:
+            return
+        self._making_folder = True
+
+        def failed(failure: UserFacingError) -> None:
+            self._making_folder = self._audio = False
+            self._feed.drop()
+            self._state.recording.set(replace(self._state.recording.value, state="failed", detail=failure.what))
+            self._problem("error", tr(failure.what), tr(failure.meaning), tr(failure.advice), until="recording")
+            refused()
+
+        self._slow_work.do(lambda: _made(new_session), lambda made: self._on_folder_made(*made, actor), failed)
+
+    def _on_folder_made(self, folder: Path, header: SessionHeader, actor: Actor) -> None:
+        self._making_folder = False
+        if self._scenario is None or not self._feed.holds:
+            return  # the recorder failed too often meanwhile
+        self._folder = folder
+        permissions, recording = self._scenario.permissions, self._scenario.recording
+        # No video before: frames would be gone from the ring. If the session was ended meanwhile, it has what came
+        # until then.
+        self._video = permissions.video_recording and self._state.recording.value.state == "starting"
+        self._state.recording.set(replace(self._state.recording.value, folder=folder))
+        self._feed.begin(
+            StartRecording(
+                folder,
+                header,
+                video=permissions.video_recording,
+                photos=permissions.photos,
+                audio=permissions.audio_recording,
+                lsl=recording.lsl,
+                lsl_words=recording.lsl_words,
+                actor=actor,
+                blur=self._blur,
+            )
+        )
+
+    def stop_session(self, reason: str = "wizard", actor: Actor = CONSOLE) -> None:
+        if self._state.recording.value.state not in ACTIVE:
+            return
+        self._video = self._audio = False
+        if self._feed.holds and not self._making_folder:
+            self._feed.drop()
+            self._state.recording.set(replace(self._state.recording.value, state="idle"))
+            return
+        self._state.recording.set(replace(self._state.recording.value, state="stopping"))
+        self._feed.stop(StopRecording(reason, actor))
+
+    def pause_session(self, opened: Sequence[Event], asked: intents.PauseRecording) -> None:
+        """Pause or resume. ``opened``: current state for the record, which misses changes during a pause."""
+        if self._state.recording.value.state in ("recording", "paused"):
+            standing = () if asked.paused else opened
+            self._feed.pause(PauseRecording(asked.paused, asked.actor), *standing, paused=asked.paused)
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """Apply permissions at once, also to a running session."""
+        self._scenario = scenario
+        self._blur = BlurDemand(scenario.blur.who, scenario.blur.what)
+        if not self._started:
+            return
+        self._offer_markers(scenario)
+        recording = self._state.recording.value.state in ACTIVE
+        permissions = scenario.permissions
+        self._audio = recording and permissions.audio_recording
+        recording = recording and not self._feed.holds  # otherwise it begins with the permissions of that time
+        self._video = recording and permissions.video_recording
+        if recording:
+            self._feed.request(
+                SetRecordingPermissions(
+                    video=permissions.video_recording,
+                    photos=permissions.photos,
+                    audio=permissions.audio_recording,
+                    blur=self._blur,
+                )
+            )
+
+    def _offer_markers(self, scenario: Scenario) -> None:
+        """Offer the marker outlet before the recording, for recorders of physiological data."""
+        offer = OfferMarkers(scenario.recording.lsl, words=scenario.recording.lsl_words)
+        if offer != self._markers_offered:
+            self._markers_offered = offer
+            self._feed.request(offer)
+
+    def take_photo(self, *, without_session: Path, actor: Actor = CONSOLE) -> None:
+        """Save the newest frame with the session, or as ``without_session`` if there is none."""
+        ref = self._state.frame.value
+        if ref is None:
+            self._problem(
+                "warning",
+                tr("No photo was taken."),
+                tr("There is no picture from the camera."),
+                tr("Take it when the picture is back."),
+                until="picture",
+                cause=ANSWER,
+            )
+            return
+        state = self._state
+        people: People | None = state.people.value if state.people.freshness == "fresh" else None
+        seen = () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
+        pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), seen, pose))
+
+    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
+        """Update consents: consenting people stay unblurred where only others must be blurred."""
+        consents = UseConsents(
+            frozenset(person.person_id for person in persons if "video" in person.consents),
+            frozenset(person.person_id for person in persons if "photo" in person.consents),
+        )
+        if consents != self._consents:
+            self._consents = consents
+            if self._started:
+                self._feed.request(consents)
+
+    def _tell_consents(self) -> None:
+        """Send the consents to a new recorder, which starts without any."""
+        if self._consents != UseConsents():
+            self._feed.request(self._consents)
+
+    # Recorder messages
+
+    def on_report(self, report: RecorderReport) -> None:
+        if self._state.recording.value.state == "stopping" and report.state not in ("idle", "failed"):
+            return  # sent before the end was requested
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state=report.state,
+                written_bytes=report.written_bytes,
+                free_bytes=report.free_bytes,
+                detail=report.detail,
+                bytes_per_s=report.bytes_per_s,
+                room_s=report.room_s,
+                dropped=report.dropped,
+                covered_whole=report.covered_whole,
+            )
+        )
+        if report.state in ("idle", "failed"):
+            self._video = self._audio = False
+            self._feed.end()
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        """Replace the recorder, unless it failed too often."""
+        if child is not self._recorder:
+            return
+        interrupted = not self.idle
+        # Restarted before the report, which belongs into the new recorder's session.
+        again = self._restarts.another()
+        if again:
+            self._recorder = self._new_recorder()
+            self._recorder.start()
+        self._feed.use_recorder(self._recorder)
+        if again:
+            self._tell_consents()
+        if self._feed.holds and again:
+            return  # the announced session begins with the new recorder
+        self._feed.drop()
+        self._video = self._audio = False
+        self._state.recording.set(
+            replace(
+                self._state.recording.value,
+                state="failed" if interrupted or not again else "idle",
+                detail=QT_TR_NOOP("the recorder stopped"),
+            )
+        )
+        self._problem(
+            "error",
+            tr("The recorder stopped unexpectedly."),
+            tr("The session up to now is on disk; nothing after this moment is recorded.")
+            if interrupted
+            else tr("No session was being recorded."),
+            tr("Start recording again: that makes a new session.")
+            if again
+            else tr("Restart the program to record again."),
+            until="recording",
+        )
+
+    # Shutdown
+
+    def end(self) -> None:
+        """Write the queue and end the recorder, which computes checksums first: a minute for hours of video."""
+        self._feed.close()
+        self._recorder.stop(grace_s=_CLOSE_WITHIN_S)
+
+
+def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, SessionHeader]:
+    """Create a session folder. Raises UserFacingError."""
+    try:
+        return new_session()
+    except UserFacingError:
+        raise
+    except Exception as error:
+        _log.exception("a session was not begun")
+        raise UserFacingError(
+            QT_TR_NOOP("The folder of the session could not be made."),
+            localized(QT_TR_NOOP("Nothing is recorded ({error})."), error=f"{type(error).__name__}: {error}"),
+            QT_TR_NOOP("Start recording again; the log has the details."),
+        ) from error
+
+
+def _without_home(problem: Problem) -> Problem:
+    """The problem without home folder: paths in messages must not identify the user in the record."""
+    home = str(Path.home())
+    return replace(
+        problem,
+        what=problem.what.replace(home, "~"),
+        meaning=problem.meaning.replace(home, "~"),
+        advice=problem.advice.replace(home, "~"),
+    )

@@ -1,0 +1,420 @@
+"""Scenario service: current scenario, its places, and saved dock layouts."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
+from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.intents import SameName
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
+from caris_desktop.live.scenario_watch import ScenarioWatch
+from caris_desktop.live.service import Handlers, Service
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import IN_SESSION, SavedScenario
+from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
+from caris_desktop.scenario.scenario_file import OtherFileError
+from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_model import Place, Scenario
+
+_SEEN_WITHIN_S = 0.25
+"""Pause of panel updates in s while a scenario change creates panels, which ends teleoperation. An edited scenario
+changes little, and does not stop driving.
+"""
+_NEXT_TURN_MS = 1
+"""Delay in ms between services and window on a scenario change, so that keys are handled in between; 0 ms would precede
+keyboard events. What is not permitted is refused from the first turn on.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """Imported scenario: its path; names changed automatically, as text; and where replaced files were moved."""
+
+    path: Path
+    renamed: str = ""
+    put_aside: str = ""
+
+
+class LayoutFiles(Protocol):
+    """Saving of dock layouts in scenario files, with the former layout for a reset.
+
+    ``save`` and ``reset`` access files in a background thread and raise UserFacingError; all else is called in the GUI
+    thread.
+    """
+
+    def save(self, scenario: Scenario, asked: intents.SaveLayout) -> Path:
+        """Write the scenario with a layout, to its own file or a new one for its title; returns the path."""
+
+    def note_saved(self, path: Path, asked: intents.SaveLayout, *, replaced: Scenario) -> None:
+        """Register a saved layout; ``replaced``: the scenario before."""
+
+    def as_before(self, scenario: Scenario) -> Scenario:
+        """The scenario with the layouts that saving replaced."""
+
+    def reset(self, scenario: Scenario, before: Scenario) -> Path:
+        """Write the scenario with the layouts of ``before``."""
+
+    def note_reset(self, path: Path) -> None:
+        """Register a reset."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioParts:
+    """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario. ``save_text``
+    gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
+    ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and ``conflicts``
+    lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not saved.
+    """
+
+    load: Callable[[Path], Scenario]
+    save_places: Callable[[Scenario], Scenario]
+    text: Callable[[Scenario], str]
+    save_text: Callable[[str, Path, Path | None, str], str]
+    share: Callable[[Scenario, Path], None] = lambda _scenario, _path: None
+    unpack: Callable[[Path, Sequence[SameName]], Imported] = lambda path, _decided: Imported(path)
+    conflicts: Callable[[Path], tuple[NameConflict, ...]] = lambda _path: ()
+    layouts: LayoutFiles | None = None
+
+
+Places = tuple[Place, ...]
+Filed = tuple[Scenario, str]
+"""Scenario as in its file, with its text."""
+
+
+class ScenarioService(Service):
+    """Maintains ``state.scenario`` and ``state.places``. ``apply`` passes a scenario to all services. A scenario
+    changed on disk by another program is reopened.
+
+    Files are accessed in the order of requests, so that the last one wins.
+    """
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        parts: ScenarioParts,
+        scenario: Scenario,
+        slow_work: BackgroundWorker,
+        *,
+        apply: Callable[[Scenario], None],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._parts = parts
+        self._slow_work = slow_work
+        self._apply = apply
+        self._layout: LayoutChanged | None = None
+        # A scenario given at program start counts as the wizard's choice.
+        self._opened_by: Actor = WIZARD
+        self._closed = False
+        self._show = QTimer(self, singleShot=True, interval=_NEXT_TURN_MS)
+        self._show.timeout.connect(self._show_current)
+        self.current = scenario
+        self._text = parts.text(scenario)
+        # ``current`` after all pending requests; for the background thread only.
+        self._filed = scenario
+        state.scenario.set(scenario)
+        self._watch = ScenarioWatch(slow_work, self._on_changed_outside, self)
+        self._watch.use(scenario.path, scenario.sha256)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.OpenScenario: self._open,
+            intents.SaveScenario: self._save,
+            intents.ImportScenario: self._import,
+            intents.ConfirmFile: self._confirm_file,
+            intents.ShareScenario: self._share,
+            intents.SavePlace: self._save_place,
+            intents.RemovePlace: self._remove_place,
+            intents.KeepLayout: self._keep_layout,
+            intents.SaveLayout: self._save_layout,
+            intents.ResetLayout: self._reset_layout,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._state.places.set(scenario.places)
+        self._bus.publish(self._opened())
+
+    def standing(self, now_ns: int) -> list[Event]:
+        """Initial events of a recording about it."""
+        return [self._opened(), *([] if self._layout is None else [replace(self._layout, stamp_ns=now_ns)])]
+
+    def _layouts(self) -> LayoutFiles:
+        if self._parts.layouts is None:
+            raise UserFacingError(
+                tr("The panel layout was not saved."),
+                tr("Nothing is saved in this run."),
+                tr("Start the console by itself, without a rehearsal, and save it there."),
+            )
+        return self._parts.layouts
+
+    def _save_layout(self, asked: intents.SaveLayout) -> None:
+        layouts, replaced = self._layouts(), self.current
+
+        def written(path: Path) -> None:
+            layouts.note_saved(path, asked, replaced=replaced)
+            if asked.title:
+                what = tr("{title} is a scenario now, and open.").format(title=asked.title)
+                self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
+            else:
+                where = tr("It is in your own copy, {path}.").format(path=path)
+                self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
+
+        self._rewrite(lambda scenario: layouts.save(scenario, asked), written, asked.actor)
+
+    def _reset_layout(self, asked: intents.ResetLayout) -> None:
+        """Undo a saved layout in the file too; otherwise the next start would restore it."""
+        if self._parts.layouts is None:
+            return  # none was saved
+        layouts = self._parts.layouts
+        before = layouts.as_before(self.current)
+        if before == self.current:
+            return
+
+        def written(path: Path) -> None:
+            layouts.note_reset(path)
+            self._bus.problem(
+                "info", tr("The panels are back."), tr("The layout that was saved is undone."),
+                tr("Save it again to keep another."), cause=ANSWER,
+            )  # fmt: skip
+
+        self._rewrite(lambda scenario: layouts.reset(scenario, before), written, asked.actor)
+
+    def _rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None], actor: Actor) -> None:
+        """Write the scenario with ``write``, notify ``written``, and open the result.
+
+        ``write`` runs in a background thread and raises UserFacingError.
+        """
+
+        def work() -> tuple[Path, Filed]:
+            path = write(self._filed)
+            return path, self._load(path)
+
+        def done(outcome: tuple[Path, Filed]) -> None:
+            path, filed = outcome
+            written(path)
+            self._use(filed, actor)
+
+        self._slow_work.do(work, done, self._bus.answer)
+
+    def start(self) -> None:
+        self._watch.start()
+
+    def stop(self) -> None:
+        self._closed = True
+        self._show.stop()
+        self._watch.stop()
+
+    def _on_changed_outside(self, path: Path) -> None:
+        """Reopen the scenario after an external change, unless it needs a confirmation."""
+
+        def work() -> Filed:
+            try:
+                return self._load(path)
+            except ConfirmationNeededError:
+                raise
+            except UserFacingError as failure:
+                raise UserFacingError(
+                    tr("The scenario file was changed, and what it says now cannot be used."),
+                    failure.meaning,
+                    tr("What was in force stays so. Correct the file: it is read again by itself."),
+                    severity="warning",
+                ) from failure
+
+        self._slow_work.do(work, lambda filed: self._use(filed, CONSOLE), self._bus.answer)
+
+    def _open(self, asked: intents.OpenScenario) -> None:
+        self._slow_work.do(
+            lambda: self._load(asked.path), lambda filed: self._use(filed, asked.actor), self._bus.answer
+        )
+
+    def _confirm_file(self, asked: intents.ConfirmFile) -> None:
+        """Save the confirmation before the pending intent: both go through the same queue."""
+        question = self._state.file_question.value
+        if question is None or question.sha256 != asked.sha256:
+            return
+        self._state.file_question.set(None)
+        if not asked.accepted:
+            self._bus.problem(
+                "info",
+                tr("“{title}” is not used.").format(title=question.title),
+                tr("Nothing of what the file names was opened or connected to."),
+                tr("Open it again to be asked again, or correct the file."),
+                cause=ANSWER,
+            )
+            return
+
+        def keep() -> None:
+            try:
+                accept(question)
+            except OSError as error:
+                raise UserFacingError(
+                    tr("Your answer could not be kept."),
+                    tr("“{title}” is not used ({why}).").format(title=question.title, why=error.strerror or error),
+                    tr("Make room, or make your settings writable, and open it again."),
+                ) from error
+
+        self._slow_work.do(keep, lambda _kept: None, self._bus.answer)
+
+    def _save(self, asked: intents.SaveScenario) -> None:
+        in_session = self._state.recording.value.state in IN_SESSION
+
+        def work() -> tuple[SavedScenario, Filed | ConfirmationNeededError | None]:
+            text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
+            concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
+            if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
+                # For another scenario the protocol would restart: the recording keeps its own.
+                concerned = [asked.path.resolve()]
+            open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
+            sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
+            try:
+                return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
+            except ConfirmationNeededError as needed:
+                return SavedScenario(asked.path, text, sha256), needed
+
+        def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeededError | None]) -> None:
+            saved, filed = outcome
+            self._state.saved_scenario.set_anew(saved)
+            if isinstance(filed, ConfirmationNeededError):
+                self._bus.answer(filed)
+            elif filed is not None:
+                self._use(filed, asked.actor)
+
+        def failed(failure: UserFacingError) -> None:
+            taken = isinstance(failure.__cause__, OtherFileError)
+            self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
+            self._bus.answer(failure)
+
+        self._slow_work.do(work, done, failed)
+
+    def _import(self, asked: intents.ImportScenario) -> None:
+        def work() -> tuple[Imported, Filed] | ImportQuestion:
+            decided = {(one.kind, one.name) for one in asked.decided}
+            conflicts = self._parts.conflicts(asked.path)
+            if any((one.part.kind, one.part.name) not in decided for one in conflicts):
+                return ImportQuestion(asked.path, conflicts)
+            imported = self._parts.unpack(asked.path, asked.decided)
+            return imported, self._load(imported.path)
+
+        def done(outcome: tuple[Imported, Filed] | ImportQuestion) -> None:
+            if isinstance(outcome, ImportQuestion):
+                self._state.import_question.set_anew(outcome)
+                return
+            imported, filed = outcome
+            self._use(filed, asked.actor)
+            if not (imported.put_aside or imported.renamed):
+                what = tr("“{title}” was imported, and is open.").format(title=self.current.title)
+                where = tr("It is in {path}.").format(path=imported.path)
+                self._bus.problem("info", what, where, "", cause=ANSWER)
+            if imported.put_aside:
+                self._bus.problem(
+                    "info",
+                    tr("The imported scenario took the place of what was there."),
+                    tr("What was replaced is not lost: it lies in {files}.").format(files=imported.put_aside),
+                    tr("Delete it when you need it no more."),
+                    cause=ANSWER,
+                )
+            if imported.renamed:
+                self._bus.problem(
+                    "info",
+                    tr("Something else had these names already: {names}.").format(names=imported.renamed),
+                    tr("What was there stays as it is, and the imported scenario uses its own."),
+                    tr("Compare them when you have time."),
+                    cause=ANSWER,
+                )
+
+        self._slow_work.do(work, done, self._bus.answer)
+
+    def _share(self, asked: intents.ShareScenario) -> None:
+        def done(_written: None) -> None:
+            self._bus.problem(
+                "info",
+                tr("The scenario was written to {file}.").format(file=asked.path.name),
+                tr("Its phrases, places, prompts and notes are in it, and the robot's profile without any secrets."),
+                tr("Whoever gets it opens it with “Import a scenario”."),
+                cause=ANSWER,
+            )
+
+        self._slow_work.do(lambda: self._parts.share(self._filed, asked.path), done, self._bus.answer)
+
+    def _load(self, path: Path) -> Filed:  # background thread
+        self._filed = self._parts.load(path)
+        return self._filed, self._parts.text(self._filed)
+
+    def _use(self, filed: Filed, actor: Actor) -> None:
+        before = self.current.path
+        self.current, self._text = filed
+        self._watch.use(self.current.path, self.current.sha256)
+        self._opened_by = actor
+        if self._closed:
+            return
+        self._layout = None
+        if self.current.path != before:
+            self._bus.hold_back(_SEEN_WITHIN_S)
+        self._apply(self.current)
+        self._show.start()
+
+    def _show_current(self) -> None:
+        # Reopened with the layout of its file.
+        self._state.scenario.set_anew(self.current)
+
+    def _opened(self) -> ScenarioOpened:
+        scenario = self.current
+        name = scenario.path.name if scenario.path else ""
+        return ScenarioOpened(clock.now_ns(), name, scenario.title, scenario.sha256, self._text, self._opened_by)
+
+    def _save_place(self, asked: intents.SavePlace) -> None:
+        place = Place(" ".join(asked.place.split()), asked.pose_in_map)
+
+        def with_it(places: Places) -> Places:
+            at = next((index for index, one in enumerate(places) if one.name == place.name), len(places))
+            return (*places[:at], place, *places[at + 1 :])
+
+        self._change_places(with_it, PlacesChanged(clock.now_ns(), place.name, asked.pose_in_map, asked.actor))
+
+    def _remove_place(self, asked: intents.RemovePlace) -> None:
+        def without_it(places: Places) -> Places | None:
+            left = tuple(place for place in places if place.name != asked.place)
+            return left if len(left) < len(places) else None
+
+        self._change_places(without_it, PlacesChanged(clock.now_ns(), asked.place, None, asked.actor))
+
+    def _change_places(self, change: Callable[[Places], Places | None], event: PlacesChanged) -> None:
+        """``change`` returns None for no change."""
+
+        def work() -> Filed | None:
+            places = change(self._filed.places)
+            if places is None:
+                return None
+            self._filed = self._parts.save_places(replace(self._filed, places=places))
+            return self._filed, self._parts.text(self._filed)
+
+        def done(filed: Filed | None) -> None:
+            if filed is None:
+                return
+            self.current, self._text = filed
+            self._watch.use(self.current.path, self.current.sha256)
+            self._opened_by = event.actor
+            self._state.places.set(self.current.places)
+            self._bus.publish(event)
+            self._bus.publish(self._opened())
+            self._state.scenario.set(self.current)
+
+        self._slow_work.do(work, done, self._bus.answer)
+
+    def _keep_layout(self, asked: intents.KeepLayout) -> None:
+        self._layout = LayoutChanged(clock.now_ns(), asked.layout, asked.actor)
+        self._bus.publish(self._layout)

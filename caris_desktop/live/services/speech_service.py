@@ -1,0 +1,365 @@
+"""Speech service: speech queue in front of the robot's or this computer's voice."""
+
+import re
+import textwrap
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.conversation.synthesis_messages import (
+    Draft,
+    Prepare,
+    SilenceSpeech,
+    Speak,
+    SynthesisFailed,
+    SynthesisReady,
+    SynthesisSettings,
+    UseVoice,
+    VoicesFound,
+)
+from caris_desktop.domain import clock, intents
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.link_commands import Say, Silence
+from caris_desktop.domain.ports import RobotPort
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.dual_speech_output import DualSpeechOutput
+from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
+from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import VoiceStatus
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.phrases import sentences
+from caris_desktop.scenario.scenario_model import Scenario
+
+
+class LinkVoice:
+    """Robot text-to-speech; its link reports."""
+
+    def __init__(self, state: LiveState, robot: RobotPort) -> None:
+        self._state = state
+        self._robot = robot
+
+    @property
+    def held_up(self) -> bool:
+        return bool(self._state.link.value.state == "trouble")
+
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        return self._state.link.value.state == "connected" and self._robot.send(
+            Say(
+                utterance.stamp_ns,
+                utterance.utterance_id,
+                spoken,
+                utterance.actor,
+                utterance.origin,
+                utterance.person_id,
+                recorded=utterance.text,
+                language=self._state.voice.value.language,
+            )
+        )
+
+    def silence(self, actor: Actor) -> bool:
+        return self._robot.send(Silence(clock.now_ns(), actor))
+
+
+class SpeechService(Service):
+    """Runs this computer's voice, and the queue in front of both."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        children: ProcessManager,
+        body: ProcessSpec,
+        *,
+        robot: RobotPort,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._children = children
+        self._body = body
+        self._child: ChildProcess | None = None
+        self._restarts = Restarts()
+        self._output: VoiceKind = "computer"
+        self._settings = SynthesisSettings()
+        self._mute_robot = ""
+        self._begun = ""
+        self._held_problem: Problem | None = None
+        self._phrases: tuple[str, ...] = ()
+        self._suggested: dict[str, str] = {}
+        self._prepared: tuple[str, ...] = ()
+        voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(state, robot), "computer": _Computer(self)}
+        self._permitted = True
+        self._started = self._stopped = False
+        self._both = voices["both"] = DualSpeechOutput(dict(voices), self._report_both)
+        self.queue = SpeechQueue(state, voices, bus.publish, self)
+        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
+        self._soon.timeout.connect(self._prepare)
+        state.speech.changed.connect(self._on_speech_changed)
+        state.robot.changed.connect(self._on_robot_changed)
+
+    def handlers(self) -> Handlers:
+        return {intents.SetVoice: self._set_voice, intents.DraftSpeech: self._draft}
+
+    def follows(self) -> Follows:
+        return {
+            LinkChanged: self._on_link_changed,
+            UtteranceChanged: self._on_utterance,
+            SuggestionChanged: self._on_suggestion,
+        }
+
+    def processes(self) -> dict[str, ChildProcess]:
+        return {} if self._child is None else {self._body.name: self._child}
+
+    def restarts(self) -> dict[str, Restarts]:
+        return {self._body.name: self._restarts}
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        self._phrases = (*scenario.every_filler, *sentences(scenario.phrases))
+        self._permitted = scenario.permissions.speech
+        if not self._permitted:
+            self._fall_silent()
+        told = scenario.speech
+        folder = "" if scenario.path is None else str(scenario.path.parent)
+        self._use(
+            scenario.voice,
+            SynthesisSettings(told.name, told.language, told.rate, told.volume, told.device, folder),
+        )
+        self._begin()
+
+    def start(self) -> None:
+        self._started = True
+        self._begin()
+
+    def _begin(self) -> None:
+        if not self._permitted or self._child is not None or not self._started or self._stopped:
+            return
+        self._child = self._children.start(self._body, ended=self._on_ended, heard=self.on_heard, reads=self._read_own)
+        self._child.send(UseVoice(self._settings))
+        self._prepared = ()
+        self._prepare()
+
+    def _fall_silent(self) -> None:
+        """Disable speech in this scenario: drop the queue and end this computer's voice."""
+        speech = self._state.speech.value
+        if speech.now is not None or speech.waiting:
+            self.queue.silence(CONSOLE)
+        child, self._child = self._child, None
+        if child is None:
+            return
+        self._children.dismiss(child, grace_s=1.5)
+        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+        self._on_voice_lost("computer", QT_TR_NOOP("the scenario was changed"))
+
+    def stop(self) -> None:
+        self._stopped = True
+        self._soon.stop()
+        if self._child is not None:
+            self._child.ask_to_end()
+
+    def end(self) -> None:
+        if self._child is not None:
+            self._child.stop(grace_s=1.5)
+
+    def send(self, message: Speak | SilenceSpeech | UseVoice | Prepare | Draft) -> bool:
+        """Send to this computer's voice without waiting; False if impossible."""
+        return self._child is not None and self._child.send(message)
+
+    def on_heard(self, message: Any) -> None:
+        """Handle a status message of this computer's voice."""
+        match message:
+            case SynthesisReady():
+                detail = "" if message.audible else QT_TR_NOOP("no sound device: nobody hears it")
+                self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
+                self._state.voice.set(replace(self._state.voice.value, used=message.voice))
+            case VoicesFound(voices):
+                self._state.voice.set(replace(self._state.voice.value, choices=voices))
+            case SynthesisFailed(problem):
+                self._tell(told_here(problem))
+                self._on_voice_lost("computer", problem.what)
+            case Problem():
+                self._tell(told_here(message))
+
+    def _set_voice(self, asked: intents.SetVoice) -> None:
+        settings = replace(
+            self._settings, voice=asked.name, language=asked.language, rate=asked.rate, volume=asked.volume
+        )
+        self._use(asked.output, settings, asked.actor)
+        self._bus.publish(
+            VoiceChanged(
+                clock.now_ns(), asked.output, asked.name, asked.language, asked.rate, asked.volume, asked.actor
+            )
+        )
+
+    def _use(self, output: VoiceKind, settings: SynthesisSettings, actor: Actor = CONSOLE) -> None:
+        before, self._output = self._settings, output
+        output = self._speaking_voice()
+        self._settings = replace(settings, at_hand=output != "robot")
+        used = self._state.voice.value.used
+        if not self._settings.tunes(before):
+            used = ""
+            self._state.speech.set(replace(self._state.speech.value, ready=False, detail=""))
+        self.send(UseVoice(self._settings, actor))
+        self.queue.use_voice(output)
+        self._state.voice.set(
+            VoiceStatus(
+                self._output, settings.voice, settings.language, settings.rate, settings.volume,
+                used, self._state.voice.value.choices,
+            )
+        )  # fmt: skip
+        self._soon.start()
+        if self._settings.at_hand and self._held_problem is not None:
+            self._bus.publish(replace(self._held_problem, stamp_ns=clock.now_ns()))
+            self._held_problem = None
+
+    def _speaking_voice(self) -> VoiceKind:
+        """The scenario's voice; this computer's if the robot has none, which is reported once per robot."""
+        robot: RobotProfile | None = self._state.robot.value
+        if self._output == "computer" or robot is None or robot.speech is not None:
+            return self._output
+        if self._permitted and self._mute_robot != robot.title:
+            self._mute_robot = robot.title
+            self._bus.publish(
+                Problem(
+                    clock.now_ns(), "info", tr("{robot} has no voice of its own.").format(robot=robot.title),
+                    tr("This computer speaks instead: whoever takes part hears it from here."),
+                    tr("Put a loudspeaker near the robot, or name its speech in its profile (Window menu, Robot)."),
+                )
+            )  # fmt: skip
+        return "computer"
+
+    def _on_robot_changed(self, _robot: RobotProfile | None) -> None:
+        if self._speaking_voice() != self._state.speech.value.voice:
+            self._use(self._output, self._settings)
+
+    def _on_utterance(self, event: UtteranceChanged) -> None:
+        self.queue.on_utterance(event)
+        if event.speaker != "robot" or event.origin == "heard":
+            return
+        if event.state == "started":
+            self._begun = event.utterance_id
+        elif event.state == "failed":
+            self._tell_failed(event, begun=event.utterance_id == self._begun)
+
+    def _tell_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
+        what = tr("“{text}” was perhaps not said to its end.") if begun else tr("“{text}” was not said.")
+        why = tr("The voice gave up: {reason}.") if event.detail else tr("The voice gave up.")
+        what, why = what.format(text=_without_ids(event.text)), why.format(reason=tr(event.detail))
+        advice = tr("Say it again, or choose another voice in the title of Speak.")
+        self._bus.publish(Problem(clock.now_ns(), "warning", what, why, advice, until="utterance"))
+
+    def _on_suggestion(self, event: SuggestionChanged) -> None:
+        if event.state == "displayed":
+            self._suggested[event.suggestion_id] = event.text
+        else:
+            self._suggested.pop(event.suggestion_id, None)
+        self._prepare()
+
+    def _on_speech_changed(self, _: object) -> None:
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Prepare likely next utterances, most likely first. Texts with a name are only known when spoken."""
+        if self._soon.isActive():
+            return
+        waiting = (utterance.text for utterance in self._state.speech.value.waiting)
+        texts = tuple(text for text in (*waiting, *self._suggested.values(), *self._phrases) if "{" not in text)
+        if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
+            self._prepared = texts
+
+    def _draft(self, asked: intents.DraftSpeech) -> None:
+        if self._settings.at_hand and "{" not in asked.text:
+            self.send(Draft(asked.text))
+
+    def _report_both(self, told: UtteranceChanged) -> None:  # any thread
+        self.queue.report(told)
+
+    def read(self, value: Any, raw: bytes) -> None:  # reader thread
+        """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
+        if isinstance(value, UtteranceChanged) and value.origin != "heard":
+            if not self._both.told(value):
+                self.queue.report(value, raw)
+        else:
+            self._children.pass_on(self.on_heard, value, raw)
+
+    def _read_own(self, value: Any, raw: bytes) -> None:  # reader thread
+        if isinstance(value, Problem):
+            self._children.tell(self.on_heard, value)
+        else:
+            self.read(value, raw)
+
+    def _tell(self, problem: Problem) -> None:
+        """Report a problem of this computer's voice once a scenario uses it."""
+        if self._settings.at_hand:
+            self._bus.publish(problem)
+        else:
+            self._held_problem = problem
+
+    def _on_link_changed(self, event: LinkChanged) -> None:
+        if event.link != "control":
+            return
+        if event.state in ("connecting", "closed"):
+            # A new link process does not report earlier requests; after a mere disconnection the process still does.
+            self._on_voice_lost("robot", QT_TR_NOOP("the link was lost"))
+        self.queue.on_voice_changed()
+
+    def _on_ended(self, child: ChildProcess) -> None:
+        if child is not self._child:
+            return  # replaced while its exit was being reported
+        self._child = None
+        self._state.speech.set(replace(self._state.speech.value, ready=False, detail=QT_TR_NOOP("the voice stopped")))
+        self._restarts.after_end(self._tell_ended, self._begin)
+        self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
+
+    def _tell_ended(self, advice: str) -> None:
+        self._tell(
+            Problem(
+                clock.now_ns(),
+                "warning",
+                tr("This computer's voice stopped unexpectedly."),
+                tr("What it was saying is cut off; the session goes on."),
+                advice,
+                until="voice",
+            )
+        )
+
+    def _on_voice_lost(self, kind: VoiceKind, detail: str) -> None:
+        now = self._state.speech.value.now
+        if now is not None:
+            self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
+        self.queue.on_voice_lost(kind, detail)
+
+
+def _without_ids(text: str) -> str:
+    """Shortened text; names are ids in it."""
+    return textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", text), 60, placeholder="…")
+
+
+class _Computer:
+    """This computer's voice, as used by the queue."""
+
+    held_up = False
+
+    def __init__(self, service: SpeechService) -> None:
+        self._service = service
+
+    def say(self, utterance: UtteranceChanged, spoken: str) -> bool:
+        return self._service.send(
+            Speak(
+                utterance.utterance_id,
+                spoken,
+                utterance.origin,
+                utterance.actor,
+                utterance.person_id,
+                recorded=utterance.text,
+            )
+        )
+
+    def silence(self, actor: Actor) -> bool:
+        return self._service.send(SilenceSpeech(actor))

@@ -1,0 +1,452 @@
+"""Suggestion service: replies requested at each pause of a participant, streamed, and said by key."""
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal, get_args
+
+from PySide6.QtCore import QObject, Qt, QTimer
+
+from caris_desktop.conversation.conversation_transcript import Turn
+from caris_desktop.conversation.suggestions import prompt
+from caris_desktop.conversation.suggestions.filler import FillerWait
+from caris_desktop.conversation.suggestions.replies import fit_to_say, replies_in, same_words
+from caris_desktop.conversation.suggestions.suggestion_cycle import Round, Suggested, SuggestionCycle
+from caris_desktop.domain import clock, intents, person_marks
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.events import (
+    AssistanceLevel,
+    AssistedFunction,
+    ChatMessage,
+    LevelChanged,
+    LlmExchange,
+    Marked,
+    SuggestionChanged,
+    UtteranceChanged,
+    UtteranceCorrected,
+)
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.addressee import addressee
+from caris_desktop.live.assistant_context import who_is_here
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.model_client import Asking, ModelClient
+from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.proposals_service import ProposalsService
+from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import LevelsStatus, ShownSuggestion, SuggestionsStatus
+from caris_desktop.live.template_values import place_meant
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.scenario.assistant_settings import AssistantPeople
+from caris_desktop.scenario.scenario_model import Scenario
+
+# The robot's last utterances are no replies to what followed.
+_NOT_AGAIN = 2
+_FUNCTIONS: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """The model's prompt, for the wizard."""
+
+    begun: Round
+    messages: tuple[ChatMessage, ...]
+    recorded: tuple[ChatMessage, ...]
+    shown: SuggestionsStatus
+
+
+class SuggestionsService(Service):
+    """Maintains ``state.suggestions`` and ``state.levels``, and says fillers when a reply is late."""
+
+    def __init__(
+        self,
+        state: LiveState,
+        bus: Bus,
+        model: ModelClient,
+        *,
+        speech: SpeechQueue,
+        proposals: ProposalsService,
+        scenario: Scenario,
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._bus = bus
+        self._model = model
+        self._speech = speech
+        self._proposals = proposals
+        self._scenario = scenario
+        self._used: Scenario | None = None
+        self._doing = ""
+        self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
+        self._filler = FillerWait()
+        self._asked: _Asked | None = None
+        self._asking: Asking | None = None
+        self._read, self._written = 0, ""
+        self._read_ahead_of = ""
+        self._detail = ""
+        self._timer = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._on_time)
+        model.model_changed.connect(self._on_model_changed)
+        for source in PARTICIPANT_SOURCES:
+            state.hearing_of(source).changed.connect(self._on_hearing)
+
+    def handlers(self) -> Handlers:
+        return {
+            intents.SaySuggestion: self._say,
+            intents.SayEditedSuggestion: self._say_edited,
+            intents.DismissSuggestions: self._dismiss,
+            intents.SetLevel: self._set_level,
+        }
+
+    def follows(self) -> Follows:
+        return {
+            UtteranceChanged: self._on_utterance,
+            UtteranceCorrected: self._on_correction,
+            Marked: self._on_marked,
+        }
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        before, self._scenario = self._used, scenario
+        self._used = scenario
+        if before is not None and _assisted_alike(before, scenario):
+            return  # as when a place was saved: the wizard's levels stay
+        self.forget()
+        for function in _FUNCTIONS:
+            self._use_level(function, scenario.highest_level(function), CONSOLE)
+
+    def stop(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard everything: another participant comes, or the recording pauses."""
+        self._doing = ""
+        self._filler.spoken()
+        self._rounds.forget(clock.now_ns())
+        self._proposals.drop(QT_TR_NOOP("the conversation is over"))
+        self._show()
+
+    # Conversation events
+
+    def _on_hearing(self, hearing: Hearing) -> None:
+        if hearing.speaking and hearing.speaker in ("", "participant"):
+            self._filler.spoken()
+            self._proposals.drop(QT_TR_NOOP("the participant speaks on"))
+        if self._listens:
+            self._rounds.hear(hearing)
+            if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
+                self._read_ahead_of = hearing.utterance_id
+                self._read_ahead()
+        self._show()
+
+    def _on_utterance(self, utterance: UtteranceChanged) -> None:
+        now_ns = clock.now_ns()
+        if utterance.speaker == "robot":
+            self._rounds.on_robot(utterance, now_ns)
+            self._filler.spoken()
+        elif utterance.speaker == "participant":
+            if self._listens:
+                self._rounds.on_participant(utterance, now_ns)
+            if self._state.levels.value.fillers != "off" and self._scenario.filler:
+                self._filler.turn_over(utterance, int(self._scenario.assistance.filler_after_s * 1e9))
+        self._show()
+
+    def _on_correction(self, correction: UtteranceCorrected) -> None:
+        """Handle a correction of the turn that was replied to."""
+        current = self._rounds.round
+        if current is None or current.turn_id != correction.utterance_id:
+            return
+        if correction.speaker not in (None, "participant"):
+            self._rounds.withdraw(QT_TR_NOOP("nobody there has spoken"), clock.now_ns())
+        elif correction.text is not None:
+            self._rounds.reword(correction.text, clock.now_ns())
+        self._show()
+
+    def _on_marked(self, mark: Marked) -> None:
+        if mark.state != "withdrawn" and mark.kind == "mark":
+            self._doing = mark.label
+
+    @property
+    def _listens(self) -> bool:
+        levels: LevelsStatus = self._state.levels.value
+        return levels.replies != "off" or levels.actions != "off"
+
+    # Callbacks of Rounds
+
+    def ask(self, begun: Round) -> None:
+        """Callback of the rounds: a cycle begins."""
+        self._read, self._written, self._detail = 0, "", ""
+        self._proposals.drop(QT_TR_NOOP("the participant said more"))
+        self._asked = asked = self._question(begun)
+        settings = self._scenario.assistant
+        if self._state.levels.value.replies == "off":
+            self._proposals.ask_about(begun, asked.messages, asked.recorded, "")
+            return
+        try:
+            self._asking = self._model.ask(
+                asked.messages,
+                recorded=asked.recorded,
+                purpose="replies",
+                max_tokens=prompt.REPLY_TOKENS,
+                temperature=settings.temperature,
+                schema=prompt.replies_schema(whole_sentences=self._model.embedded),
+                turn_id=begun.turn_id,
+                revision=begun.revision,
+                on_text=lambda written: self._on_text(begun, written),
+                on_end=lambda exchange: self._on_end(asked, exchange),
+            )
+        except UserFacingError as failure:
+            self._detail = failure.advice or failure.what
+
+    def _read_ahead(self) -> None:
+        """Let the embedded model preload the conversation while the participant speaks."""
+        if self._listens and self._model.embedded:
+            self._model.warm_up(self._said_before(), "replies")
+
+    def _on_model_changed(self) -> None:
+        if self._model.embedded:
+            self._model.warm_up_soon(lambda: self._said_before() if self._listens else (), "replies")
+
+    def _said_before(self) -> Sequence[ChatMessage]:
+        return self._question(Round("", 0, "", 0)).messages
+
+    def drop(self, why: str) -> None:
+        """Callback of the rounds: these replies are no longer needed."""
+        asking, self._asking = self._asking, None
+        if asking is not None:
+            asking.cancel(why)
+
+    def tell(self, event: SuggestionChanged) -> None:
+        """Callback of the rounds: a reply was shown, or its outcome is known."""
+        self._bus.publish(event)
+
+    def _question(self, begun: Round) -> _Asked:
+        settings = self._scenario.assistant
+        turns = prompt.turns_told(turn for turn in self._state.transcript.value if turn.utterance_id != begun.turn_id)
+        person_id = begun.person_id or addressee(self._state)
+        place = place_meant(self._state)
+        doing = self._state.protocol.value.title or self._doing
+
+        def told(what: AssistantPeople) -> tuple[ChatMessage, ...]:
+            rows: list[PersonRow] = [row for row in self._state.persons.value if row.here]
+            # The addressee comes first: of many people only some are listed.
+            rows.sort(key=lambda row: row.person_id != person_id)
+            labels = {row.person_id: who_is_here(row, what) for row in rows}
+
+            def labelled(marked: str) -> str:
+                return labels.get(marked, "somebody")
+
+            return prompt.reply_messages(
+                prompt.ReplyGrounds(
+                    settings.system_prompt,
+                    begun.text,
+                    [replace(turn, text=person_marks.with_names(turn.text, labelled)) for turn in turns],
+                    place,
+                    doing,
+                    list(labels.values()),
+                ),
+                with_examples=self._model.embedded,
+            )
+
+        naming = self._scenario.permissions.naming_people
+        recorded = told("numbers")
+        return _Asked(
+            begun,
+            told(settings.people) if naming and settings.people != "numbers" else recorded,
+            recorded,
+            SuggestionsStatus(
+                "asking", begun.turn_id, begun.revision, model=self._model.model,
+                turns=len(turns) + 1, place=place, doing=doing, person_id=person_id,
+            ),
+        )  # fmt: skip
+
+    def _goes_on(self, written: str) -> bool:
+        """False if earlier text was the model's reasoning: replies offered from it are withdrawn."""
+        before, self._written = self._written.strip(), written
+        if written.startswith(before):
+            return True
+        self._rounds.ask_again(QT_TR_NOOP("it was the model's reasoning"), clock.now_ns())
+        self._show()
+        return False
+
+    def _on_text(self, begun: Round, written: str) -> None:
+        if not self._goes_on(written):
+            return
+        complete = replies_in(written)
+        self._offer(begun, complete[self._read :])
+        self._read = max(self._read, len(complete))
+        self._show()
+
+    def _on_end(self, asked: _Asked, exchange: LlmExchange) -> None:
+        if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
+            return  # this event reports its own cancellation
+        if exchange.outcome == "answered" and not self._goes_on(exchange.answer):
+            return
+        self._asking = None
+        if exchange.outcome == "answered":
+            # A server that ignores the schema writes one reply per line.
+            self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
+            self._detail = exchange.detail if exchange.cut else ""
+            self._proposals.ask_about(asked.begun, asked.messages, asked.recorded, exchange.answer)
+        elif exchange.outcome == "cancelled" and not self._read:
+            # The model was changed; the new one is set after this returns.
+            QTimer.singleShot(0, self, lambda: self._ask_again(asked))
+        else:
+            self._detail = exchange.detail
+        self._show()
+
+    def _ask_again(self, asked: _Asked) -> None:
+        if self._asked is asked and self._rounds.round is not None and self._asking is None:
+            self.ask(asked.begun)
+            self._show()
+
+    def _lines(self, exchange: LlmExchange) -> Sequence[str]:
+        answer = exchange.answer
+        if self._read or "{" in answer or "[" in answer:
+            return ()
+        return answer.splitlines()[: -1 if exchange.cut else None]
+
+    def _offer(self, begun: Round, texts: Sequence[str]) -> None:
+        """Show replies that can be spoken and do not repeat what was just said."""
+        turns: tuple[Turn, ...] = self._state.transcript.value
+        said = [turn.text for turn in turns if turn.speaker == "robot" and turn.said][-_NOT_AGAIN:]
+        for text in texts:
+            fit = fit_to_say(text)
+            if fit and not any(same_words(fit, each) for each in (begun.text, *said)):
+                self._rounds.offer(begun, self._with_marks(fit), self._model.model, clock.now_ns())
+
+    def _with_marks(self, text: str) -> str:
+        """Replace names by ids for the record."""
+        for row in self._people():
+            text = person_marks.marked(text, row.name, row.person_id) if row.known else text
+        return text
+
+    def _people(self) -> tuple[PersonRow, ...]:
+        return (*self._state.persons.value, *self._state.everybody.value)
+
+    # Intents
+
+    def _say(self, asked: intents.SaySuggestion) -> None:
+        card = self._rounds.card(asked.suggestion_id, clock.now_ns())
+        if card is None or card.rank != asked.rank:
+            self._show()
+            raise UserFacingError(
+                tr("That suggestion is not there any more."), tr("Nothing was said."),
+                tr("Read those that are there now, or type what to say."), severity="info",
+            )  # fmt: skip
+        self._say_card(card, card.text, asked.actor)
+
+    def _say_edited(self, asked: intents.SayEditedSuggestion) -> None:
+        card = self._rounds.card(asked.suggestion_id, clock.now_ns())
+        said = self._with_marks(" ".join(asked.text.split()))
+        if card is not None and said:
+            self._say_card(card, said, asked.actor)
+        else:
+            # The conversation moved on during editing: the text now counts as the wizard's own.
+            self._speech.say(asked.text, "typed", asked.actor, recorded=said)
+
+    def _say_card(self, card: Suggested, said: str, actor: Actor) -> None:
+        names = {row.person_id: row.name for row in self._people() if row.known}
+        current = self._rounds.round
+        person_id = current.person_id if current is not None else ""
+        try:
+            spoken = person_marks.with_names(said, names.__getitem__)
+        except KeyError:
+            raise UserFacingError(
+                tr("The name in that suggestion is not known any more."), tr("Nothing was said."),
+                tr("Say another one, or type what to say."), severity="warning",
+            ) from None  # fmt: skip
+        utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=said)
+        self._rounds.take(card, said, utterance_id, actor, clock.now_ns())
+        self._filler.spoken()
+        self._show()
+
+    def _dismiss(self, asked: intents.DismissSuggestions) -> None:
+        self._filler.spoken()
+        self._rounds.dismiss(asked.actor, clock.now_ns())
+        self._show()
+
+    # Autonomy levels
+
+    def _set_level(self, asked: intents.SetLevel) -> None:
+        highest = self._scenario.highest_level(asked.function)
+        if asked.level not in levels_up_to(highest):
+            raise UserFacingError(
+                tr("This scenario does not let the assistant do more than “{highest}” for {function}.").format(
+                    highest=highest, function=asked.function
+                ),
+                tr("The level stays as it is."), tr("Set it under assistance in the scenario."), severity="warning",
+            )  # fmt: skip
+        self._use_level(asked.function, asked.level, asked.actor)
+
+    def _use_level(self, function: AssistedFunction, level: AssistanceLevel, actor: Actor) -> None:
+        levels: LevelsStatus = self._state.levels.value
+        if getattr(levels, function) == level:
+            return
+        self._bus.publish(LevelChanged(clock.now_ns(), function, level, actor))
+        changed = {function: level}
+        self._state.levels.set(replace(levels, **changed))
+        if function == "replies" and level == "off":
+            self._rounds.withdraw(QT_TR_NOOP("the wizard wants no suggestions"), clock.now_ns())
+        if function == "fillers" and level == "off":
+            self._filler.spoken()
+        self._show()
+
+    # Timer
+
+    def _on_time(self) -> None:
+        now_ns = clock.now_ns()
+        self._rounds.pass_time(now_ns)
+        card = self._rounds.due(now_ns)
+        if card is not None:
+            self._say_card(card, card.text, CONSOLE)
+        if self._state.levels.value.fillers == "act" and self._filler.due(now_ns):
+            filler = self._scenario.next_filler(self._state.fillers_said.value)
+            self._speech.say(filler, "filler", CONSOLE)
+        self._show()
+
+    def _show(self) -> None:
+        levels, now_ns = self._state.levels.value, clock.now_ns()
+        rounds = self._rounds
+        acts = levels.replies == "act"
+        rounds.acts_after_ns = int(self._scenario.assistance.countdown_s * 1e9) if acts else None
+        says_ns = rounds.says_ns
+        status = SuggestionsStatus("off" if levels.replies == "off" else "idle", detail=self._detail)
+        if rounds.round is not None and self._asked is not None and levels.replies != "off":
+            cards = tuple(
+                ShownSuggestion(card.suggestion_id, card.rank, card.text, card.from_ns) for card in rounds.cards
+            )
+            status = replace(
+                self._asked.shown, state=self._progress(cards), cards=cards, says_ns=says_ns, detail=self._detail
+            )
+        self._state.suggestions.set(replace(status, filler_ns=self._filler.due_ns))
+        moments = [rounds.next_ns, self._filler.due_ns if levels.fillers == "act" else None]
+        if says_ns is not None and (says_ns >= now_ns or rounds.due(now_ns) is not None):
+            moments.append(says_ns)
+        next_ns = min((moment for moment in moments if moment is not None), default=None)
+        if next_ns is not None:
+            # A deadline that passed since the last check is due now.
+            self._timer.start(max(0, (next_ns - now_ns) // 1_000_000 + 1))
+        else:
+            self._timer.stop()
+
+    def _progress(self, cards: Sequence[ShownSuggestion]) -> Literal["asking", "shown", "failed", "idle"]:
+        if cards:
+            return "shown"
+        if self._asking is not None:
+            return "asking"
+        return "failed" if self._detail else "idle"
+
+
+def _assisted_alike(before: Scenario, now: Scenario) -> bool:
+    """Whether language model and levels are unchanged."""
+    return (before.path, before.permissions, before.assistance, before.assistant) == (
+        now.path,
+        now.permissions,
+        now.assistance,
+        now.assistant,
+    )

@@ -1,0 +1,421 @@
+"""People database of one study: opaque ids in SQLite, with all identifying data encrypted under a key per id.
+
+Each id has a random data key for name, group, tags, note, portrait, embeddings and history (AES-256-GCM). A newcomer
+gets an id; once identified it is linked to the person's id, so that the link can be undone and no data moves. A person
+is an id with all linked ids; erasure deletes their keys and rows.
+"""
+
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from heapq import merge
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.events import ConsentKind
+from caris_desktop.domain.person_values import LooksKind
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.people.database import PeopleDatabase
+from caris_desktop.people.envelope_encryption import About, about_bytes, about_of, new_key, seal, unseal
+
+MOST_HISTORY_FOUND = 500
+
+HistoryKind = Literal["visit", "said", "heard", "photo", "note"]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPerson:
+    """One id. ``is_person_id`` is the person it was identified as, empty for a main id."""
+
+    person_id: str
+    about: About
+    created_utc_ns: int
+    last_seen_utc_ns: int
+    is_person_id: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.about.name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredLooks:
+    """Appearance embeddings by one network. ``vectors`` is float32, shape (n, length), each of unit length.
+
+    ``day`` is the local day, as 2026-11-22; without one, as for faces, they do not expire.
+    """
+
+    person_id: str
+    kind: LooksKind
+    model: str
+    day: str
+    vectors: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Consent:
+    """Last answer to a consent question, with time and who noted it."""
+
+    kind: ConsentKind
+    given: bool
+    noted_utc_ns: int
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryEntry:
+    """History entry. ``text`` is speech, a note, or the file of a photo.
+
+    ``session`` is the session folder's name, empty without a recording. ``until_utc_ns`` is the end of a visit.
+    """
+
+    kind: HistoryKind
+    utc_ns: int
+    session: str
+    text: str = ""
+    until_utc_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Traces:
+    """Search terms for the erasure of a person: all ids, and bytes of portraits and vectors."""
+
+    person_ids: tuple[str, ...]
+    blobs: tuple[bytes, ...]
+
+
+def new_person_id() -> str:
+    """Random opaque id."""
+    return f"p-{secrets.token_hex(6)}"
+
+
+_TABLES = ("keys", "people", "looks", "portraits", "visits", "rejections", "consents", "history")
+
+
+class PeopleStore:
+    """Opens the database at ``path``, or creates it and its folder. Use from the thread that created it.
+
+    Every method writes through and raises PeopleStoreError on failure, after which the store remains usable. A file
+    that is not such a database is left untouched.
+    """
+
+    def __init__(self, path: Path, *, utc_now_ns: Callable[[], int] = time.time_ns) -> None:
+        self._utc_now_ns = utc_now_ns
+        self._file = PeopleDatabase(path)
+        self._database = self._file.connection
+
+    @property
+    def path(self) -> Path:
+        return self._file.path
+
+    def close(self) -> None:
+        self._database.close()
+
+    # Ids
+
+    def add(self) -> StoredPerson:
+        """Add a new id."""
+        person_id, now_ns = new_person_id(), self._utc_now_ns()
+        with self._file.writing():
+            self._database.execute("INSERT INTO keys VALUES (?, ?)", (person_id, new_key()))
+            self._database.execute("INSERT INTO people VALUES (?, '', ?, ?, NULL)", (person_id, now_ns, now_ns))
+        return StoredPerson(person_id, About(), now_ns, now_ns)
+
+    def get(self, person_id: str) -> StoredPerson | None:
+        with self._file.explained("read"):
+            row = self._database.execute(f"{_SELECT} WHERE people.person_id = ?", (person_id,)).fetchone()
+        return None if row is None else _person(row)
+
+    def everybody(self) -> tuple[StoredPerson, ...]:
+        """All ids of the study in order of their creation."""
+        with self._file.explained("read"):
+            rows = self._database.execute(f"{_SELECT} ORDER BY created_utc_ns").fetchall()
+        return tuple(_person(row) for row in rows)
+
+    def ids_of(self, person_id: str) -> tuple[str, ...]:
+        """All ids of the person with this id, the main one first; only this one if unknown."""
+        person = self.get(person_id)
+        root = person_id if person is None or not person.is_person_id else person.is_person_id
+        with self._file.explained("read"):
+            linked = self._database.execute("SELECT person_id FROM people WHERE is_person_id = ?", (root,)).fetchall()
+        return (root, *(row[0] for row in linked))
+
+    def name_of(self, person_id: str) -> str:
+        """Name of the person with this id; empty if there is none."""
+        person = self.get(self.ids_of(person_id)[0])
+        return "" if person is None else person.name
+
+    def link(self, person_id: str, is_person_id: str) -> None:
+        """Link this id and its linked ids to that person; empty: unlink.
+
+        Raises KeyError for an unknown id.
+        """
+        with self._file.writing():
+            if is_person_id:
+                self._database.execute(
+                    "UPDATE people SET is_person_id = ? WHERE is_person_id = ?", (is_person_id, person_id)
+                )
+            updated = self._database.execute(
+                "UPDATE people SET is_person_id = ? WHERE person_id = ?", (is_person_id, person_id)
+            ).rowcount
+        if not updated:
+            raise KeyError(person_id)
+
+    def describe(self, person_id: str, about: About) -> None:
+        """Set the notes on a person. Names need not be unique. Raises KeyError for an unknown id."""
+        with self._file.writing():
+            self._key_of(person_id)
+            sealed = self._seal(person_id, "about", about_bytes(about)) if about != About() else None
+            self._database.execute("UPDATE people SET about = ? WHERE person_id = ?", (sealed, person_id))
+
+    # Data
+
+    def keep_looks(self, looks: StoredLooks, *, expires_utc_ns: int | None) -> None:
+        """Store embeddings, replacing those of the same day, kind and model. Raises KeyError for an unknown id."""
+        with self._file.writing():
+            width = np.array(looks.vectors.shape[1], "<u4").tobytes()
+            sealed = self._seal(looks.person_id, "looks", width + looks.vectors.astype("<f4").tobytes())
+            self._database.execute(
+                "INSERT OR REPLACE INTO looks VALUES (?, ?, ?, ?, ?, ?)",
+                (looks.person_id, looks.kind, looks.model, looks.day, expires_utc_ns, sealed),
+            )
+
+    def drop_looks(self, person_id: str, kind: LooksKind) -> None:
+        with self._file.writing():
+            self._database.execute("DELETE FROM looks WHERE person_id = ? AND kind = ?", (person_id, kind))
+
+    def looks(self, *, person_id: str = "") -> tuple[StoredLooks, ...]:
+        """Embeddings that have not expired, of everybody or of one id."""
+        with self._file.explained("read"):
+            rows = self._database.execute(
+                "SELECT looks.person_id, kind, model, day, vectors, key FROM looks JOIN keys USING (person_id) "
+                "WHERE (expires_utc_ns IS NULL OR expires_utc_ns > ?) AND (? = '' OR person_id = ?)",
+                (self._utc_now_ns(), person_id, person_id),
+            ).fetchall()
+        return tuple(
+            StoredLooks(owner, kind, model, day, np.frombuffer(content[4:], "<f4").reshape(-1, _width(content)))
+            for owner, kind, model, day, sealed, key in rows
+            if (content := unseal(key, owner, "looks", sealed))
+        )
+
+    def expire(self, *, day_began_utc_ns: int) -> None:
+        """Delete expired embeddings, and portraits of people without notes and consent to photos who were not present
+        today.
+        """
+        with self._file.writing():
+            gone = self._database.execute("DELETE FROM looks WHERE expires_utc_ns <= ?", (self._utc_now_ns(),)).rowcount
+            gone += self._database.execute(
+                "DELETE FROM portraits WHERE person_id IN (SELECT person_id FROM people WHERE about IS NULL "
+                "AND is_person_id = '' AND last_seen_utc_ns < ?) "
+                "AND person_id NOT IN (SELECT person_id FROM consents WHERE kind = 'photo' AND given)",
+                (day_began_utc_ns,),
+            ).rowcount
+        if gone:
+            with self._file.explained("written"):
+                self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def keep_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
+        """Store the portrait, replacing the old one. Raises KeyError for an unknown id."""
+        with self._file.writing():
+            sealed = self._seal(person_id, "portrait", jpeg)
+            self._database.execute("INSERT OR REPLACE INTO portraits VALUES (?, ?, ?)", (person_id, quality, sealed))
+
+    def portrait(self, person_id: str) -> bytes | None:
+        """Best portrait over all ids of the person; None if there is none."""
+        for owner, sealed, key in self._of_all_ids(
+            person_id,
+            "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) "
+            "WHERE person_id IN ({}) ORDER BY quality DESC",
+        ):
+            jpeg = unseal(key, owner, "portrait", sealed)
+            if jpeg:
+                return jpeg
+        return None
+
+    def note_visit(self, person_id: str, *, from_utc_ns: int, to_utc_ns: int, session: str = "") -> None:
+        """Add a visit by its start, or extend it to ``to_utc_ns``."""
+        with self._file.writing():
+            self._key_of(person_id)
+            self._database.execute(
+                "INSERT INTO visits VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE SET to_utc_ns = excluded.to_utc_ns, "
+                "session = CASE WHEN excluded.session = '' THEN session ELSE excluded.session END",
+                (person_id, from_utc_ns, to_utc_ns, session),
+            )
+            self._database.execute(
+                "UPDATE people SET last_seen_utc_ns = max(last_seen_utc_ns, ?) WHERE person_id = ?",
+                (to_utc_ns, person_id),
+            )
+
+    def reject(self, person_id: str, is_not_person_id: str, actor: Actor = "") -> None:
+        """Note that these are different people."""
+        with self._file.writing():
+            self._database.execute(
+                "INSERT OR REPLACE INTO rejections VALUES (?, ?, ?, ?)",
+                (person_id, is_not_person_id, self._utc_now_ns(), actor),
+            )
+
+    def take_back_rejection(self, person_id: str, is_not_person_id: str) -> None:
+        with self._file.writing():
+            self._database.execute(
+                "DELETE FROM rejections WHERE person_id = ? AND is_not_person_id = ?", (person_id, is_not_person_id)
+            )
+
+    def rejections(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of ids that a wizard marked as different people."""
+        with self._file.explained("read"):
+            return tuple(self._database.execute("SELECT person_id, is_not_person_id FROM rejections").fetchall())
+
+    def note_consent(self, person_id: str, kind: ConsentKind, *, given: bool, actor: Actor = "") -> None:
+        """Add an answer to a consent question. Raises KeyError for an unknown id."""
+        with self._file.writing():
+            self._key_of(person_id)
+            self._database.execute(
+                "INSERT INTO consents (person_id, kind, given, utc_ns, actor) VALUES (?, ?, ?, ?, ?)",
+                (person_id, kind, int(given), self._utc_now_ns(), actor),
+            )
+
+    def consents(self) -> dict[str, dict[ConsentKind, Consent]]:
+        """Valid answers by main id: the newest of each kind."""
+        with self._file.explained("read"):
+            rows = self._database.execute(
+                "SELECT CASE WHEN is_person_id = '' THEN person_id ELSE is_person_id END, kind, given, utc_ns, actor "
+                "FROM consents JOIN people USING (person_id) ORDER BY consent_id"
+            ).fetchall()
+        held: dict[str, dict[ConsentKind, Consent]] = {}
+        for person_id, kind, given, utc_ns, actor in rows:
+            held.setdefault(person_id, {})[kind] = Consent(kind, bool(given), utc_ns, actor)
+        return held
+
+    def add_history(self, person_id: str, kind: HistoryKind, text: str, *, utc_ns: int, session: str = "") -> None:
+        """Add a history entry. Raises KeyError for an unknown id."""
+        with self._file.writing():
+            sealed = self._seal(person_id, "history", text.encode())
+            self._database.execute(
+                "INSERT INTO history (person_id, kind, utc_ns, session, text) VALUES (?, ?, ?, ?, ?)",
+                (person_id, kind, utc_ns, session, sealed),
+            )
+
+    def take_back_history(self, person_id: str, kind: HistoryKind, text: str) -> None:
+        """Remove the newest entry with this text."""
+        with self._file.writing():
+            rows = self._database.execute(
+                "SELECT entry_id, text FROM history WHERE person_id = ? AND kind = ? ORDER BY entry_id DESC",
+                (person_id, kind),
+            ).fetchall()
+            key = self._key_of(person_id)
+            for entry_id, sealed in rows:
+                if unseal(key, person_id, "history", sealed).decode() == text:
+                    self._database.execute("DELETE FROM history WHERE entry_id = ?", (entry_id,))
+                    break
+
+    def visits(self, person_id: str) -> tuple[HistoryEntry, ...]:
+        """Visits of a person, newest first."""
+        rows = self._of_all_ids(
+            person_id,
+            "SELECT from_utc_ns, to_utc_ns, session FROM visits WHERE person_id IN ({}) ORDER BY from_utc_ns DESC",
+        )
+        return tuple(
+            HistoryEntry("visit", began_ns, session, until_utc_ns=end_ns) for began_ns, end_ns, session in rows
+        )
+
+    def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
+        """History of a person (visits, speech, photos, notes), newest first, filtered by all words of ``text``."""
+        wanted = text.casefold().split()
+        entries = merge(self.visits(person_id), self._told(person_id), key=lambda entry: -entry.utc_ns)
+        found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
+        return tuple(islice(found, at_most))
+
+    def _told(self, person_id: str) -> Iterator[HistoryEntry]:
+        """History without visits, newest first, decrypted lazily."""
+        for owner, kind, utc_ns, session, sealed, key in self._of_all_ids(
+            person_id,
+            "SELECT history.person_id, kind, utc_ns, session, text, key FROM history JOIN keys USING (person_id) "
+            "WHERE person_id IN ({}) ORDER BY utc_ns DESC",
+        ):
+            yield HistoryEntry(kind, utc_ns, session, unseal(key, owner, "history", sealed).decode())
+
+    # Erasure
+
+    def traces_of(self, person_id: str) -> Traces:
+        """Search terms for this person's erasure; read them before it."""
+        ids = self.ids_of(person_id)
+        vectors = [row.tobytes() for each in ids for looks in self.looks(person_id=each) for row in looks.vectors]
+        jpegs = self._of_all_ids(
+            person_id,
+            "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) WHERE person_id IN ({})",
+        )
+        portraits = [unseal(key, owner, "portrait", sealed) for owner, sealed, key in jpegs]
+        return Traces(ids, tuple(dict.fromkeys(filter(None, [*portraits, *vectors]))))
+
+    def forget(self, person_id: str) -> tuple[str, ...]:
+        """Delete keys and rows of a person, also from log and free pages; return all of their ids.
+
+        Idempotent: after an interruption it deletes the rest.
+        """
+        ids = self.ids_of(person_id)
+        marks = ", ".join("?" * len(ids))
+        with self._file.writing():
+            for table in _TABLES:
+                self._database.execute(f"DELETE FROM {table} WHERE person_id IN ({marks})", ids)  # noqa: S608 - ours
+            self._database.execute(f"DELETE FROM rejections WHERE is_not_person_id IN ({marks})", ids)  # noqa: S608
+        self._file.empty_log_and_free_pages()
+        return ids
+
+    def rewrite_texts(self, rewrite: Callable[[str, str], str]) -> None:
+        """Apply ``rewrite`` to each note and history entry, given the owner's id and the text."""
+        for person in self.everybody():
+            note = rewrite(person.person_id, person.about.note) if person.about.note else ""
+            if note != person.about.note:
+                self.describe(person.person_id, replace(person.about, note=note))
+        with self._file.explained("read"):
+            rows = self._database.execute(
+                "SELECT entry_id, history.person_id, text, key FROM history JOIN keys USING (person_id)"
+            ).fetchall()
+        for entry_id, owner, sealed, key in rows:
+            text = unseal(key, owner, "history", sealed).decode()
+            rewritten = rewrite(owner, text)
+            if rewritten != text:
+                with self._file.writing():
+                    self._database.execute(
+                        "UPDATE history SET text = ? WHERE entry_id = ?",
+                        (self._seal(owner, "history", rewritten.encode()), entry_id),
+                    )
+
+    # Encryption
+
+    def _of_all_ids(self, person_id: str, query: str) -> list[tuple[Any, ...]]:
+        ids = self.ids_of(person_id)
+        with self._file.explained("read"):
+            return self._database.execute(query.format(", ".join("?" * len(ids))), ids).fetchall()
+
+    def _key_of(self, person_id: str) -> bytes:
+        row = self._database.execute("SELECT key FROM keys WHERE person_id = ?", (person_id,)).fetchone()
+        if row is None:
+            raise KeyError(person_id)
+        return bytes(row[0])
+
+    def _seal(self, person_id: str, what: str, content: bytes) -> bytes:
+        return seal(self._key_of(person_id), person_id, what, content)
+
+
+_SELECT = (
+    "SELECT people.person_id, is_person_id, created_utc_ns, last_seen_utc_ns, about, key "
+    "FROM people JOIN keys USING (person_id)"
+)
+
+
+def _person(row: tuple[str, str, int, int, bytes | None, bytes]) -> StoredPerson:
+    person_id, is_person_id, created_utc_ns, last_seen_utc_ns, sealed, key = row
+    content = b"" if sealed is None else unseal(key, person_id, "about", sealed)
+    about = about_of(content) if content else About()
+    return StoredPerson(person_id, about, created_utc_ns, last_seen_utc_ns, is_person_id)
+
+
+def _width(content: bytes) -> int:
+    return int(np.frombuffer(content[:4], "<u4")[0])

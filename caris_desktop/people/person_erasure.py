@@ -1,0 +1,115 @@
+"""Erasure of a person from the people database, and the search terms for the study's files."""
+
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.people_store import PeopleStore, StoredPerson
+
+_LEAST_FREE_BYTES = 1 << 20
+_NOTHING_CHANGED = QT_TR_NOOP("Nobody was forgotten; nothing was changed.")
+
+
+@dataclass(frozen=True, slots=True)
+class PersonToForget:
+    """Person to erase: all of their ids, the main one first, with names and images."""
+
+    person_ids: tuple[str, ...]
+    names: tuple[str, ...]
+    pictures: tuple[bytes, ...] = field(repr=False)
+
+
+def look_up(database: Path, who: str) -> PersonToForget | None:
+    """Look up a person by id or name; None if the study has none.
+
+    Raises
+    ------
+    UserFacingError
+        If several have this name, or the database cannot be read.
+    """
+    if not database.exists():
+        return None
+    try:
+        with closing(PeopleStore(database)) as store:
+            person_id = _id_of(store, who)
+            if person_id is None:
+                return None
+            traces = store.traces_of(person_id)
+            people = [store.get(each) for each in traces.person_ids]
+            names = dict.fromkeys(person.name for person in people if person is not None and person.name)
+            return PersonToForget(traces.person_ids, tuple(names), traces.blobs)
+    except PeopleStoreError as error:
+        raise UserFacingError(str(error), _NOTHING_CHANGED, _advice(database)) from error
+
+
+def erase(database: Path, person_ids: tuple[str, ...]) -> None:
+    """Delete keys and rows of these ids. Idempotent. Raises UserFacingError."""
+    if not database.exists():
+        return
+    try:
+        with closing(PeopleStore(database)) as store:
+            for number, person_id in enumerate(person_ids):
+                # The first id includes all linked ids; repeat it even if it is gone, since a kill may have left pages
+                # that hold them.
+                if number == 0 or store.get(person_id) is not None:
+                    store.forget(person_id)
+    except PeopleStoreError as error:
+        raise UserFacingError(
+            str(error),
+            QT_TR_NOOP("They are not yet erased from the study's database."),
+            _advice(database),
+        ) from error
+
+
+def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
+    """Apply ``rewrite`` to all notes and history texts, given the owner's id and the text.
+
+    Raises UserFacingError.
+    """
+    if not database.exists():
+        return
+    try:
+        with closing(PeopleStore(database)) as store:
+            store.rewrite_texts(rewrite)
+    except PeopleStoreError as error:
+        raise UserFacingError(
+            str(error), QT_TR_NOOP("What is kept of others may still name the person."), _advice(database)
+        ) from error
+
+
+def _advice(database: Path) -> str:
+    """Advice by free disk space, since SQLite reports a full disk in many ways."""
+    full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
+    return QT_TR_NOOP("The disk is full: make room on it, then ask again.") if full else QT_TR_NOOP("Then ask again.")
+
+
+def _id_of(store: PeopleStore, who: str) -> str | None:
+    if store.get(who) is not None:
+        return who
+    wanted = " ".join(who.split()).casefold()
+    called = [
+        person for person in store.everybody() if person.name and " ".join(person.name.split()).casefold() == wanted
+    ]
+    roots = {store.ids_of(person.person_id)[0]: person for person in called}
+    if len(roots) > 1:
+        raise UserFacingError(
+            localized(QT_TR_NOOP("{count} people of this study are called {who}."), count=len(roots), who=who),
+            _NOTHING_CHANGED,
+            localized(
+                QT_TR_NOOP("Say which one by id: {ids}."),
+                ids=joined((_told(root, person) for root, person in roots.items()), "; "),
+            ),
+        )
+    return next(iter(roots), None)
+
+
+def _told(person_id: str, person: StoredPerson) -> str:
+    seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
+    return localized(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")

@@ -1,0 +1,259 @@
+"""Runtime selection: the fastest inference runtime on this computer whose detections match.
+
+Ultralytics weights (.pt) are exported to ONNX, then each installed runtime is measured on photos of people. The export
+and the measurement are cached per user, so that the next start needs neither them nor torch.
+"""
+
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import logging
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop import __version__
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.model_files import WrongChecksum, check_file
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.perception.backends import openvino
+from caris_desktop.perception.backends.load_detector import check_weights, open_detector
+from caris_desktop.perception.backends.network import NetworkDetector
+from caris_desktop.perception.detector import Detections, Detector
+from caris_desktop.perception.inference_settings import Device
+from caris_desktop.perception.weights import Weights, WeightsError
+
+log = logging.getLogger(__name__)
+
+_LOOKS = 6
+_PREFERRED = ("onnxruntime", "OpenVINO", "torch")
+_WORTH_IT = 0.9
+_WORDS_AT_MOST = 120
+# Both must find: confident detections of one must exist in the other, with similar confidence and position.
+_SURE = 0.25
+_LEAST_OVERLAP = 0.9
+_CONFIDENCE_WITHIN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredChoice:
+    """Measurement. ``runtime`` is the selected one; ``ms`` is the time per image by runtime, ``why_not`` the defects of
+    the others, as text.
+    """
+
+    runtime: str
+    ms: dict[str, float]
+    why_not: dict[str, str]
+
+    @property
+    def shown(self) -> str:
+        """Suffix for the detector's label."""
+        others = [f"{name} {ms:.0f} ms" for name, ms in self.ms.items() if name != self.runtime]
+        others += [f"{name}: {why}" for name, why in self.why_not.items()]
+        measured = f", {self.ms[self.runtime]:.0f} ms" if self.runtime in self.ms else ""
+        return measured + (f" ({'; '.join(others)})" if others else "")
+
+
+def open_fastest(
+    weights: Weights,
+    *,
+    confidence: float,
+    threads: int,
+    device: Device = "auto",
+    cache_dir: Path | None = None,
+    pictures: Sequence[NDArray[np.uint8]] | None = None,
+) -> Detector:
+    """Like :func:`open_detector`, with the fastest runtime whose detections match the reference.
+
+    The reference is torch for .pt and onnxruntime for .onnx. May take half a minute with new weights. ``pictures``
+    replace ultralytics' photos.
+    """
+    suffix = weights.path.suffix.lower()
+    if suffix != ".pt" and not (suffix == ".onnx" and openvino.is_installed()):
+        return open_detector(weights, confidence=confidence, threads=threads, device=device)
+    folder = cache_dir or _user_cache_dir()
+    export = folder / f"{check_weights(weights)[:24]}-{__version__}.onnx"
+    openers = _openers(weights, export, confidence=confidence, threads=threads, device=device)
+    remembered = folder / f"{export.stem}-{_circumstances(weights, tuple(openers), threads, device)}.json"
+    choice = _recall(remembered)
+    if choice is not None and choice.runtime in openers:
+        try:
+            return _labelled(openers[choice.runtime](), choice)
+        except WeightsError as error:
+            log.warning("the %s form of %s does not open any more: %s", choice.runtime, weights.path.name, error)
+    detector, choice = _measure(openers, _photos() if pictures is None else pictures)
+    log.info("%s runs by %s: %s", weights.path.name, choice.runtime, choice)
+    _remember(remembered, choice)
+    return _labelled(detector, choice)
+
+
+def _openers(
+    weights: Weights, export: Path, *, confidence: float, threads: int, device: Device
+) -> dict[str, Callable[[], Detector]]:
+    """Openers of the weights by runtime; the first is the reference."""
+
+    def opened(path: Path) -> Detector:
+        at = replace(weights, path=path)
+        return open_detector(at, confidence=confidence, threads=threads, device=device)
+
+    def by_openvino(path: Path) -> Detector:
+        return NetworkDetector(openvino.OpenvinoNetwork(path, threads=threads), weights, confidence=confidence)
+
+    def exported() -> Path:
+        if not _is_whole(export):
+            from caris_desktop.perception.backends.onnx_export import ModelExportError, export_onnx
+
+            try:
+                export_onnx(weights, export, threads=threads)
+            except ModelExportError as error:
+                raise WeightsError(localized(QT_TR_NOOP("it cannot be exported ({error})"), error=error)) from error
+        return export
+
+    suffix = weights.path.suffix.lower()
+    if suffix == ".pt":
+        openers = {"torch": lambda: opened(weights.path), "onnxruntime": lambda: opened(exported())}
+        if openvino.is_installed():
+            openers["OpenVINO"] = lambda: by_openvino(exported())
+        return openers
+    return {"onnxruntime": lambda: opened(weights.path), "OpenVINO": lambda: by_openvino(weights.path)}
+
+
+def _measure(
+    openers: dict[str, Callable[[], Detector]], pictures: Sequence[NDArray[np.uint8]]
+) -> tuple[Detector, MeasuredChoice]:
+    first, *others = openers
+    opened = {first: openers[first]()}
+    why_not: dict[str, str] = {}
+    expected = [opened[first].detect(picture) for picture in pictures]
+    comparable = any((one.confidences > _SURE).any() for one in expected)
+    for name in others:
+        try:
+            detector = openers[name]()
+            found = [detector.detect(picture) for picture in pictures]
+        except Exception as error:  # a runtime that fails is not selected
+            log.info("%s is not used", name, exc_info=True)
+            why_not[name] = " ".join(str(error).split())[:_WORDS_AT_MOST] or type(error).__name__
+            continue
+        if not comparable:
+            why_not[name] = "nobody was found in the photos to compare by"
+        elif all(_agree(*pair) for pair in zip(expected, found, strict=True)):
+            opened[name] = detector
+        else:
+            why_not[name] = "it finds something else"
+    ms = _time(opened, pictures)
+    # Another package than the preferred one must be clearly faster.
+    preferred = sorted(opened, key=_PREFERRED.index)
+    runtime = preferred[0]
+    for name in preferred[1:]:
+        if ms[name] < _WORTH_IT * ms[runtime]:
+            runtime = name
+    return opened[runtime], MeasuredChoice(runtime, ms, why_not)
+
+
+def _time(opened: dict[str, Detector], pictures: Sequence[NDArray[np.uint8]]) -> dict[str, float]:
+    """Milliseconds per image: the minimum of several, against other load."""
+    if len(opened) == 1:
+        return {}
+    spans_ns: dict[str, list[int]] = {name: [] for name in opened}
+    for number in range(_LOOKS):
+        for name, detector in opened.items():
+            began_ns = time.perf_counter_ns()
+            detector.detect(pictures[number % len(pictures)])
+            spans_ns[name].append(time.perf_counter_ns() - began_ns)
+    return {name: round(min(spans) / 1e6, 1) for name, spans in spans_ns.items()}
+
+
+def _agree(one: Detections, other: Detections) -> bool:
+    return _has_all(one, other) and _has_all(other, one)
+
+
+def _has_all(wanted: Detections, found: Detections) -> bool:
+    for corners, confidence, kind in zip(wanted.corners_px, wanted.confidences, wanted.classes, strict=True):
+        if confidence <= _SURE + _CONFIDENCE_WITHIN:
+            continue
+        near = np.maximum(found.corners_px[:, :2], corners[:2])
+        far = np.minimum(found.corners_px[:, 2:], corners[2:])
+        shared = np.prod(np.maximum(far - near, 0.0), axis=1)
+        areas = np.prod(found.corners_px[:, 2:] - found.corners_px[:, :2], axis=1)
+        overlaps = shared / (areas + np.prod(corners[2:] - corners[:2]) - shared)
+        surely = np.abs(found.confidences - confidence) < _CONFIDENCE_WITHIN
+        if not ((overlaps > _LEAST_OVERLAP) & surely & (found.classes == kind)).any():
+            return False
+    return True
+
+
+def _labelled(detector: Detector, choice: MeasuredChoice) -> Detector:
+    detector.label += choice.shown
+    return detector
+
+
+def _photos() -> list[NDArray[np.uint8]]:
+    """Two photos of people from ultralytics; without them no runtime is exchanged."""
+    import cv2
+
+    spec = importlib.util.find_spec("ultralytics")
+    if spec is None or spec.origin is None:
+        return []
+    pictures = [cv2.imread(str(Path(spec.origin).parent / "assets" / name)) for name in ("bus.jpg", "zidane.jpg")]
+    return [np.asarray(picture, np.uint8) for picture in pictures if picture is not None]
+
+
+def _circumstances(weights: Weights, runtimes: tuple[str, ...], threads: int, device: Device) -> str:
+    """Hash of everything but the weights that affects the measurement."""
+    packages = ("torch", "ultralytics-opencv-headless", "onnxruntime", "openvino")
+    told = [
+        __version__, platform.node(), platform.machine(), platform.processor(), os.cpu_count(), threads, device,
+        weights.input_px, runtimes, [_version(package) for package in packages],
+    ]  # fmt: skip
+    return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _is_whole(export: Path) -> bool:
+    try:
+        return bool(check_file(export))
+    except (OSError, WrongChecksum):
+        return False
+
+
+def _user_cache_dir() -> Path:
+    import platformdirs
+
+    return platformdirs.user_cache_path("caris-desktop", appauthor=False) / "detectors"
+
+
+def _recall(path: Path) -> MeasuredChoice | None:
+    try:
+        told: Any = parse_json(path.read_text(encoding="utf-8"))
+        return MeasuredChoice(
+            str(told["runtime"]),
+            {str(name): float(ms) for name, ms in told["ms"].items()},
+            {str(name): str(why) for name, why in told["why_not"].items()},
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _remember(path: Path, choice: MeasuredChoice) -> None:
+    told = {"runtime": choice.runtime, "ms": choice.ms, "why_not": choice.why_not}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, json.dumps(told, indent=1).encode(), durable=False)
+    except OSError as error:
+        log.info("what was measured is not kept: %s", error)

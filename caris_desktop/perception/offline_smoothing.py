@@ -1,0 +1,147 @@
+"""Offline smoothing of tracks, once all frames are known: for recordings, never for the console."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.perception.box_motion import Floats
+from caris_desktop.perception.tracker import TrackedBox
+
+_LOOKS_SAME, _LOOKS_LIKELY = 0.25, 0.4
+_GOOD_VIEW = 0.4
+_NEAR_S = 1.5
+"""How long somebody may have been gone who goes on where their way led."""
+_WAY_OF_S = 0.5
+_NEAR_OF_HEIGHT = 0.5
+_FILLED_S = 2.0
+"""How long somebody may be unseen and still be put between where they were before and after."""
+NOBODY_FOUND = 0.0
+"""The confidence of boxes that were put between two others."""
+
+
+@dataclass(slots=True)
+class _Stretch:
+    """All boxes of one track number. ``looks`` is a sum over good views."""
+
+    number: int
+    pictures: set[int]
+    first: TrackedBox
+    looks: Floats | None = None
+
+
+def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
+    """Tracks with fragments joined, and gaps of up to two seconds filled.
+
+    ``pictures`` are the people in each frame of one camera, ``stamps_s`` the capture times. Filled boxes have the
+    confidence :data:`NOBODY_FOUND`.
+    """
+    one_for = linked(pictures, stamps_s)
+    joined = [[replace(box, track=one_for[box.track]) for box in boxes] for boxes in pictures]
+    return _filled(joined, stamps_s)
+
+
+def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> dict[int, int]:
+    """Representative number of each track's person; two boxes of one frame never share one."""
+    stretches = _stretches(pictures)
+    one_for = {number: number for number in stretches}
+    for first, second in _nearest_first(stretches, pictures, stamps_s):
+        a, b = stretches[one_for[first]], stretches[one_for[second]]
+        if a is b or a.pictures & b.pictures or _apart(a, b, unknown=0.0) > _LOOKS_LIKELY:
+            continue
+        a.pictures |= b.pictures
+        if b.looks is not None:
+            a.looks = b.looks if a.looks is None else a.looks + b.looks
+        one_for = {number: a.number if one == b.number else one for number, one in one_for.items()}
+    return one_for
+
+
+def _nearest_first(
+    stretches: dict[int, _Stretch], pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
+) -> list[tuple[int, int]]:
+    """Candidate pairs: continued motion first, then similar appearance, most likely first."""
+    pairs: list[tuple[float, int, int]] = []
+    for a, b in itertools.permutations(stretches.values(), 2):
+        if max(a.pictures) < min(b.pictures):
+            way = _off_the_way(a, b, pictures, stamps_s)
+            if way <= _NEAR_OF_HEIGHT:
+                pairs.append((way - 1.0, a.number, b.number))
+    for a, b in itertools.combinations(stretches.values(), 2):
+        apart = _apart(a, b, unknown=1.0)
+        if apart <= _LOOKS_SAME:
+            pairs.append((apart, a.number, b.number))
+    return [(first, second) for _, first, second in sorted(pairs)]
+
+
+def _off_the_way(
+    a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
+) -> float:
+    """Distance of the start of ``b`` from the extrapolated ``a``, in box heights; infinite after too long a gap."""
+    last, begins = max(a.pictures), min(b.pictures)
+    gone_s = stamps_s[begins] - stamps_s[last]
+    if gone_s > _NEAR_S:
+        return float("inf")
+    before = min((at for at in a.pictures if stamps_s[last] - stamps_s[at] <= _WAY_OF_S), default=last)
+    ended, earlier = _middle(_box(pictures, last, a.number)), _middle(_box(pictures, before, a.number))
+    way = (ended - earlier) / max(1e-9, stamps_s[last] - stamps_s[before]) if before != last else np.zeros(2)
+    height_px = max(1.0, b.first.height_px)
+    return float(np.linalg.norm(_middle(b.first) - ended - way * gone_s) / height_px)
+
+
+def _stretches(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
+    stretches: dict[int, _Stretch] = {}
+    for at, boxes in enumerate(pictures):
+        for box in boxes:
+            stretch = stretches.setdefault(box.track, _Stretch(box.track, set(), box))
+            stretch.pictures.add(at)
+            if box.looks is not None and box.quality >= _GOOD_VIEW:
+                seen = box.quality * box.looks
+                stretch.looks = seen if stretch.looks is None else stretch.looks + seen
+    return stretches
+
+
+def _apart(a: _Stretch, b: _Stretch, *, unknown: float) -> float:
+    """Cosine distance of the mean embeddings."""
+    if a.looks is None or b.looks is None:
+        return unknown
+    return 1.0 - float(a.looks @ b.looks / (np.linalg.norm(a.looks) * np.linalg.norm(b.looks)))
+
+
+def _filled(pictures: list[list[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
+    filled = [list(boxes) for boxes in pictures]
+    seen: dict[int, tuple[int, TrackedBox]] = {}
+    for at, boxes in enumerate(pictures):
+        for box in boxes:
+            before = seen.get(box.track)
+            if before is not None and at - before[0] > 1 and stamps_s[at] - stamps_s[before[0]] <= _FILLED_S:
+                for between in range(before[0] + 1, at):
+                    part = (stamps_s[between] - stamps_s[before[0]]) / max(1e-9, stamps_s[at] - stamps_s[before[0]])
+                    filled[between].append(_between(before[1], box, part))
+            seen[box.track] = (at, box)
+    return filled
+
+
+def _between(before: TrackedBox, after: TrackedBox, part: float) -> TrackedBox:
+    def at(first: float, second: float) -> float:
+        return first + part * (second - first)
+
+    return TrackedBox(
+        before.track,
+        at(before.left_px, after.left_px),
+        at(before.top_px, after.top_px),
+        at(before.width_px, after.width_px),
+        at(before.height_px, after.height_px),
+        NOBODY_FOUND,
+        -1,
+    )
+
+
+def _box(pictures: Sequence[Sequence[TrackedBox]], at: int, number: int) -> TrackedBox:
+    return next(box for box in pictures[at] if box.track == number)
+
+
+def _middle(box: TrackedBox) -> NDArray[np.float64]:
+    return np.array([box.left_px + box.width_px / 2, box.top_px + box.height_px / 2])

@@ -1,0 +1,40 @@
+"""``caris-desktop agreement``: how far two coders of a session agree."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_store import load_documents
+from caris_desktop.recording.annotation.coder_agreement import compare_coders, report
+from caris_desktop.recording.session.session_header import SessionError, read_header
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path, help="folder of the session")
+    parser.add_argument("first", metavar="CODER_A", help="the one coder")
+    parser.add_argument("second", metavar="CODER_B", help="the other coder")
+    parser.add_argument("--tier", default="", help="compare this tier only (default: all that both have)")
+    parser.add_argument("--unit", type=int, default=100, metavar="MS", help="unit of time (default: %(default)s ms)")
+    parser.add_argument(
+        "--tolerance",
+        type=int,
+        default=500,
+        metavar="MS",
+        help="how far boundaries of matching annotations may lie apart (default: %(default)s ms)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status: 0 if compared, 1 if not (reason on stderr)."""
+    try:
+        read_header(args.session)
+        document = load_documents(args.session)
+        results = compare_coders(
+            document, args.first, args.second, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance
+        )
+    except (SessionError, AnnotationError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print("\n".join(report(result) for result in results), end="")
+    return 0

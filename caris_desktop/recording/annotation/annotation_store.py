@@ -1,0 +1,246 @@
+"""Annotation files ``SESSION/annotations/CODER.json``, one for each coder.
+
+They are outside the session's manifest, which is final when recording ends, while coding continues. A file that this
+program cannot read is never overwritten.
+"""
+
+import errno
+import hashlib
+import json
+import logging
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.schema_fields import data_of, value_from
+from caris_desktop.domain.schema_validation import problems
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.recording.annotation.annotation_editing import (
+    AnnotationError,
+    check_document,
+    merge_documents,
+    sorted_document,
+    tiers_of_coder,
+)
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedStretch, CodedTier, Coding
+from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
+
+_FOLDER = "annotations"
+_MAX_FILE_MB = 64
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)  # file names that Windows reserves
+_log = logging.getLogger(__name__)
+
+
+def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = None) -> AnnotationDocument:
+    """Annotations of all coders in ``folder``, each in tiers of their own; empty if there are none.
+
+    An unusable file is reported to ``on_damaged`` and left out; without that callback the first one raises
+    AnnotationError.
+    """
+    documents = []
+    for path in annotation_files(folder):
+        try:
+            document, _ = _load(path)
+        except AnnotationError as error:
+            if on_damaged is None:
+                raise
+            on_damaged(str(error))
+            continue
+        documents.append(document)
+    merged = merge_documents(*documents)
+    return replace(merged, duration_ms=max(merged.duration_ms, _duration_ms(folder)))
+
+
+def load_coding(path: Path) -> AnnotationDocument:
+    """Annotations of one coder, from the file ``path``. Raises AnnotationError."""
+    return _load(path)[0]
+
+
+def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
+    """Write the tiers of ``coder`` atomically into the session in ``folder``; return the path.
+
+    Raises
+    ------
+    AnnotationError
+        If the tiers break the rules, the disk does not take them, or the coder's file is there and damaged: it stays
+        as it is then.
+    """
+    mine = sorted_document(tiers_of_coder(document, coder))
+    check_document(mine)
+    target = folder / _FOLDER
+    path = _path_of(folder, coder)
+    text = json.dumps(coding_jsonable(mine, coder), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    try:
+        target.mkdir(exist_ok=True)
+        replace_file(path, text.encode(), durable=True)
+    except OSError as error:
+        raise AnnotationError(_explain(error, path)) from error
+    return path
+
+
+def annotation_files(folder: Path) -> tuple[Path, ...]:
+    """Annotation files of all coders in ``folder``."""
+    try:
+        paths = (folder / _FOLDER).glob("*.json")
+        return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
+    except OSError as error:
+        raise AnnotationError(
+            QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _FOLDER, why=error.strerror or error
+        ) from error
+
+
+def _duration_ms(folder: Path) -> int:
+    try:
+        times = times_of(read_header(folder), folder)
+    except SessionError:
+        return 0
+    return 0 if times.ended_ns is None else max(0, -(-(times.ended_ns - times.clock.started_ns) // 1_000_000))
+
+
+def _path_of(folder: Path, coder: str) -> Path:
+    """The coder's file: the one that names this coder, or an unused name."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", coder).strip("-")[:60]
+    suffix = hashlib.sha256(coder.encode("utf-8", "replace")).hexdigest()[:8]
+    if plain == coder and not _RESERVED.fullmatch(plain):
+        names = [f"{plain}.json", f"{plain}-{suffix}.json"]
+    else:
+        names = [f"{plain or 'coder'}-{suffix}.json"]
+    files = {path.name.casefold(): path for path in annotation_files(folder)}
+    for name in names:
+        # On case-insensitive file systems, Anna and anna must not overwrite each other.
+        path = files.get(name.casefold())
+        if path is None:
+            return folder / _FOLDER / name
+        if _load(path)[1] == coder:
+            return path
+    raise AnnotationError(
+        QT_TR_NOOP("{path} holds the annotations of somebody else. Choose another name of the coder."),
+        path=folder / _FOLDER / names[-1],
+    )
+
+
+def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
+    """Content of a coder's file."""
+    tiers = tuple(
+        CodedTier(
+            tier.tier_id,
+            tier.name,
+            tier.vocabulary,
+            tuple(
+                CodedStretch(item.annotation_id, item.start_ms, item.end_ms, item.value)
+                for item in document.of_tier(tier.tier_id)
+            ),
+            tier.participant,
+        )
+        for tier in document.tiers
+    )
+    saved_utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    coding: dict[str, Any] = data_of(
+        Coding, Coding(coder, document.vocabularies, tiers, saved_utc, document.duration_ms)
+    )
+    return coding
+
+
+def file_content(path: Path) -> bytes:
+    """Content of an annotation file of any format. Raises AnnotationError, also if it is too large."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_FILE_MB * 2**20 + 1)
+    except OSError as error:
+        raise AnnotationError(
+            QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error
+        ) from error
+    if len(content) > _MAX_FILE_MB * 2**20:
+        raise AnnotationError(
+            QT_TR_NOOP("{path} is larger than {megabytes} MB: too large to be annotations."),
+            path=path,
+            megabytes=_MAX_FILE_MB,
+        )
+    return content
+
+
+def _load(path: Path) -> tuple[AnnotationDocument, str]:
+    """Document in one file, and its coder."""
+    try:
+        data = json.loads(file_content(path))
+    except (ValueError, RecursionError) as error:
+        _log.warning("%s: %s", path, error)
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged: it is not whole, or was changed by hand. It stays as it is: restore"
+                " it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+        ) from error
+    version = data.get("format_version") if isinstance(data, dict) else None
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} has version {version}; this program reads up to version {newest}. Update CARIS Desktop."
+            ),
+            path=path,
+            version=version,
+            newest=FORMAT_VERSION,
+        )
+    for place, problem in problems(Coding, data):
+        _log.warning("%s: %s", path, problem)
+        where = "/".join(str(step) for step in place) or QT_TR_NOOP("the file as a whole")
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged: {where} is not as it must be; the log has the details. It stays as"
+                " it is: restore it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+            where=where,
+        )
+    coding: Coding = value_from(Coding, data)
+    document = _document(coding)
+    try:
+        check_document(document)
+    except AnnotationError as error:
+        raise AnnotationError(
+            QT_TR_NOOP(
+                "{path} is damaged. {error} It stays as it is: restore it from a copy, or move it away to begin anew."
+            ),
+            path=path,
+            error=error,
+        ) from error
+    return document, coding.coder
+
+
+def _document(coding: Coding) -> AnnotationDocument:
+    tiers = tuple(
+        Tier(tier.tier_id, tier.name, coding.coder, tier.vocabulary, tier.participant) for tier in coding.tiers
+    )
+    annotations = tuple(
+        Annotation(item.annotation_id, tier.tier_id, item.start_ms, item.end_ms, item.value)
+        for tier in coding.tiers
+        for item in tier.annotations
+    )
+    return sorted_document(AnnotationDocument(tiers, coding.vocabularies, annotations, coding.duration_ms))
+
+
+def _explain(error: OSError, path: Path) -> str:
+    if no_room(error):
+        return localized(
+            QT_TR_NOOP("The disk is full: {file} was not saved. Free some room, then save again."), file=path.name
+        )
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return localized(
+            QT_TR_NOOP(
+                "{folder} cannot be written to ({why}): the annotations were not saved. Copy the session to a place"
+                " where you may write and annotate it there, or export the annotations."
+            ),
+            folder=path.parent,
+            why=error.strerror,
+        )
+    return localized(
+        QT_TR_NOOP("{path} was not saved: {why}. Check the disk, then save again."),
+        path=path,
+        why=error.strerror or error,
+    )

@@ -1,0 +1,303 @@
+"""Inter-coder agreement: Cohen's kappa per unit of time and per annotation, and boundary offsets.
+
+Cohen, J. (1960). A coefficient of agreement for nominal scales. Educational and Psychological Measurement, 20, 37-46.
+Per unit of time, each interval counts by its length, including time that neither coder annotated. Per annotation, each
+annotation counts once; one without a counterpart counts as a disagreement.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, coders_of, tier_of
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+
+NOTHING = ""  # the code of a unit of time without an annotation
+UNNAMED = "(no value)"  # the code of an annotation with an empty value
+UNMATCHED = "(unmatched)"  # the code of an annotation without a counterpart from the other coder
+LEAST_OVERLAP = 0.5
+_MOST_UNITS = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Confusion matrix and kappa: ``matrix[i][j]`` counts ``labels[i]`` of the first coder against ``labels[j]`` of the
+    second.
+
+    ``kappa`` is None where it is undefined: no codes, or a single label throughout. ``observed`` is the share of equal
+    codes, None without any code.
+    """
+
+    labels: tuple[str, ...]
+    matrix: tuple[tuple[int, ...], ...]
+    kappa: float | None
+    observed: float | None
+
+    @property
+    def count(self) -> int:
+        """Number of compared codes per coder."""
+        return sum(map(sum, self.matrix))
+
+
+@dataclass(frozen=True, slots=True)
+class BoundaryOffsets:
+    """Second coder minus first, in milliseconds, over the matched annotations: offsets of starts and of ends.
+
+    ``mean`` is signed: positive where the second coder is later. ``worst`` is the largest absolute offset.
+    """
+
+    matched: int
+    start_mean_ms: float
+    start_worst_ms: float
+    end_mean_ms: float
+    end_worst_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class TierAgreement:
+    """Comparison of two coders' tiers; ``per_unit`` counts units of ``unit_ms``.
+
+    ``per_annotation`` counts annotations: two match if both boundaries lie within ``tolerance_ms``, or if their overlap
+    is at least half of their union.
+    """
+
+    tier: str
+    coders: tuple[str, str]
+    unit_ms: int
+    tolerance_ms: int
+    per_unit: Agreement
+    per_annotation: Agreement
+    offsets: BoundaryOffsets | None
+
+
+def agreement(first: Sequence[str], second: Sequence[str]) -> Agreement:
+    """Cohen's kappa of two sequences of codes of equal length. Raises ValueError for unequal lengths."""
+    return _agreement(Counter(zip(first, second, strict=True)))
+
+
+def compare_tiers(
+    document: AnnotationDocument,
+    first_tier_id: str,
+    second_tier_id: str,
+    *,
+    unit_ms: int = 100,
+    tolerance_ms: int = 500,
+) -> TierAgreement:
+    """Compare two tiers over the whole session. Raises AnnotationError for an unknown tier."""
+    first, second = tier_of(document, first_tier_id), tier_of(document, second_tier_id)
+    one, other = document.of_tier(first_tier_id), document.of_tier(second_tier_id)
+    ended_ms = max([document.duration_ms, *(item.end_ms for item in (*one, *other))])
+    if unit_ms < 1 or tolerance_ms < 0 or ended_ms // unit_ms > _MOST_UNITS:
+        raise AnnotationError(
+            QT_TR_NOOP("Units of {unit_ms} ms with a tolerance of {tolerance_ms} ms cannot be compared."),
+            unit_ms=unit_ms,
+            tolerance_ms=tolerance_ms,
+        )
+    codes, offsets = _matched(one, other, tolerance_ms)
+    return TierAgreement(
+        tier=first.name if first.name == second.name else f"{first.name} / {second.name}",
+        coders=(first.coder or "record", second.coder or "record"),
+        unit_ms=unit_ms,
+        tolerance_ms=tolerance_ms,
+        per_unit=agreement(unit_codes(one, ended_ms, unit_ms), unit_codes(other, ended_ms, unit_ms)),
+        per_annotation=_agreement(codes),
+        offsets=offsets,
+    )
+
+
+def compare_coders(
+    document: AnnotationDocument,
+    first: str,
+    second: str,
+    *,
+    tier: str = "",
+    unit_ms: int = 100,
+    tolerance_ms: int = 500,
+) -> tuple[TierAgreement, ...]:
+    """Compare all tiers that both coders have under the same name, or only the one named ``tier``.
+
+    Raises AnnotationError if there is nothing to compare.
+    """
+    coders = coders_of(document)
+    for coder in (first, second):
+        if coder not in coders:
+            known = QT_TR_NOOP("There are no annotations of {coder}. There are: {coders}.")
+            nobody = QT_TR_NOOP("There are no annotations of {coder}. Nobody has annotated this session yet.")
+            raise AnnotationError(known if coders else nobody, coder=coder, coders=", ".join(coders))
+    theirs: dict[str, Tier] = {item.name: item for item in document.tiers if item.coder == second}
+    pairs = [
+        (mine, theirs[mine.name])
+        for mine in document.tiers
+        if mine.coder == first and mine.name in theirs and tier in ("", mine.name)
+    ]
+    if not pairs:
+        raise AnnotationError(
+            localized(
+                QT_TR_NOOP(
+                    "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by their"
+                    " names: rename one of them."
+                ),
+                first=first,
+                second=second,
+                tier=tier,
+            )
+            if tier
+            else localized(
+                QT_TR_NOOP(
+                    "{first} and {second} do not both have a tier of the same name. Tiers are compared by"
+                    " their names: rename one of them."
+                ),
+                first=first,
+                second=second,
+            )
+        )
+    return tuple(
+        compare_tiers(document, mine.tier_id, other.tier_id, unit_ms=unit_ms, tolerance_ms=tolerance_ms)
+        for mine, other in pairs
+    )
+
+
+def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -> list[str]:
+    """Code of a tier in each unit of time: the value at the middle of the unit."""
+    count = -(-ended_ms // unit_ms)
+    codes = [NOTHING] * count
+    for item in annotations:
+        # The middle of unit n is at (n + 1/2) * unit_ms.
+        first = max(0, -(-(2 * item.start_ms - unit_ms) // (2 * unit_ms)))
+        beyond = min(count, -(-(2 * item.end_ms - unit_ms) // (2 * unit_ms)))
+        codes[first:beyond] = [item.value or UNNAMED] * max(beyond - first, 0)
+    return codes
+
+
+def report(result: TierAgreement) -> str:
+    """Report of a comparison as plain text with tables."""
+    first, second = result.coders
+    units, items = result.per_unit, result.per_annotation
+    lines = [
+        f"Tier: {result.tier}",
+        f"Coders: {first} and {second}",
+        "",
+        f"Per unit of time ({result.unit_ms} ms; {units.count} units, those without an annotation included):",
+        f"  Cohen's kappa {_figure(units.kappa)}{_in_words(units.kappa)}, agreement {_percent(units.observed)}",
+        *_table(units, first, second),
+        "",
+        f"Per annotation (boundaries within {result.tolerance_ms} ms, or at least half of the time shared):",
+        f"  Cohen's kappa {_figure(items.kappa)}{_in_words(items.kappa)}, agreement {_percent(items.observed)}",
+        f"  {_matches(result)}",
+        *_table(items, first, second),
+    ]
+    if result.offsets is not None:
+        offsets = result.offsets
+        lines += [
+            "",
+            f"Boundaries of the matched ones, {second} minus {first}: "
+            f"start {offsets.start_mean_ms:+.0f} ms on average (at most {offsets.start_worst_ms:.0f} ms), "
+            f"end {offsets.end_mean_ms:+.0f} ms (at most {offsets.end_worst_ms:.0f} ms)",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _agreement(pairs: Counter[tuple[str, str]]) -> Agreement:
+    labels = tuple(sorted({label for pair in pairs for label in pair}))
+    matrix = tuple(tuple(pairs[one, other] for other in labels) for one in labels)
+    total = sum(map(sum, matrix))
+    if not total:
+        return Agreement((), (), None, None)
+    agreed = sum(matrix[index][index] for index in range(len(labels)))
+    of_first = [sum(row) for row in matrix]
+    of_second = [sum(column) for column in zip(*matrix, strict=True)]
+    # Integers until the last step, so that the result is exact.
+    by_chance = sum(one * other for one, other in zip(of_first, of_second, strict=True))
+    kappa = None if by_chance == total * total else (agreed * total - by_chance) / (total * total - by_chance)
+    return Agreement(labels, matrix, kappa, agreed / total)
+
+
+def _matched(
+    first: Sequence[Annotation], second: Sequence[Annotation], tolerance_ms: int
+) -> tuple[Counter[tuple[str, str]], BoundaryOffsets | None]:
+    """Greedy matching, best pairs first, each annotation in at most one pair; the rest has no counterpart."""
+    candidates: list[tuple[float, int, int, int]] = []
+    begin = 0
+    for number, one in enumerate(first):
+        # Both sequences are sorted and free of overlaps: what ends too early for this one does for the next.
+        while begin < len(second) and second[begin].end_ms + tolerance_ms < one.start_ms:
+            begin += 1
+        for index in range(begin, len(second)):
+            other = second[index]
+            if other.start_ms > one.end_ms + tolerance_ms:
+                break
+            shared_ms = max(0, min(one.end_ms, other.end_ms) - max(one.start_ms, other.start_ms))
+            covered_ms = max(one.end_ms, other.end_ms) - min(one.start_ms, other.start_ms)
+            offset_ms = max(abs(one.start_ms - other.start_ms), abs(one.end_ms - other.end_ms))
+            if offset_ms <= tolerance_ms or shared_ms >= LEAST_OVERLAP * covered_ms:
+                candidates.append((-shared_ms / covered_ms, offset_ms, number, index))
+    codes: Counter[tuple[str, str]] = Counter()
+    taken_first: set[int] = set()
+    taken_second: set[int] = set()
+    starts_ms, ends_ms = [], []
+    for _, _, number, index in sorted(candidates):
+        if number in taken_first or index in taken_second:
+            continue
+        taken_first.add(number)
+        taken_second.add(index)
+        one, other = first[number], second[index]
+        codes[one.value or UNNAMED, other.value or UNNAMED] += 1
+        starts_ms.append(other.start_ms - one.start_ms)
+        ends_ms.append(other.end_ms - one.end_ms)
+    codes.update((one.value or UNNAMED, UNMATCHED) for n, one in enumerate(first) if n not in taken_first)
+    codes.update((UNMATCHED, other.value or UNNAMED) for n, other in enumerate(second) if n not in taken_second)
+    if not starts_ms:
+        return codes, None
+    return codes, BoundaryOffsets(
+        matched=len(starts_ms),
+        start_mean_ms=sum(starts_ms) / len(starts_ms),
+        start_worst_ms=max(map(abs, starts_ms)),
+        end_mean_ms=sum(ends_ms) / len(ends_ms),
+        end_worst_ms=max(map(abs, ends_ms)),
+    )
+
+
+def _figure(kappa: float | None) -> str:
+    return "not defined (one and the same code throughout, or none)" if kappa is None else f"{kappa:.3f}"
+
+
+def _in_words(kappa: float | None) -> str:
+    """Grade after Landis and Koch (1977)."""
+    if kappa is None:
+        return ""
+    grades = ((0.0, "poor"), (0.2, "slight"), (0.4, "fair"), (0.6, "moderate"), (0.8, "substantial"))
+    return f" ({next((word for limit, word in grades if kappa <= limit), 'almost perfect')})"
+
+
+def _percent(share: float | None) -> str:
+    return "not defined" if share is None else f"{100 * share:.1f} %"
+
+
+def _matches(result: TierAgreement) -> str:
+    alone = [
+        sum(
+            row[column]
+            for one, row in zip(result.per_annotation.labels, result.per_annotation.matrix, strict=True)
+            for column, other in enumerate(result.per_annotation.labels)
+            if (one, other)[side] == UNMATCHED
+        )
+        for side in (1, 0)
+    ]
+    matched = result.offsets.matched if result.offsets is not None else 0
+    return f"{matched} matched, {alone[0]} only of {result.coders[0]}, {alone[1]} only of {result.coders[1]}"
+
+
+def _table(counts: Agreement, first: str, second: str) -> list[str]:
+    """Confusion matrix as text: first coder in rows, second in columns, which are numbered so that long codes fit."""
+    if not counts.labels:
+        return []
+    names = [" ".join(label.split()) or "(nothing)" for label in counts.labels]
+    names = [name if len(name) <= 24 else f"{name[:23]}…" for name in names]
+    wide = max(len(name) for name in names)
+    figures = max(5, *(len(str(count)) for row in counts.matrix for count in row))
+    numbers = "".join(f"{number:>{figures + 1}}" for number in range(1, len(names) + 1))
+    lines = [f"  rows: {first}, columns: {second}", f"  {'':>{wide + 4}}{numbers}"]
+    for number, (name, row) in enumerate(zip(names, counts.matrix, strict=True), start=1):
+        lines.append(f"  {number:>3} {name:<{wide}}" + "".join(f"{count:>{figures + 1}}" for count in row))
+    return lines

@@ -1,0 +1,266 @@
+"""Build the overview of a session for its timeline: tiers, waveforms and speed curve in one pass."""
+
+import logging
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.events import CommandSent
+from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, streams_of_tiers
+from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
+from caris_desktop.recording.session.session_marks import FinalMark
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance
+
+BUCKET_NS = 20_000_000
+_SPEED_EVERY_NS = 50_000_000
+_POSE_EVERY_NS = 200_000_000  # the speed between closer poses is mostly noise
+_LONGEST_STEP_NS = 2_000_000_000
+_READ_SAMPLES = 1 << 20
+_LONGEST_NS = 48 * 3600 * 1_000_000_000  # a stamp far outside the session must not exhaust memory
+_SPEAKERS = {"participant": QT_TR_NOOP("participant"), "robot": QT_TR_NOOP("robot"), "wizard": QT_TR_NOOP("wizard")}
+_MARKS = {"wizard_error": QT_TR_NOOP("Wizard error"), "note": QT_TR_NOOP("Note"), "mark": QT_TR_NOOP("Mark")}
+_log = logging.getLogger(__name__)
+
+
+def build_overview(session: Session, progress: Callable[[float], None] | None = None) -> SessionOverview:
+    """Build the overview. Any thread; ``progress`` gets 0..1 and may raise to cancel. Raises SessionError.
+
+    Reads events, odometry (else poses, else commands) and the audio index; skips scans, maps and video. An unreadable
+    audio file is logged and left out.
+    """
+    tell = progress or (lambda _fraction: None)
+    record, speed, sound = TimelineBuilder(session), _Speed(session.started_ns), _Sound(session)
+    for number, (_, value) in enumerate(session.values(*streams_of_tiers(), "odometry", "pose", "audio")):
+        match value:
+            case Odometry() | RobotPose():
+                speed.add(value)
+            case AudioBlock():
+                sound.add(value)
+            case _:
+                record.add(value)
+                if isinstance(value, CommandSent):
+                    speed.add(value)
+        if number % 2000 == 0:
+            tell(0.7 * record.fraction_of(value.stamp_ns))
+    waveforms = tuple(sound.waveforms(lambda fraction: tell(0.7 + 0.25 * fraction)))
+    tiers = record.tiers()
+    moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in record.marks()]
+    moments += [
+        Moment("utterance", item.start_ns, _said(item))
+        for item in record.utterances()
+        if item.said and item.start_ns is not None
+    ]
+    moments.sort(key=lambda moment: moment.at_ns)
+    tell(1.0)
+    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), record.steps())
+
+
+def run_overview(connection: Connection, session: Session) -> None:
+    """Process entry point: send the SessionOverview and exit."""
+    if hasattr(os, "nice"):
+        os.nice(5)
+    connection.send(build_overview(session))
+
+
+def _said(item: SpokenUtterance) -> str:
+    who = localized(_SPEAKERS[item.speaker]) if item.speaker in _SPEAKERS else item.speaker
+    return localized(QT_TR_NOOP("{who}: {text}"), who=who, text=item.text)
+
+
+def _mark_text(mark: FinalMark) -> str:
+    label = mark.label or localized(_MARKS[mark.kind])
+    return localized(QT_TR_NOOP("{label}: {note}"), label=label, note=mark.note) if mark.note else label
+
+
+def _cameras(session: Session) -> tuple[str, ...]:
+    videos = session.header.get("videos")
+    rows = [row for row in videos if isinstance(row, dict)] if isinstance(videos, list) else []
+    cameras = [str(row.get("camera", "")) for row in rows if (session.folder / str(row.get("file_name"))).is_file()]
+    return tuple(dict.fromkeys(camera for camera in cameras if camera))
+
+
+class _Speed:
+    """Speed curve, at most 20 points per second."""
+
+    def __init__(self, started_ns: int) -> None:
+        self._started_ns = started_ns
+        self._points: dict[type[Any], list[tuple[float, float, float]]] = {Odometry: [], RobotPose: [], CommandSent: []}
+        self._next_ns: dict[type[Any], int] = {}
+        self._pose: RobotPose | None = None
+
+    def add(self, value: Odometry | RobotPose | CommandSent) -> None:
+        if value.stamp_ns < self._next_ns.get(type(value), value.stamp_ns):
+            return
+        every_ns = _POSE_EVERY_NS if isinstance(value, RobotPose) else _SPEED_EVERY_NS
+        self._next_ns[type(value)] = value.stamp_ns + every_ns
+        second = (value.stamp_ns - self._started_ns) / 1e9
+        if isinstance(value, RobotPose):
+            before, self._pose = self._pose, value
+            step_ns = value.stamp_ns - before.stamp_ns if before is not None else 0
+            if before is None or not 0 < step_ns <= _LONGEST_STEP_NS:
+                return
+            was, now = before.pose_in_map, value.pose_in_map
+            speed_mps = math.hypot(now.x_m - was.x_m, now.y_m - was.y_m) / step_ns * 1e9
+            turn_radps = math.remainder(now.heading_rad - was.heading_rad, 2 * math.pi) / step_ns * 1e9
+            self._points[RobotPose].append((second, speed_mps, turn_radps))
+        else:
+            twist = value.twist
+            speed_mps = math.copysign(math.hypot(twist.forward_mps, twist.left_mps), twist.forward_mps)
+            self._points[type(value)].append((second, speed_mps, twist.turn_radps))
+
+    def curve(self) -> NDArray[np.float32]:
+        points = next((points for points in self._points.values() if points), [])
+        return np.array(points, np.float32).reshape(-1, 3)
+
+
+@dataclass(slots=True)
+class _Track:
+    """Audio of one file: time of its samples, chunk by chunk."""
+
+    source: str
+    file_name: str
+    blocks: list[tuple[int, int, int, int]] = field(default_factory=list)  # stamp_ns, first_sample, count, rate
+
+
+class _Sound:
+    """Computes the waveforms of the session's audio files."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._tracks: dict[str, _Track] = {}
+
+    def add(self, block: AudioBlock) -> None:
+        track = self._tracks.setdefault(block.file_name, _Track(block.source, block.file_name))
+        within = abs(block.stamp_ns - self._session.started_ns) < _LONGEST_NS
+        if block.sample_rate_hz > 0 and block.sample_count > 0 and block.first_sample >= 0 and within:
+            track.blocks.append((block.stamp_ns, block.first_sample, block.sample_count, block.sample_rate_hz))
+
+    def waveforms(self, progress: Callable[[float], None]) -> Iterator[Waveform]:
+        for number, track in enumerate(self._tracks.values()):
+            progress(number / len(self._tracks))
+            if track.blocks:
+                try:
+                    yield _waveform(track, self._session.folder)
+                except (OSError, ValueError) as error:
+                    _log.warning("%s: no waveform of %s: %s", self._session.folder, track.file_name, error)
+
+
+def _waveform(track: _Track, folder: Path) -> Waveform:
+    """Waveform of one file. Raises OSError, and ValueError if it is not a session's audio file."""
+    if not re.fullmatch(r"[\w .-]+", track.file_name):
+        raise ValueError("not a file of the session")
+    runs = sound_runs(track.blocks, within_ns=BUCKET_NS // 2)
+    first_ns = min(stamp_ns for stamp_ns, *_ in runs)
+    last_ns = max(stamp_ns + count * 1_000_000_000 // rate for stamp_ns, _, count, rate in runs)
+    if last_ns - first_ns > _LONGEST_NS:
+        raise ValueError("it says that it is longer than two days")
+    peaks = np.zeros(((last_ns - first_ns) // BUCKET_NS + 1, 2), np.float32)
+    with WavReader(folder / track.file_name) as wav:
+        for stamp_ns, first, count, rate in runs:
+            for at, samples in wav.read(first, count):
+                offsets_ns = (at - first + np.arange(len(samples), dtype=np.int64)) * 1_000_000_000 // rate
+                buckets = (stamp_ns - first_ns + offsets_ns) // BUCKET_NS
+                starts = np.flatnonzero(np.diff(buckets, prepend=-1))
+                where = buckets[starts]
+                peaks[where, 0] = np.minimum(peaks[where, 0], np.minimum.reduceat(samples, starts))
+                peaks[where, 1] = np.maximum(peaks[where, 1], np.maximum.reduceat(samples, starts))
+    return Waveform(track.source, first_ns, BUCKET_NS, peaks)
+
+
+def sound_runs(blocks: Sequence[tuple[int, int, int, int]], *, within_ns: int) -> list[tuple[int, int, int, int]]:
+    """Continuous runs of an audio file, from blocks of (stamp_ns, first_sample, sample_count, sample_rate_hz).
+
+    A single run if file time maps to session time within ``within_ns``, as the recorder writes it; otherwise blocks are
+    joined where they are contiguous in file and in time.
+    """
+    begins_ns = sorted(stamp_ns - first * 1_000_000_000 // rate for stamp_ns, first, _, rate in blocks)
+    begin_ns = begins_ns[len(begins_ns) // 2]
+    unrest_ns = max(begin_ns - begins_ns[0], begins_ns[-1] - begin_ns)
+    if unrest_ns <= within_ns and len({rate for *_, rate in blocks}) == 1:
+        return [(begin_ns, 0, max(first + count for _, first, count, _ in blocks), blocks[0][3])]
+    runs: list[tuple[int, int, int, int]] = []
+    for block in sorted(blocks, key=lambda block: block[1]):
+        if runs:
+            stamp_ns, first, count, rate = runs[-1]
+            due_ns = stamp_ns + count * 1_000_000_000 // rate
+            if block[3] == rate and block[1] == first + count and abs(block[0] - due_ns) <= within_ns:
+                runs[-1] = (stamp_ns, first, count + block[2], rate)
+                continue
+        runs.append(block)
+    return runs
+
+
+class WavReader:
+    """Samples of a 16-bit PCM WAV file, even if its header was never completed."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file. Raises OSError, and ValueError for another format."""
+        self._file = path.open("rb")
+        try:
+            self.channels, self.sample_rate_hz, self._offset, self.samples = self._layout(path.stat().st_size)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> "WavReader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def read(self, first: int, count: int) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        """Yield (index, float32 in -1..1) of the loudest channel in pieces: ``count`` samples from ``first`` on."""
+        for content in self.read_bytes(first, count):
+            block = np.frombuffer(content, "<i2").reshape(-1, self.channels)
+            loudest = block[:, 0]
+            if self.channels > 1:
+                loudest = block[np.arange(len(block)), np.abs(block.astype(np.int32)).argmax(axis=1)]
+            yield first, loudest.astype(np.float32) / np.float32(32768)
+            first += len(block)
+
+    def read_bytes(self, first: int, count: int) -> Iterator[bytes]:
+        """Yield the raw samples of all channels in pieces."""
+        end = min(first + count, self.samples)
+        frame_bytes = 2 * self.channels
+        while first < end:
+            self._file.seek(self._offset + first * frame_bytes)
+            content = self._file.read(min(end - first, _READ_SAMPLES) * frame_bytes)
+            frames = len(content) // frame_bytes
+            if not frames:
+                return
+            yield content[: frames * frame_bytes]
+            first += frames
+
+    def _layout(self, size_bytes: int) -> tuple[int, int, int, int]:
+        head = self._file.read(12)
+        if head[:4] != b"RIFF" or head[8:] != b"WAVE":
+            raise ValueError("not a WAV file")
+        channels = rate = 0
+        while len(chunk := self._file.read(8)) == 8:
+            name, length = chunk[:4], int.from_bytes(chunk[4:], "little")
+            if name == b"fmt ":
+                content = self._file.read(length)
+                channels = int.from_bytes(content[2:4], "little")
+                rate = int.from_bytes(content[4:8], "little")
+                if int.from_bytes(content[14:16], "little") != 16 or not channels or not rate:
+                    raise ValueError("not 16 bit PCM")
+            elif name == b"data" and channels:
+                offset = self._file.tell()
+                # A killed recording leaves a zero or too large length.
+                length = min(length or size_bytes, size_bytes - offset)
+                return channels, rate, offset, length // (2 * channels)
+            else:
+                self._file.seek(length + length % 2, 1)
+        raise ValueError("it holds no samples")

@@ -1,0 +1,130 @@
+"""``caris-desktop export``: recorded sessions as files for analysis."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
+from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.missing_data import missing_values, missing_words, told_losses
+from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_reader import RECOVERED
+from caris_desktop.recording.session_export import (
+    BY_FORMAT,
+    FORMATS,
+    ExportError,
+    ExportRequest,
+    export_all,
+    export_folders,
+    sessions_in,
+)
+from caris_desktop.recording.terminal import ProgressLine
+
+_CANCELLED = 130
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    width = max(len(fmt.name) for fmt in FORMATS)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "formats:\n" + "\n".join(f"  {fmt.name:<{width}}  {fmt.description}" for fmt in FORMATS)
+    parser.add_argument("session", type=Path, help="folder of a session, or of a study for all of its sessions")
+    parser.add_argument(
+        "--to",
+        type=_formats,
+        default=("csv",),
+        metavar="FORMAT[,FORMAT...]",
+        help="what to write (default: csv); all: every format",
+    )
+    parser.add_argument("--licence", default="", metavar="SPDX", help="licence of the data, such as CC-BY-4.0")
+    parser.add_argument(
+        "--with-names",
+        action="store_true",
+        help="who the wizards and coders were and where the robot is, in place of pseudonyms (W1, C1) and its profile",
+    )
+    add_csv_arguments(parser)
+    parser.add_argument("--verify", action="store_true", help="first compare the files with the session's checksums")
+    parser.add_argument(
+        "out", type=Path, help="folder to make; of a study, each session gets a folder in it. Nothing is overwritten"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status: 0 if everything was exported, 1 if not (reasons on stderr), 130 if cancelled by Ctrl-C."""
+    try:
+        sessions = sessions_in(args.session)
+    except ExportError as error:
+        print(error, file=sys.stderr)
+        return 1
+    damaged = _verify(sessions) if args.verify else []
+    one = sessions == (args.session,)
+    request = ExportRequest(
+        sessions, args.to, args.out, args.licence,
+        folder_per_session=not one, with_names=args.with_names, csv=csv_style_of(args),
+    )  # fmt: skip
+    written = 0
+
+    def count(_folder: Path) -> None:
+        nonlocal written
+        written += 1
+
+    with ProgressLine() as line:
+        try:
+            finished = export_all(request, line.show, on_written=count)
+        except KeyboardInterrupt:
+            line.clear()
+            print(f"Cancelled. {written} of {len(sessions)} exports are whole; nothing else was kept.", file=sys.stderr)
+            return _CANCELLED
+    for sentence in (*finished.notices, *damaged, *finished.problems):
+        print(sentence, file=sys.stderr)
+    if one and finished.written:
+        print(f"Exported {args.session} to {args.out}")
+    elif not one:
+        whole = len(set(finished.written) & set(export_folders(request)))
+        together = "".join(f" and {path.name} of all" for path in finished.written if path.name in BY_FORMAT)
+        print(f"Exported {whole} of {len(sessions)} sessions{together} to {args.out}")
+    return 1 if damaged or finished.problems else 0
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    if text == "all":
+        return tuple(BY_FORMAT)
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    unknown = [name for name in names if name not in BY_FORMAT]
+    if unknown or not names:
+        raise argparse.ArgumentTypeError(
+            f"unknown format {', '.join(unknown) or repr(text)}; allowed: {', '.join(BY_FORMAT)}, all"
+        )
+    return names
+
+
+def _verify(sessions: Sequence[Path]) -> list[str]:
+    """Differences from the manifest, a sentence each; sessions without checksums are listed too.
+
+    What a repair found missing from a closed session is reported even if the checksums match.
+    """
+    found = []
+    for folder in sessions:
+        try:
+            found += [f"{folder.name}: {problem}" for problem in verify_manifest(folder)]
+        except FileNotFoundError:
+            found.append(f"{folder.name}: it has no checksums: it was not closed properly, or by an older version.")
+        except OSError as error:
+            found.append(f"{folder.name}: its checksums cannot be read: {error.strerror or error}.")
+        found += [f"{folder.name}: {loss}" for loss in _losses_since_closed(folder)]
+    return found
+
+
+def _losses_since_closed(folder: Path) -> tuple[str, ...]:
+    try:
+        header = read_header(folder)
+    except SessionError as error:
+        return (str(error),)
+    try:
+        missing = missing_words(header, missing_values(folder, header))
+    except OSError as error:
+        return (
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),
+        )
+    return missing if header.get("reason") == RECOVERED else (*told_losses(header), *missing)

@@ -1,0 +1,260 @@
+"""Tracks of a person in a session's video, interpolated between detections."""
+
+import json
+import logging
+import math
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session import mcap_chunks
+
+_log = logging.getLogger(__name__)
+# A person seen at both ends of such a gap was present in it. Longer gaps without detection are covered entirely.
+_GAP_NS = 3_000_000_000
+_QUICK_NS = 500_000_000
+_HOLD_NS = 1_500_000_000
+_VISIT_GAP_NS = 10_000_000_000
+# Margins of the covered area relative to the box, and a person's motion per second.
+_PAD_WIDTH, _PAD_HEIGHT, _PAD_LEAST = 0.15, 0.08, 0.01
+_WALKS_PER_S, _NODS_PER_S = 0.2, 0.05
+_STAMP = re.compile(rb'"stamp_ns":\s*(-?\d+)')
+_NAMELESS = re.compile(rb'"person_id":\s*""')
+_CAMERA = re.compile(rb'"camera":\s*"((?:[^"\\]|\\.)*)"')
+_PEOPLE = "/people"
+_LINKS = ("/event/person_identified", "/event/people_merged")
+_UNDONE = "/event/people_undone"
+_UNLINKS = ("/event/person_rejected", "/event/person_split", _UNDONE)
+# Undoing a rejection or split restores the link.
+_UNDONE_TO_LINKS = ("rejected", "split")
+_WHOM = ("is_person_id", "into_person_id", "from_person_id")
+
+
+class Area(NamedTuple):
+    """Area of an image, in fractions of its width and height."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def joined(self, other: "Area") -> "Area":
+        return Area(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+        )
+
+    def padded(self, *, after_s: float) -> "Area":
+        wide = max(_PAD_LEAST, _PAD_WIDTH * (self.right - self.left)) + _WALKS_PER_S * after_s
+        high = max(_PAD_LEAST, _PAD_HEIGHT * (self.bottom - self.top)) + _NODS_PER_S * after_s
+        return Area(
+            max(0.0, self.left - wide),
+            max(0.0, self.top - high),
+            min(1.0, self.right + wide),
+            min(1.0, self.bottom + high),
+        )
+
+
+WHOLE = Area(0.0, 0.0, 1.0, 1.0)
+
+
+@dataclass(slots=True)
+class _Track:
+    stamps_ns: list[int] = field(default_factory=list)
+    areas: list[Area] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class PersonTracks:
+    """Tracks of one person in one session, in session time.
+
+    ``looks_ns`` are the times of each camera's detections, with or without people.
+    """
+
+    tracks: dict[str, list[_Track]]
+    looks_ns: dict[str, list[int]]
+    visits_ns: list[tuple[int, int]]
+
+    @property
+    def any(self) -> bool:
+        return bool(self.visits_ns)
+
+    def seen_by(self, camera: str) -> bool:
+        """True if a video of this camera may show the person; without any detection it may show anyone."""
+        return bool(self.tracks.get(camera)) or (self.any and not self.looks_ns.get(camera))
+
+    def areas_at(self, camera: str, at_ns: int) -> tuple[Area, ...]:
+        """Areas of the image to cover."""
+        if self._unseen(camera, at_ns):
+            return (WHOLE,)
+        found = (self._area_of(track, camera, at_ns) for track in self.tracks.get(camera, ()))
+        return tuple(area for area in found if area is not None)
+
+    def _area_of(self, track: _Track, camera: str, at_ns: int) -> Area | None:
+        after = bisect_right(track.stamps_ns, at_ns)
+        before = after - 1
+        first = track.areas[before] if before >= 0 else None
+        second = track.areas[after] if after < len(track.areas) else None
+        first_ns = track.stamps_ns[before] if first is not None else 0
+        second_ns = track.stamps_ns[after] if second is not None else 0
+        if first is not None and second is not None and second_ns - first_ns <= _GAP_NS:
+            gap_ns = second_ns - first_ns
+            if gap_ns > _QUICK_NS:
+                return first.joined(second).padded(after_s=min(at_ns - first_ns, second_ns - at_ns) / 1e9)
+            share = (at_ns - first_ns) / gap_ns
+            between = (one + share * (other - one) for one, other in zip(first, second, strict=True))
+            return Area(*between).padded(after_s=0.0)
+        held = None
+        if first is not None and at_ns <= self._held_until(camera, first_ns):
+            held = first.padded(after_s=(at_ns - first_ns) / 1e9)
+        if second is not None and at_ns >= self._held_from(camera, second_ns):
+            coming = second.padded(after_s=(second_ns - at_ns) / 1e9)
+            held = coming if held is None else held.joined(coming)
+        return held
+
+    def _held_until(self, camera: str, seen_ns: int) -> int:
+        looks_ns = self.looks_ns.get(camera, [])
+        at = bisect_right(looks_ns, seen_ns)
+        next_ns = looks_ns[at] if at < len(looks_ns) else seen_ns
+        return min(max(seen_ns + _HOLD_NS, next_ns), seen_ns + _GAP_NS)
+
+    def _held_from(self, camera: str, seen_ns: int) -> int:
+        looks_ns = self.looks_ns.get(camera, [])
+        at = bisect_left(looks_ns, seen_ns) - 1
+        before_ns = looks_ns[at] if at >= 0 else seen_ns
+        return max(min(seen_ns - _HOLD_NS, before_ns), seen_ns - _GAP_NS)
+
+    def _unseen(self, camera: str, at_ns: int) -> bool:
+        """True if no detection ran and the person may have been present."""
+        looks_ns = self.looks_ns.get(camera, [])
+        if not looks_ns:
+            return any(begin_ns - _GAP_NS <= at_ns <= end_ns + _GAP_NS for begin_ns, end_ns in self.visits_ns)
+        after = bisect_right(looks_ns, at_ns)
+        before_ns = looks_ns[after - 1] if after else None
+        next_ns = looks_ns[after] if after < len(looks_ns) else None
+        if before_ns is None or next_ns is None:
+            edge_ns = looks_ns[0] if before_ns is None else looks_ns[-1]
+            return abs(at_ns - edge_ns) > _HOLD_NS and self._seen_near(camera, edge_ns)
+        if next_ns - before_ns <= _GAP_NS or at_ns == before_ns:
+            return False
+        return self._seen_near(camera, before_ns) or self._seen_near(camera, next_ns)
+
+    def _seen_near(self, camera: str, at_ns: int) -> bool:
+        for track in self.tracks.get(camera, ()):
+            at = bisect_left(track.stamps_ns, at_ns - _GAP_NS)
+            if at < len(track.stamps_ns) and track.stamps_ns[at] <= at_ns + _GAP_NS:
+                return True
+        return False
+
+
+def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
+    """Tracks of these ids from ``events.mcap``. Raises OSError."""
+    wanted = tuple(json.dumps(person_id).encode() for person_id in person_ids)
+    looks_ns: dict[str, list[int]] = {}
+    boxes: list[tuple[str, int, int, str, Area]] = []
+    for _, data in messages_of(events, lambda topic: topic == _PEOPLE):
+        stamp, camera = _STAMP.search(data), _CAMERA.search(data)
+        if stamp is not None and camera is not None:
+            looks_ns.setdefault(json.loads(b'"' + camera[1] + b'"'), []).append(int(stamp[1]))
+        if _NAMELESS.search(data) or any(person_id in data for person_id in wanted):
+            boxes += _boxes_in(data, person_ids)
+    return _put_together(boxes, looks_ns)
+
+
+def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
+    """Identity decisions in order: (linked or unlinked, who, same as whom). Raises OSError."""
+    for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
+        message = _read(data)
+        who = str(message.get("person_id") or "")
+        whom = next((str(message[name]) for name in _WHOM if message.get(name)), "")
+        if who and whom:
+            again = topic == _UNDONE and message.get("decision") in _UNDONE_TO_LINKS
+            yield again or topic in _LINKS, who, whom
+
+
+def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, str]]) -> frozenset[str]:
+    """These ids and all ids linked to them."""
+    taken_for: dict[tuple[str, str], None] = {}
+    for holds, who, whom in links:
+        if holds:
+            taken_for[who, whom] = None
+        else:
+            taken_for.pop((who, whom), None)
+    found = set(person_ids)
+    while more := {who for who, whom in taken_for if whom in found} - found:
+        found |= more
+    return frozenset(found)
+
+
+def messages_of(events: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+    """Topic and data of some channels' messages in recording order. Raises OSError."""
+    index = mcap_chunks.read_index(events)
+    topics = {number: channel.topic for number, channel in index.channels.items() if wanted(channel.topic)}
+    numbers = sorted({int(block) for channel in topics for block in index.blocks_of.get(channel, ())})
+    with events.open("rb") as file:
+        for number in numbers:
+            try:
+                content = mcap_chunks.read_block(file, index, number)
+            except mcap_chunks.DamagedBlockError as error:
+                _log.warning("%s: the block at byte %d is left out: %s", events, index.offsets[number], error)
+                continue
+            for message in mcap_chunks.messages_of(content):
+                topic = topics.get(message.channel)
+                if topic is not None:
+                    yield topic, content[message.start : message.end]
+
+
+def _read(data: bytes) -> Mapping[str, Any]:
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return message if isinstance(message, dict) else {}
+
+
+def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
+    """Camera, track, time, id and area of each box that is the person's or unidentified."""
+    message = _read(data)
+    try:
+        stamp_ns, camera = int(message["stamp_ns"]), str(message["camera"])
+        width_px, height_px = float(message["frame_width_px"]), float(message["frame_height_px"])
+        for box in message["boxes"]:
+            person_id = str(box["person_id"])
+            if person_id and person_id not in person_ids:
+                continue
+            left, top = float(box["left_px"]), float(box["top_px"])
+            right, bottom = left + float(box["width_px"]), top + float(box["height_px"])
+            area = Area(left / width_px, top / height_px, right / width_px, bottom / height_px)
+            if all(map(math.isfinite, area)):
+                yield camera, int(box["track"]), stamp_ns, person_id, area
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        _log.warning("boxes that cannot be read are left out", exc_info=True)
+
+
+def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> PersonTracks:
+    theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
+    of_track: dict[tuple[str, int], _Track] = {}
+    visits: list[int] = []
+    for camera, track, stamp_ns, person_id, area in sorted(boxes):
+        # A track's boxes before its identification belong to the same person.
+        if person_id or (camera, track) in theirs:
+            known = of_track.setdefault((camera, track), _Track())
+            known.stamps_ns.append(stamp_ns)
+            known.areas.append(area)
+            visits.append(stamp_ns)
+    tracks: dict[str, list[_Track]] = {}
+    for (camera, _), known in of_track.items():
+        tracks.setdefault(camera, []).append(known)
+    visits_ns: list[tuple[int, int]] = []
+    for stamp_ns in sorted(visits):
+        if visits_ns and stamp_ns - visits_ns[-1][1] <= _VISIT_GAP_NS:
+            visits_ns[-1] = visits_ns[-1][0], stamp_ns
+        else:
+            visits_ns.append((stamp_ns, stamp_ns))
+    return PersonTracks(tracks, {camera: sorted(looks) for camera, looks in looks_ns.items()}, visits_ns)

@@ -1,0 +1,253 @@
+"""Pseudonyms of wizards, coders and robot addresses in exports.
+
+The assignment is stored in the study's own folder, next to the database with participants' names, and nowhere else.
+Speech and notes of a session are data and stay as they are.
+"""
+
+import json
+import logging
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from caris_desktop.domain.actor import OTHER_WIZARD
+from caris_desktop.domain.events import RobotChosen
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents
+from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_reader import Session
+
+_log = logging.getLogger(__name__)
+FILE_NAME = "pseudonyms.json"
+_FORMAT, _FORMAT_VERSION = "caris-desktop pseudonyms", 1
+_MAX_BYTES = 1024 * 1024
+_WIZARD, _CODER = "W", "C"
+_ROBOT = "robot"
+# Hosts that do not identify a location.
+_OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - told apart, not bound
+_ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
+_ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
+_ANOTHER = "another"
+_ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Pseudonyms:
+    """Pseudonyms of the wizards (by case-insensitive name) and coders of a study. Names that are codes already are
+    unchanged.
+    """
+
+    wizards: dict[str, str]
+    coders: dict[str, str]
+
+    def wizard(self, name: str) -> str:
+        return self.wizards.get(_key(name), name)
+
+    def coder(self, name: str) -> str:
+        return self.coders.get(name, name)
+
+
+def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
+    """Pseudonyms of the study of ``sessions``; new names get the next numbers.
+
+    Sessions outside of a study are numbered separately, in chronological order.
+    """
+    studies: dict[Path, list[Path]] = {}
+    for folder in sessions:
+        studies.setdefault(folder.absolute().parent, []).append(folder.absolute())
+    wizards: dict[str, str] = {}
+    coders: dict[str, str] = {}
+    for parent, folders in studies.items():
+        kept = parent.parent / FILE_NAME if parent.name == "sessions" else None
+        known = _kept(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
+        now = Pseudonyms(
+            _numbered(map(_key, _wizards_of(folders)), known.wizards, _WIZARD),
+            _numbered(_coders_of(folders), known.coders, _CODER),
+        )
+        if kept is not None and now != known:
+            _keep(kept, now)
+        wizards |= now.wizards
+        coders |= now.coders
+    return Pseudonyms(wizards, coders)
+
+
+def pseudonymised(session: Session, of: Pseudonyms) -> Session:
+    """Session with pseudonyms in its header and for each acting wizard, and the robot's profile name in place of its
+    address.
+    """
+    without_addresses, without_actors = _scrubber(session), _actor_scrubber(of)
+
+    def scrub(content: bytes) -> bytes:
+        return without_actors(without_addresses(content))
+
+    header = json.loads(scrub(json.dumps(session.header).encode()))
+    trial = header.get("trial")
+    if isinstance(trial, dict) and trial.get("wizard"):
+        trial["wizard"] = of.wizard(str(trial["wizard"]))
+    return replace(session, header=header, scrub=scrub, coder_name=of.coder, wizard_name=of.wizard)
+
+
+def coding_of(session: Session, *, on_damaged: Callable[[str], None]) -> AnnotationDocument:
+    """Annotations of all coders, under the names that ``session`` gives them. Raises AnnotationError."""
+    document = load_documents(session.folder, on_damaged=on_damaged)
+    return with_coders_called(document, session.coder_name)
+
+
+def _key(name: str) -> str:
+    return " ".join(name.split()).casefold()
+
+
+def _scrubber(session: Session) -> Callable[[bytes], bytes]:
+    """Replace robot addresses by the profile name in JSON and text."""
+    robot = session.header.get("robot")
+    told = robot if isinstance(robot, dict) else {}
+    chosen = [(str(told.get("profile") or ""), str(told.get("address") or ""))]
+    chosen += [(event.name, event.address) for _, event in session.values(BY_TYPE[RobotChosen].name)]
+    profiles = [name for name, _ in chosen if name and "://" not in name]
+    default = json.dumps(profiles[0] if profiles else _ROBOT)[1:-1].encode()
+    places: dict[bytes, bytes] = {}
+    for profile, address in chosen:
+        name = json.dumps(profile)[1:-1].encode() if profile and "://" not in profile else default
+        try:
+            parts = urlsplit(address)
+            host, port = parts.hostname or "", parts.port
+        except ValueError:
+            continue
+        if host and port is not None:
+            places.setdefault(f"{host}:{port}".encode(), name)
+        if host and host not in _OWN_HOSTS:
+            places.setdefault(host.encode(), name)
+    # Longest first: a host is a prefix of itself with a port.
+    ordered = sorted(places, key=len, reverse=True)
+    words = b"|".join(map(re.escape, ordered))
+    of_host = re.compile(rb"(?<![\w.-])(?:" + words + rb")(?![\w-])(?!\.\w)", re.IGNORECASE) if ordered else None
+
+    def in_place(match: re.Match[bytes]) -> bytes:
+        found = match[0]
+        return next((name for place, name in places.items() if place.lower() in found.lower()), default)
+
+    def scrub(content: bytes) -> bytes:
+        if b"ws://" in content or b"wss://" in content:
+            content = _ADDRESS.sub(in_place, content)
+        if of_host is not None and any(place in content for place in ordered):
+            content = of_host.sub(in_place, content)
+        return content
+
+    return scrub
+
+
+def _actor_scrubber(of: Pseudonyms) -> Callable[[bytes], bytes]:
+    """Replace other wizards by pseudonyms; a wizard without a session in the study becomes "another"."""
+
+    def in_place(match: re.Match[bytes]) -> bytes:
+        try:
+            name = str(json.loads(match[2]))[len(OTHER_WIZARD) :]
+        except ValueError:
+            name = ""
+        called = of.wizard(name)
+        if called == name and not _is_code(name, _WIZARD):
+            called = _ANOTHER
+        return match[1] + json.dumps(f"{OTHER_WIZARD}{called}").encode()
+
+    def scrub(content: bytes) -> bytes:
+        return _ACTOR.sub(in_place, content) if _ACTOR_BEGINS in content else content
+
+    return scrub
+
+
+def _is_code(name: str, letter: str) -> bool:
+    return re.fullmatch(rf"{letter}\d+", name, re.IGNORECASE) is not None
+
+
+# Assignment
+
+
+def _numbered(names: Iterable[str], known: dict[str, str], letter: str) -> dict[str, str]:
+    """``known`` plus the next free numbers for new names."""
+    numbered = dict(known)
+    names = [name for name in dict.fromkeys(names) if name.strip()]
+    taken = {name.upper() for name in names if _is_code(name, letter)} | set(known.values())
+    number = 1
+    for name in names:
+        if name in numbered or _is_code(name, letter):
+            continue
+        while f"{letter}{number}" in taken:
+            number += 1
+        numbered[name] = f"{letter}{number}"
+        taken.add(numbered[name])
+    return numbered
+
+
+def _wizards_of(folders: Iterable[Path]) -> list[str]:
+    """Wizards in chronological order of their sessions."""
+    found: list[tuple[int, str]] = []
+    for folder in folders:
+        try:
+            header = read_header(folder)
+            trial = header.get("trial")
+            at_ns = int(header["clock"]["utc_ns"]) - int(header["clock"]["monotonic_ns"]) + int(header["started_ns"])
+        except (SessionError, KeyError, TypeError, ValueError):
+            continue
+        if isinstance(trial, dict):
+            found.append((at_ns, str(trial.get("wizard") or "").strip()))
+    return [name for _, name in sorted(found)]
+
+
+def _coders_of(folders: Iterable[Path]) -> list[str]:
+    found = set()
+    for folder in folders:
+        for path in _annotations_in(folder):
+            try:
+                coder = json.loads(path.read_bytes()).get("coder")
+            except (OSError, ValueError, AttributeError, RecursionError):
+                continue
+            if isinstance(coder, str):
+                found.add(coder)
+    return sorted(found)
+
+
+def _annotations_in(folder: Path) -> tuple[Path, ...]:
+    try:
+        return annotation_files(folder)
+    except AnnotationError as error:
+        _log.warning("%s", error)
+        return ()
+
+
+def _kept(path: Path) -> Pseudonyms:
+    try:
+        with path.open("rb") as file:
+            data: Any = json.loads(file.read(_MAX_BYTES))
+        if data["format"] != _FORMAT:
+            raise ValueError("a file of something else")  # noqa: TRY301 - told below, as all else that is wrong with it
+        wizards, coders = (
+            {str(name): str(pseudonym) for name, pseudonym in data[part].items()} for part in ("wizards", "coders")
+        )
+    except FileNotFoundError:
+        return Pseudonyms({}, {})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        _log.warning("%s cannot be read: the pseudonyms are made anew", path, exc_info=True)
+        return Pseudonyms({}, {})
+    return Pseudonyms(wizards, coders)
+
+
+def _keep(path: Path, pseudonyms: Pseudonyms) -> None:
+    """Store the assignment. Without it the numbers are the same as long as the sessions are."""
+    data = {
+        "format": _FORMAT,
+        "format_version": _FORMAT_VERSION,
+        "note": "Whose pseudonym is which. Keep this file where the names of participants are kept, or delete it.",
+        "wizards": pseudonyms.wizards,
+        "coders": pseudonyms.coders,
+    }
+    try:
+        replace_file(path, (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode(), durable=False)
+    except OSError:
+        _log.warning("%s could not be written", path, exc_info=True)

@@ -1,0 +1,592 @@
+"""Export of recorded sessions: format table, atomic writing, progress and cancellation."""
+
+import contextlib
+import importlib
+import logging
+import os
+import platform
+import re
+import secrets
+import shutil
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import psutil
+
+from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
+from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
+from caris_desktop.recording.session.missing_data import lost_values, missing_words
+from caris_desktop.recording.session.session_header import is_session
+from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+
+_log = logging.getLogger(__name__)
+_PARTIAL_SUFFIX = ".exporting"
+_PROGRESS_EVERY_S = 0.1
+# Fixed cost of a session in progress weights: opening, and formats that do not depend on the log's size.
+_BASE_WEIGHT_BYTES = 1_000_000
+
+
+def _no_progress(_fraction: float) -> None:
+    """Ignore progress."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportContext:
+    """Context of an exporter. ``progress`` gets 0..1 at any rate.
+
+    ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
+    was left out of a successful export. Wizards, coders and the robot's address are pseudonymised unless
+    ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's.
+    """
+
+    progress: Callable[[float], None] = _no_progress
+    licence: str = ""
+    warn: Callable[[str], None] = _log.warning
+    with_names: bool = False
+    pseudonyms: Pseudonyms | None = None
+    csv: CsvStyle = SHOWN
+
+
+Exporter = Callable[[Session, Path, ExportContext], list[Path]]
+"""Fills an existing, empty folder from a session and gives the paths written. Raises OSError, SessionError."""
+StudyExporter = Callable[[Sequence[Session], Path, ExportContext], list[Path]]
+"""The same from several sessions at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFormat:
+    """Export format. ``module`` and ``function`` name its Exporter, imported on use.
+
+    ``of_study`` names a function of the module that exports all sessions together, once.
+    """
+
+    name: str
+    title: str
+    description: str
+    module: str
+    function: str
+    of_study: str = ""
+
+    def study_exporter(self) -> StudyExporter:
+        exporter: StudyExporter = getattr(importlib.import_module(self.module), self.of_study)
+        return exporter
+
+    def exporter(self) -> Exporter:
+        exporter: Exporter = getattr(importlib.import_module(self.module), self.function)
+        return exporter
+
+
+def _format(name: str, title: str, description: str, *, of_study: str = "") -> ExportFormat:
+    module = f"caris_desktop.recording.exporters.{name}"
+    return ExportFormat(name, title, description, module, f"write_{name}", of_study)
+
+
+FORMATS: tuple[ExportFormat, ...] = (
+    _format(
+        "csv",
+        QT_TR_NOOP("Tables (CSV)"),
+        QT_TR_NOOP("One tidy table for each kind of value and event, with a data dictionary."),
+    ),
+    _format("parquet", QT_TR_NOOP("Tables (Parquet)"), QT_TR_NOOP("The same tables, typed, for pandas, R and DuckDB.")),
+    _format(
+        "eaf",
+        QT_TR_NOOP("ELAN"),
+        QT_TR_NOOP("A project with media, tiers and controlled vocabularies; opens in ELAN by double click."),
+    ),
+    _format(
+        "textgrid",
+        QT_TR_NOOP("Praat TextGrid"),
+        QT_TR_NOOP("The tiers for Praat, by the session's time and by that of each sound file."),
+    ),
+    _format("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("What was said, as captions of the video.")),
+    _format("rosbag2", QT_TR_NOOP("ROS bags"), QT_TR_NOOP("Standard messages for ROS 2 (MCAP) and ROS 1.")),
+    _format(
+        "frames",
+        QT_TR_NOOP("Learning data"),
+        QT_TR_NOOP("Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
+    ),
+    _format(
+        "rocrate",
+        QT_TR_NOOP("Archive (RO-Crate)"),
+        QT_TR_NOOP("The whole session with metadata and licence, for a repository."),
+    ),
+    _format(
+        "html",
+        QT_TR_NOOP("Report"),
+        QT_TR_NOOP("One page for people: time line, trajectory, talk time, transcript, problems."),
+    ),
+    _format(
+        "methods",
+        QT_TR_NOOP("Methods sheet"),
+        QT_TR_NOOP(
+            "What a paper has to report of a Wizard-of-Oz study, filled from the log. One sheet for all sessions."
+        ),
+        of_study="write_methods_of_study",
+    ),
+)
+BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
+
+
+@dataclass(frozen=True, slots=True)
+class ExportRequest:
+    """Sessions to export in one or several formats.
+
+    Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (single session only);
+    with several formats, each gets a subfolder. ``with_names``: see ExportContext.
+    """
+
+    sessions: tuple[Path, ...]
+    formats: tuple[str, ...]
+    out: Path
+    licence: str = ""
+    folder_per_session: bool = True
+    with_names: bool = False
+    csv: CsvStyle = SHOWN
+
+
+@dataclass(frozen=True, slots=True)
+class ExportProgress:
+    """Progress of an ExportRequest, 0..1, and the item being written, as text."""
+
+    fraction: float
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFinished:
+    """Folders written, one per session, and a sentence per failure.
+
+    ``notices`` list repairs and missing data of sessions that were not closed properly.
+    """
+
+    written: tuple[Path, ...]
+    problems: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+
+
+class ExportError(Exception):
+    """Export that was not made, with the reason as user text. Nothing was overwritten."""
+
+
+class _DiskFullError(ExportError):
+    """Full disk: the remaining sessions would fail too."""
+
+
+def run_exports(connection: Connection, request: ExportRequest) -> None:
+    """Process entry point: send ExportProgress, then ExportFinished.
+
+    To cancel, kill the process and call :func:`remove_partial_exports`; it also ends when ``connection`` is closed.
+    """
+    if hasattr(os, "nice"):
+        # The robot may be in use at the same time.
+        os.nice(10)
+
+    def tell(fraction: float, what: str) -> None:
+        connection.send(ExportProgress(fraction, what))
+
+    try:
+        connection.send(export_all(request, tell))
+    except (BrokenPipeError, EOFError):
+        _log.warning("nobody waits for the export any more; it ended")
+
+
+def export_all(
+    request: ExportRequest,
+    progress: Callable[[float, str], None] = lambda _fraction, _what: None,
+    *,
+    on_written: Callable[[Path], None] = lambda _: None,
+) -> ExportFinished:
+    """Write everything in ``request``. Failures go into the result and do not stop the rest.
+
+    ``on_written`` gets each completed folder. An interruption (KeyboardInterrupt, an exception of ``progress``) leaves
+    complete exports only.
+    """
+    told = _Throttled(progress)
+    unknown = [name for name in request.formats if name not in BY_FORMAT]
+    if unknown or not request.formats:
+        return ExportFinished((), (_unknown_format(", ".join(unknown)),))
+    if not request.folder_per_session and len(request.sessions) != 1:
+        return ExportFinished((), (QT_TR_NOOP("Several sessions need a folder each. Nothing was written."),))
+    remove_partial_exports(request.out)
+    targets = export_folders(request)
+    weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
+    done_weight, whole_weight = 0, sum(weights) or 1
+    written: list[Path] = []
+    problems: list[str] = []
+    notices: list[str] = []
+    sessions: list[Session] = []
+    together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(request.sessions) > 1)
+    apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
+    pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
+    for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
+
+        def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
+            told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
+
+        tell(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
+        try:
+            session = _opened(folder, pseudonyms)
+            damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
+            problems += [_told_of(folder.name, loss) for loss in damaged]
+            sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
+            notices += [_told_of(folder.name, sentence) for sentence in sentences]
+            sessions.append(session)
+            if apart.formats:
+                problems += _export_formats(session, apart, target, tell)
+                written.append(target)
+                on_written(target)
+        except _DiskFullError as error:
+            problems.append(_told_of(folder.name, error))
+            left = len(request.sessions) - number - 1
+            if left:
+                what = QT_TR_NOOP("%n further session(s) were not tried: the disk is full.", "", left)
+                problems.append(what)
+            break
+        except ExportError as error:
+            problems.append(_told_of(folder.name, error))
+        done_weight += weight
+    for name in together if sessions else ():
+        title = localized(BY_FORMAT[name].title)
+        told(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
+        try:
+            target = _export_together(name, sessions, request)
+            written.append(target)
+            on_written(target)
+        except ExportError as error:
+            problems.append(_told_of(title, error))
+    told(1.0, QT_TR_NOOP("done"), now=True)
+    return ExportFinished(tuple(written), tuple(problems), tuple(notices))
+
+
+def export_folders(request: ExportRequest) -> tuple[Path, ...]:
+    """Output folder of each session. Sessions of the same name are distinguished by their studies."""
+    out = request.out.absolute()
+    if not request.folder_per_session:
+        return (out,) * len(request.sessions)
+    names = [folder.absolute().name for folder in request.sessions]
+    folded = [name.casefold() for name in names]
+    taken: set[str] = set()
+    targets = []
+    for folder, name in zip(request.sessions, names, strict=True):
+        if folded.count(name.casefold()) > 1:
+            name = f"{_study_name(folder)}_{name}"  # noqa: PLW2901 - the name it goes by from here on
+        unique, number = name, 2
+        while unique.casefold() in taken:
+            unique, number = f"{name}-{number}", number + 1
+        taken.add(unique.casefold())
+        targets.append(out / unique)
+    return tuple(targets)
+
+
+def sessions_in(path: Path) -> tuple[Path, ...]:
+    """Session folders under ``path``: itself, or those of a study.
+
+    Non-empty folders of a study that are not sessions are included, so that they are reported.
+
+    Raises
+    ------
+    ExportError
+        If it is neither.
+    """
+    if is_session(path):
+        return (path,)
+    try:
+        inside = path / "sessions" if (path / "sessions").is_dir() else path
+        folders = sorted(
+            entry
+            for entry in inside.iterdir()
+            if entry.is_dir() and not entry.name.startswith(".") and any(entry.iterdir())
+        )
+    except OSError as error:
+        raise ExportError(
+            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
+        ) from error
+    if inside is path:
+        folders = [folder for folder in folders if is_session(folder)]
+    if not folders:
+        raise ExportError(
+            localized(
+                QT_TR_NOOP(
+                    "{path} is no session and no study: it holds neither a session.json nor sessions."
+                    " Nothing was written."
+                ),
+                path=path,
+            )
+        )
+    return tuple(folders)
+
+
+def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | None = None) -> list[Path]:
+    """Write the session in ``folder`` as ``fmt`` atomically into the folder ``out``; return the paths.
+
+    Raises
+    ------
+    ExportError
+        If the session cannot be read, the format is unknown, or ``out`` cannot be used or holds files already.
+    """
+    if fmt not in BY_FORMAT:
+        raise ExportError(_unknown_format(fmt))
+    context = context or ExportContext()
+    pseudonyms = None if context.with_names else context.pseudonyms or pseudonyms_of([folder])
+    session = _opened(folder, pseudonyms)
+    with _whole_folder(out, folder) as partial:
+        written = _write(fmt, session, partial, context)
+    return [out.absolute() / path.relative_to(partial) for path in written]
+
+
+def remove_partial_exports(out: Path) -> None:
+    """Remove partial folders of killed exports into ``out``, except those still being written."""
+    out = out.absolute()
+    candidates = [*_entries(out.parent, f".{out.name[:_NAME_CHARACTERS]}."), *_entries(out, ".")]
+    for path in candidates:
+        writer = _writer_of(path.name)
+        if writer is not None and not path.is_symlink() and path.is_dir() and not _is_running(*writer):
+            _log.info("removing %s, which a killed export left", path)
+            shutil.rmtree(path, ignore_errors=True)
+
+
+# One session
+
+
+def _export_formats(
+    session: Session, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
+) -> tuple[str, ...]:
+    """Write one session in all formats; return problems and warnings. Raises ExportError if every format failed."""
+    name, formats = session.folder.absolute().name, request.formats
+    problems: list[str] = []
+    failed = 0
+    with _whole_folder(out, session.folder) as partial:
+        for number, fmt in enumerate(formats):
+            title = _told_of(name, BY_FORMAT[fmt].title)
+
+            def progress(fraction: float, *, number: int = number, title: str = title) -> None:
+                tell((number + min(1.0, max(0.0, fraction))) / len(formats), title)
+
+            progress(0.0)
+            place = partial / fmt if len(formats) > 1 else partial
+            place.mkdir(exist_ok=True)
+            warnings: list[str] = []
+            context = ExportContext(progress, request.licence, warnings.append, csv=request.csv)
+            try:
+                _write(fmt, session, place, context)
+            except _DiskFullError:
+                raise
+            except ExportError as error:
+                if len(formats) == 1:
+                    raise
+                problems.append(_told_of(title, error))
+                shutil.rmtree(place, ignore_errors=True)
+                failed += 1
+            problems += [_told_of(title, warning) for warning in dict.fromkeys(warnings)]
+        if failed == len(formats):
+            raise ExportError(joined(problems))
+    return tuple(problems)
+
+
+def _export_together(name: str, sessions: Sequence[Session], request: ExportRequest) -> Path:
+    """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
+    target = request.out.absolute() / name
+    with _whole_folder(target, sessions[0].folder) as partial:
+        context = ExportContext(licence=request.licence, csv=request.csv)
+        _told(
+            lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
+            f"{len(sessions)} sessions",
+            name,
+            partial,
+        )
+    return target
+
+
+def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
+    try:
+        session = open_session(folder)
+        return session if pseudonyms is None else pseudonymised(session, pseudonyms)
+    except SessionError as error:
+        raise ExportError(str(error)) from error
+
+
+def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
+    return _told(lambda: BY_FORMAT[fmt].exporter()(session, out, context), str(session.folder), fmt, out)
+
+
+def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
+    """Convert any exception to ExportError: the next format or session may succeed."""
+    try:
+        return write()
+    except (SessionError, ExportError) as error:
+        raise ExportError(str(error)) from error
+    except (BrokenPipeError, EOFError):
+        # The receiver of the progress is gone.
+        raise
+    except OSError as error:
+        _log.info("export of %s as %s", what, fmt, exc_info=True)
+        raise _failure(out, error) from error
+    except Exception as error:
+        _log.exception("export of %s as %s", what, fmt)
+        raise ExportError(
+            localized(
+                QT_TR_NOOP(
+                    "It could not be written as {format} ({kind}: {error}). Nothing was kept of that; the"
+                    " session itself is unharmed."
+                ),
+                format=fmt,
+                kind=type(error).__name__,
+                error=error,
+            )
+        ) from error
+
+
+@contextlib.contextmanager
+def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
+    """Temporary folder that replaces ``out`` on success and is removed otherwise.
+
+    Raises ExportError if ``out`` cannot be created or is not empty.
+    """
+    out = out.absolute()
+    _refuse_inside(out, session_folder)
+    partial: Path | None = None
+    try:
+        try:
+            if out.exists() and (not out.is_dir() or any(out.iterdir())):
+                raise ExportError(
+                    localized(
+                        QT_TR_NOOP("{out} exists and is not empty. Nothing was written; choose another folder."),
+                        out=out,
+                    )
+                )
+            out.parent.mkdir(parents=True, exist_ok=True)
+            partial = _new_partial(out)
+        except OSError as error:
+            raise _failure(out, error) from error
+        yield partial
+        try:
+            if out.exists():
+                out.rmdir()
+            partial.replace(out)
+        except OSError as error:
+            raise _failure(out, error) from error
+    finally:
+        if partial is not None and partial.exists():
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _refuse_inside(out: Path, session_folder: Path) -> None:
+    """Inside a session's folder, allow only a new export folder that no session file uses."""
+    session_folder = session_folder.resolve()
+    place = out.resolve()
+    if session_folder not in (place, *place.parents):
+        return
+    inside = place.relative_to(session_folder).parts
+    if len(inside) != 1 or not inside[0].startswith("export-"):
+        raise ExportError(
+            localized(
+                QT_TR_NOOP(
+                    "{out} lies inside the recorded session. Nothing was written; choose a folder outside"
+                    " of it, or {new}."
+                ),
+                out=out,
+                new=session_folder / "export-1",
+            )
+        )
+
+
+def _failure(out: Path, error: OSError) -> ExportError:
+    if no_room(error):
+        full = QT_TR_NOOP(
+            "The export to {folder} failed: {why}. Nothing was kept of it. Free some room, or choose another disk."
+        )
+        return _DiskFullError(localized(full, folder=out, why=error.strerror or error))
+    failed = QT_TR_NOOP("The export to {folder} failed: {why}. Nothing was kept of it.")
+    return ExportError(localized(failed, folder=out, why=error.strerror or error))
+
+
+def _told_of(name: str, told: object) -> LocalizedText:
+    """Prefix a message with a session's name; both keep their template values."""
+    return localized(QT_TR_NOOP("{name}: {told}"), name=name, told=localized(str(told)))
+
+
+def _unknown_format(name: str) -> str:
+    return localized(
+        QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(BY_FORMAT)
+    )
+
+
+def _study_name(folder: Path) -> str:
+    parent = folder.absolute().parent
+    return (parent.parent if parent.name == "sessions" else parent).name or "study"
+
+
+def _size_bytes(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+# Partial folders name their writer: .NAME.HOST.PID-STARTED.RANDOM.exporting
+
+_NAME_CHARACTERS = 80
+_PARTIAL_NAME = re.compile(r"\..*\.([^.]*)\.(\d+)-(\d+)\.[^.]*" + re.escape(_PARTIAL_SUFFIX))
+
+
+def _new_partial(out: Path) -> Path:
+    prefix = f".{out.name[:_NAME_CHARACTERS]}.{_host()}.{os.getpid()}-{_started(psutil.Process())}."
+    partial = out.parent / f"{prefix}{secrets.token_hex(4)}{_PARTIAL_SUFFIX}"
+    partial.mkdir()
+    return partial
+
+
+def _writer_of(name: str) -> tuple[str, int, int] | None:
+    """Host, process id and start time of the writer of a partial export; None for other names."""
+    match = _PARTIAL_NAME.fullmatch(name)
+    return (match[1], int(match[2]), int(match[3])) if match else None
+
+
+def _is_running(host: str, pid: int, started: int) -> bool:
+    if host != _host():
+        # A study on a shared disk: processes of other hosts cannot be checked.
+        return True
+    try:
+        process = psutil.Process(pid)
+        return process.status() != psutil.STATUS_ZOMBIE and _started(process) == started
+    except psutil.NoSuchProcess:
+        return False
+    except psutil.Error:
+        return True
+
+
+def _started(process: psutil.Process) -> int:
+    return int(process.create_time())
+
+
+def _host() -> str:
+    return re.sub(r"[^A-Za-z0-9-]+", "-", platform.node())[:40]
+
+
+def _entries(folder: Path, beginning: str) -> Sequence[Path]:
+    try:
+        return [path for path in folder.iterdir() if path.name.startswith(beginning)]
+    except OSError:
+        return []
+
+
+class _Throttled:
+    """Limits progress to ten reports per second, and always reports a new item."""
+
+    def __init__(self, progress: Callable[[float, str], None]) -> None:
+        self._progress = progress
+        self._what = ""
+        self._at_s = 0.0
+
+    def __call__(self, fraction: float, what: str, *, now: bool = False) -> None:
+        now_s = time.monotonic()
+        if now or what != self._what or now_s - self._at_s >= _PROGRESS_EVERY_S:
+            self._what, self._at_s = what, now_s
+            self._progress(fraction, what)

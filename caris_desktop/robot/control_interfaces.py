@@ -1,0 +1,478 @@
+"""Robot panel controls: publish, call or send goals on use; readings are sent back."""
+
+import asyncio
+import logging
+import math
+import re
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import field
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.domain import translation
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.control_definitions import (
+    CallService,
+    ControlEffect,
+    ControlValue,
+    PublishMessage,
+    RobotControl,
+    SendActionGoal,
+    decided,
+    filled,
+    is_velocity,
+)
+from caris_desktop.domain.control_effects import RobotInterfaceNames
+from caris_desktop.domain.events import ControlUsed, RequestState
+from caris_desktop.domain.link_commands import UseControl
+from caris_desktop.domain.sensing import ControlReadings
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
+from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
+from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
+from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros.action_messages import Ending
+from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
+from caris_desktop.ros.message_fields import Message, MessageError, message_of
+
+logger = logging.getLogger(__name__)
+
+READINGS_EVERY_S = 0.2
+# A gesture may start late; a missing server never does.
+NO_ANSWER_S = 4.0
+# A newly advertised publisher reaches its subscribers with a delay.
+CANCEL_AGAIN_S = (0.0, 0.3, 1.0)
+SERVICE_WAIT_S = 20.0
+LONGEST_TEXT_SHOWN = 500
+_STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
+_INDEX = re.compile(r"\[([0-9]+)\]")
+
+Path = tuple[str | int, ...]
+
+
+def parse_path(text: str) -> Path:
+    """Parse ``status[0].level`` to ("status", 0, "level").
+
+    Raises
+    ------
+    ValueError
+        When it is not a path to a field.
+    """
+    steps: list[str | int] = []
+    for piece in text.split("."):
+        found = _STEP.fullmatch(piece)
+        if found is None:
+            raise ValueError(f"{text!r} is not a path to a field")
+        steps.append(found[1])
+        steps += [int(index) for index in _INDEX.findall(found[2])]
+    return tuple(steps)
+
+
+def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
+    """Displayed value of a message; None if it is not finite.
+
+    Raises
+    ------
+    MessageError
+        When the message has no such field, or something else than one value there.
+    """
+    value = message
+    for step in path:
+        try:
+            if isinstance(step, str):
+                value = message_of(value, "the message")[step]
+            elif isinstance(value, (list, np.ndarray, bytes)):
+                value = value[step]
+            else:
+                raise MessageError(f"there is no list that has an entry {step}")
+        except (KeyError, IndexError) as error:
+            raise MessageError(f"there is no field {step!r}") from error
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, (bool, str)):
+        return value[:LONGEST_TEXT_SHOWN] if isinstance(value, str) else value
+    if value is None:
+        return None
+    if not isinstance(value, (int, float)):
+        raise MessageError("the field holds more than one value")
+    try:
+        number = float(value) * scale
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+@dataclass(slots=True)
+class _Goal:
+    """Goal sent by a control."""
+
+    command: UseControl
+    heard: bool = False
+
+
+@dataclass(slots=True)
+class _Server:
+    """Action server used by controls, with our goals. A ``GoalListener``."""
+
+    tell: Callable[[UseControl, RequestState, str], None]
+    client: ActionClient | None = None
+    goals: dict[str, _Goal] = field(default_factory=dict)
+    lost: tuple[str, ...] = ()
+
+    def cancel(self, wire_id: str) -> None:
+        if self.client is not None:
+            self.client.cancel(wire_id)
+
+    def goal_pending(self, wire_id: str) -> None:
+        """Reported when it begins."""
+
+    def goal_active(self, wire_id: str) -> None:
+        if wire_id in self.goals:
+            self.goals[wire_id].heard = True
+
+    def goal_feedback(self, wire_id: str, _: Message) -> None:
+        self.goal_active(wire_id)
+
+    def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
+        goal = self.goals.pop(wire_id, None)
+        if goal is not None:
+            state: RequestState = "succeeded" if ending == "reached" else "failed"
+            self.tell(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
+
+
+class RobotControls:
+    """Executes UseControl for the profile's controls and the scenario's.
+
+    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times per second. ``unusable``
+    is called with a control's title and a reason if a message lacks its value.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        dialect: Dialect,
+        own: tuple[RobotControl, ...],
+        watched: SubscriptionWatchdog,
+        *,
+        robot: RobotInterfaceNames,
+        velocity_topic: str,
+        emit: Callable[[Any], None],
+        unusable: Callable[[str, str], None],
+        in_background: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._ros = ros
+        self._dialect = dialect
+        self._own = own
+        self._robot = robot
+        self._velocity_topic = velocity_topic
+        self._emit = emit
+        self._unusable = unusable
+        self._in_background = in_background
+        self._types = MessageTypes(ros, dialect)
+        self._watched = watched
+        self._controls: dict[str, RobotControl] = {}
+        self._publishers: dict[tuple[str, str], SafeTopic] = {}
+        self._servers: dict[tuple[str, str], _Server] = {}
+        self._readings: list[SafeTopic] = []
+        self._values: dict[str, ControlValue] = {}
+        self._told_s = -math.inf
+        self._timer: asyncio.TimerHandle | None = None
+        self._held = False
+        self._driving_permitted = True
+        self.offer(())
+
+    # Inventory
+
+    def offer(self, controls: tuple[RobotControl, ...], *, driving_permitted: bool = True) -> None:
+        """Set the scenario's controls in addition to the profile's; equal ids replace these."""
+        self._driving_permitted = driving_permitted
+        if not driving_permitted:
+            self.cancel_goals(QT_TR_NOOP("the scenario does not drive"))
+        offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
+        if offered == self._controls:
+            # A repeated offer comes from a receiver that lost the values.
+            self._tell_values_soon()
+            return
+        self._controls = offered
+        self._listen()
+        # Velocity topics are not even advertised: that would set a type chosen by the control.
+        wanted = [control.effect for control in offered.values() if not self._sends_velocity(control)]
+        topics = {(effect.topic, effect.type) for effect in wanted if isinstance(effect, PublishMessage)}
+        for key in [key for key in self._publishers if key not in topics]:
+            self._publishers.pop(key).unadvertise()
+        for topic, type_ in topics - self._publishers.keys():
+            # In advance: a publisher reaches its subscribers with a delay.
+            publisher = SafeTopic(self._ros, topic, self._spelled(type_))
+            publisher.advertise()
+            self._publishers[topic, type_] = publisher
+        actions = {(effect.action, effect.type) for effect in wanted if isinstance(effect, SendActionGoal)}
+        for key in [key for key in self._servers if key not in actions]:
+            server = self._servers.pop(key)
+            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"), cancel=True)
+            if server.client is not None:
+                server.client.close()
+        for action, type_ in actions - self._servers.keys():
+            server = self._servers[action, type_] = _Server(self._tell)
+            server.client = make_action_client(self._ros, self._dialect, action, type_, server)
+        self._learn_types()
+
+    def link_connected(self) -> None:
+        self._learn_types()
+        for server in self._servers.values():
+            # Earlier goals do not continue after the gap.
+            lost, server.lost = server.lost, ()
+            for wire_id in lost:
+                for delay_s in CANCEL_AGAIN_S:
+                    self._loop.call_later(delay_s, server.cancel, wire_id)
+                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_fate, server, wire_id)
+
+    def link_lost(self) -> None:
+        self._types.forget()
+        self._values.clear()
+        for server in self._servers.values():
+            server.lost += tuple(server.goals)
+            for wire_id in server.goals:
+                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_lost, server, wire_id)
+
+    def close(self) -> None:
+        """The link ends."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def hold_still(self, held: bool) -> None:
+        """Emergency stop: cancel the robot's own activity, and send nothing that could move it."""
+        self._held = held
+        if held:
+            self.cancel_goals(QT_TR_NOOP("the emergency stop was set"))
+
+    def cancel_goals(self, reason: str) -> None:
+        """Cancel the goals of controls."""
+        for server in self._servers.values():
+            self._fail_goals(server, reason, cancel=True)
+
+    def cancel_left_goals(self) -> None:
+        """Cancel goals left by a process that crashed."""
+        for server in self._servers.values():
+            if server.client is not None:
+                for delay_s in CANCEL_AGAIN_S:
+                    self._loop.call_later(delay_s, self._cancel_left_goal, server)
+
+    def _cancel_left_goal(self, server: _Server) -> None:
+        if server.client is not None and not server.goals and self._ros.is_connected:
+            server.client.cancel_all()
+
+    def _spelled(self, type_: str) -> str:
+        package, _, name = plain_name(type_).partition("/")
+        return type_name(self._dialect, package, name)
+
+    def _learn_types(self) -> None:
+        if self._ros.is_connected:
+            wanted = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
+            for kind, type_ in sorted(wanted):
+                self._in_background(self._learn(kind, type_))
+
+    async def _learn(self, kind: TypeKind, type_: str) -> None:
+        await self._types.definition(kind, type_)
+
+    # Uses
+
+    def use(self, command: UseControl) -> None:
+        """Start a use of a control."""
+        self._tell(command, "requested", "")
+        control = self._controls.get(command.control)
+        if control is None or control.effect is None:
+            self._tell(command, "failed", QT_TR_NOOP("neither the robot's profile nor the scenario has such a control"))
+            return
+        if refusal := self._refusal(control):
+            self._tell(command, "failed", refusal)
+        elif self._types.known(*_kind_and_type(control.effect)):
+            self._check_and_do(command, control, control.effect)
+        else:
+            self._in_background(self._learn_and_do(command, control, control.effect))
+
+    def may_move(self, control_id: str) -> bool:
+        """True if the robot may move because of this control."""
+        control = self._controls.get(control_id)
+        return control is not None and control.is_motion and not self._refusal(control)
+
+    async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
+        await self._types.definition(*_kind_and_type(effect))
+        # Meanwhile the link may have been lost or the emergency stop set.
+        if refusal := self._refusal(control):
+            self._tell(command, "failed", refusal)
+        else:
+            self._check_and_do(command, control, effect)
+
+    def _refusal(self, control: RobotControl) -> str:
+        """Reason why this control must not send anything now; empty if it may."""
+        if self._sends_velocity(control):
+            return QT_TR_NOOP("it publishes velocities, and only driving may send those")
+        if control.releases_stop:
+            return QT_TR_NOOP("it would release the emergency stop, and only the wizard's own release may do that")
+        if control.is_held_by_stop and self._held:
+            return QT_TR_NOOP("the emergency stop is set")
+        if control.is_motion and not self._driving_permitted:
+            return QT_TR_NOOP("the scenario does not permit driving, and this may move the robot")
+        if not self._ros.is_connected:
+            return QT_TR_NOOP("the robot is not connected")
+        return ""
+
+    def _sends_velocity(self, control: RobotControl) -> bool:
+        effect = control.effect
+        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, self._velocity_topic)
+
+    def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
+        try:
+            definition = self._types.definition_now(*_kind_and_type(effect))
+            content = filled(_template(effect), command.value)
+            message = fitted(content, definition, rounds=control.kind == "slider")
+        except MessageMismatchError as error:
+            logger.warning("Control %s: %s", control.id, error)
+            why = translation.localized(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
+            self._tell(command, "failed", why)
+            return
+        match effect:
+            case PublishMessage(topic=topic, type=type_):
+                sent = self._publishers[topic, type_].publish(message)
+                self._tell(
+                    command, "succeeded" if sent else "failed", "" if sent else QT_TR_NOOP("the robot is not connected")
+                )
+            case CallService():
+                self._in_background(self._call(command, control, effect, message))
+            case SendActionGoal():
+                self._send_goal(command, effect, message)
+
+    async def _call(self, command: UseControl, control: RobotControl, effect: CallService, request: Message) -> None:
+        if refusal := self._refusal(control):
+            # The emergency stop came at the same time.
+            self._tell(command, "failed", refusal)
+            return
+        package, _, name = plain_name(effect.type).partition("/")
+        kind = service_type_name(self._dialect, package, name)
+        try:
+            answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
+        except ServiceCallError as error:
+            self._tell(command, "failed", str(error))
+            return
+        # Field of Trigger, SetBool and similar services.
+        succeeded = answer.get("success", True) is not False
+        said = answer.get("message")
+        detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
+        self._tell(
+            command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else QT_TR_NOOP("it refused"))
+        )
+
+    def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
+        server = self._servers[effect.action, effect.type]
+        wire_id = server.client.send(command.control, goal) if server.client is not None else None
+        if wire_id is None:
+            self._tell(command, "failed", QT_TR_NOOP("the robot is not connected"))
+            return
+        server.goals[wire_id] = _Goal(command)
+        # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
+        self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
+
+    def _give_up(self, server: _Server, wire_id: str) -> None:
+        goal = server.goals.get(wire_id)
+        if goal is not None and not goal.heard and wire_id not in server.lost:
+            del server.goals[wire_id]
+            server.cancel(wire_id)
+            late = translation.localized(
+                QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}"
+            )
+            self._tell(goal.command, "failed", late)
+
+    def _give_up_lost(self, server: _Server, wire_id: str) -> None:
+        if not self._ros.is_connected:
+            self._give_up_fate(server, wire_id)
+
+    def _give_up_fate(self, server: _Server, wire_id: str) -> None:
+        goal = server.goals.pop(wire_id, None)
+        if goal is not None:
+            self._tell(goal.command, "failed", FATE_UNKNOWN)
+
+    def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
+        goals, server.goals = server.goals, {}
+        for wire_id, goal in goals.items():
+            if cancel:
+                server.cancel(wire_id)
+            self._tell(goal.command, "failed", detail)
+
+    def _tell(self, command: UseControl, state: RequestState, detail: str) -> None:
+        self._emit(
+            ControlUsed(now_ns(), command.request_id, command.control, command.value, state, detail, command.actor)
+        )
+
+    # Readings
+
+    def _listen(self) -> None:
+        for topic in self._readings:
+            self._watched.unsubscribe(topic)
+        self._readings.clear()
+        self._values = {name: value for name, value in self._values.items() if name in self._controls}
+        by_topic: dict[tuple[str, str], list[RobotControl]] = {}
+        for control in self._controls.values():
+            if control.reading is not None:
+                by_topic.setdefault((control.reading.topic, control.reading.type), []).append(control)
+        for (name, type_), controls in by_topic.items():
+            throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
+            topic = SafeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
+            self._readings.append(topic)
+            self._watched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
+
+    def _take_value(self, control: str, value: ControlValue | None) -> None:
+        if value is None or (control in self._values and self._values[control] == value):
+            return
+        self._values[control] = value
+        self._tell_values_soon()
+
+    def _tell_values_soon(self) -> None:
+        if self._timer is None:
+            self._timer = self._loop.call_at(max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._tell_values)
+
+    def _tell_values(self) -> None:
+        self._timer = None
+        if self._values:
+            self._told_s = self._loop.time()
+            self._emit(ControlReadings(now_ns(), dict(self._values)))
+
+
+def _reader(
+    controls: list[RobotControl],
+    take: Callable[[str, ControlValue | None], None],
+    unusable: Callable[[str, str], None],
+) -> Callable[[Any], None]:
+    """Message handler of one topic for all controls with readings from it."""
+    paths = [
+        (control, parse_path(control.reading.field), control.reading.scale)
+        for control in controls
+        if control.reading is not None
+    ]
+
+    def read(message: Any) -> None:
+        for control, path, scale in paths:
+            try:
+                take(control.id, value_at(message, path, scale))
+            except MessageError as error:
+                unusable(control.title, str(error))
+
+    return read
+
+
+def _kind_and_type(effect: ControlEffect) -> tuple[TypeKind, str]:
+    match effect:
+        case PublishMessage(type=type_):
+            return "message", type_
+        case CallService(type=type_):
+            return "service", type_
+        case SendActionGoal(type=type_):
+            return "goal", type_
+
+
+def _template(effect: ControlEffect) -> Mapping[str, Any]:
+    match effect:
+        case PublishMessage(message=template) | CallService(request=template) | SendActionGoal(goal=template):
+            return template

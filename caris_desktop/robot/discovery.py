@@ -1,0 +1,802 @@
+"""Robot discovery: what an unknown robot offers, which profile fits, and whether a profile's streams arrive.
+
+Everything is asyncio with connections of its own; ``*_blocking`` functions are for callers without a loop.
+
+Long because inventory and stream checks share their connections.
+"""
+
+import asyncio
+import contextlib
+import logging
+import math
+import re
+import time
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.geometry import Pose2D, Twist2D
+from caris_desktop.domain.picture_checks import picture_size
+from caris_desktop.domain.sensing import lidar_mounting
+from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
+from caris_desktop.robot.localization import TransformTree
+from caris_desktop.robot.profile import (
+    RobotProfile,
+    SecuritySettings,
+    leaves_ros_open,
+    list_profiles,
+    load_profile,
+    with_ros,
+)
+from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, may_stop, propose
+from caris_desktop.robot.robot_checks import (
+    LinkProbe,
+    NamedTopic,
+    RobotInventory,
+    actions_of,
+    in_dialect,
+    map_services_of,
+    named_in,
+    picture_advice,
+    services_of,
+    take_inventory,
+    what_rosapi_said,
+)
+from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.ros import joint_messages, message_conversion, navigation_messages
+from caris_desktop.ros.dialect import Dialect, decode_time, same_type
+from caris_desktop.ros.message_fields import MessageError
+from caris_desktop.ros.raw_image import decode_image, republish_advice
+
+logger = logging.getLogger(__name__)
+
+_GOODBYE_S = 0.3
+_LISTEN_S = 1.0
+_MOST_ASKED = 60
+_INVENTORY_WITHIN_S = 8.0
+_OLD_S = 1.0
+_UNRELATED_S = 3600.0
+# In ROS 2 a new publisher becomes visible with a delay.
+_BRIDGE = "rosbridge"  # its node's name begins so wherever nobody has renamed it
+_ADVERTISED_WITHIN, _ADVERTISED_AGAIN_S = 8, 0.25
+_RESEMBLES = 0.7
+_OF_INTEREST = (
+    "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "geometry_msgs/PoseWithCovarianceStamped",
+    "sensor_msgs/LaserScan", "sensor_msgs/CompressedImage", "sensor_msgs/Image", "sensor_msgs/BatteryState",
+    "nav_msgs/Odometry", "nav_msgs/OccupancyGrid", "nav_msgs/Path", "rosgraph_msgs/Clock", "std_msgs/Bool",
+)  # fmt: skip
+
+StreamState = Literal["good", "slow", "quiet", "nothing", "wrong"]
+
+
+class ExploreError(UserFacingError):
+    """The robot cannot be queried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resemblance:
+    """Similar profile of the list: ``share`` of its names exist with the right type."""
+
+    name: str
+    title: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """Result for an address. ``resembles`` is sorted best first and may be empty."""
+
+    address: str
+    offer: RobotOffer
+    proposal: Proposal
+    resembles: tuple[Resemblance, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamCheck:
+    """Check of one stream of a profile.
+
+    ``state``: good; slow (rate below the console's need); quiet (no message, but it is only occasional); nothing (no
+    message, though expected); wrong (contradicts the profile). ``rate_hz`` is None for fewer than two messages,
+    ``age_s`` (since the last one) for none. ``detail`` is a sentence.
+    """
+
+    field: str
+    label: str
+    topic: str
+    state: StreamState
+    rate_hz: float | None
+    age_s: float | None
+    detail: str
+
+
+async def detect_dialect(
+    address: str, *, security: SecuritySettings | None = None, timeout_s: float = 3.0
+) -> Dialect | None:
+    """ROS version of the robot; None if unknown (no rosapi, no topics).
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address.
+    """
+    async with _connected(address, security, timeout_s) as ros:
+        return (await _ros_version(ros))[0] or await _dialect_of_topics(ros)
+
+
+def load_profile_blocking(name_or_path_or_url: str, *, timeout_s: float = 2.0) -> RobotProfile:
+    """``load_profile``, asking the robot first if the address leaves the ROS version open.
+
+    A robot that does not answer in time counts as ROS 1; the link's check reports a mismatch later. Must not be called
+    from a running asyncio loop. Raises ProfileError.
+    """
+    profile = load_profile(name_or_path_or_url)
+    if not leaves_ros_open(name_or_path_or_url):
+        return profile
+    try:
+        dialect = asyncio.run(detect_dialect(profile.address, security=profile.security, timeout_s=timeout_s))
+    except ExploreError as error:
+        logger.info("Which ROS runs at %s is not known: %s", without_credentials(profile.address), error)
+        return profile
+    return load_profile(with_ros(name_or_path_or_url, 2)) if dialect is Dialect.ROS2 else profile
+
+
+async def explore_robot(
+    address: str,
+    *,
+    security: SecuritySettings | None = None,
+    timeout_s: float = 10.0,
+    on_progress: Callable[[str], None] | None = None,
+) -> Exploration:
+    """Query the robot's inventory and propose a mapping. ``on_progress`` gets a short text for each step.
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address, or it does not tell what it has.
+    """
+    tell = on_progress or (lambda _words: None)
+    tell(QT_TR_NOOP("Connecting"))
+    async with _connected(address, security, timeout_s) as ros:
+        try:
+            async with asyncio.timeout(timeout_s):
+                tell(QT_TR_NOOP("Asking what the robot has"))
+                offer = await take_offer(ros)
+                tell(QT_TR_NOOP("Listening for frames and joints"))
+                offer = await _with_what_is_heard(ros, offer)
+        except (TimeoutError, ServiceCallError) as error:
+            logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
+            raise _no_rosapi(error) from error
+    return Exploration(address, offer, propose(offer), _resemblances(offer))
+
+
+async def take_offer(ros: SafeRos) -> RobotOffer:
+    """Query rosapi for the input of a proposal. Raises ServiceCallError."""
+    inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
+    dialect = dialect or inventory.dialect
+    services = dict.fromkeys(sorted(inventory.services), "")
+    # In ROS 1 each query of a service type connects to its node, so they are limited.
+    for name in [name for name in services if may_stop(name)][:_MOST_ASKED]:
+        services[name] = await _type_of(ros, "service_type", "ServiceType", service=name)
+    actions = _actionlib_servers(inventory.topics)
+    for name in sorted(inventory.actions or ())[:_MOST_ASKED]:
+        if name not in actions:
+            actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
+    # Most informative types first: a large robot has hundreds of topics, with two queries each.
+    ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
+    asked = [topic for _rank, topic in ranked[:_MOST_ASKED]]
+    publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
+    subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
+    # A topic with neither has nodes unknown to rosapi.
+    told = [topic for topic in asked if publishers[topic] or subscribers[topic]]
+    return RobotOffer(
+        inventory.topics,
+        services,
+        actions,
+        dialect,
+        distribution,
+        publishers={topic: publishers[topic] for topic in told},
+        subscribers={topic: subscribers[topic] for topic in told},
+    )
+
+
+async def check_streams(
+    profile: RobotProfile,
+    address: str | None = None,
+    *,
+    seconds: float = 3.0,
+    on_check: Callable[[StreamCheck], None] | None = None,
+) -> tuple[StreamCheck, ...]:
+    """Listen to all streams of the profile at once for ``seconds``, and rate them.
+
+    Topics that the robot subscribes to are advertised without sending; services and actions are looked up and never
+    used. Without rosapi only the streams are checked. ``on_check`` gets each result at once.
+
+    Raises
+    ------
+    ExploreError
+        When nothing answers at the address, or it runs another ROS than the profile says.
+    """
+    tell = on_check or (lambda _check: None)
+    done: list[StreamCheck] = []
+
+    def say(check: StreamCheck) -> None:
+        done.append(check)
+        tell(check)
+
+    async with _connected(address or profile.address, profile.security, _INVENTORY_WITHIN_S) as ros:
+        inventory: RobotInventory | None = None
+        try:
+            async with asyncio.timeout(_INVENTORY_WITHIN_S):
+                inventory = await take_inventory(ros)
+        except (TimeoutError, ServiceCallError) as error:
+            logger.info("The robot does not tell what it has: %s", error)
+            why = localized(
+                QT_TR_NOOP("{why} The streams of the profile are listened to; what else the robot has is not known."),
+                why=what_rosapi_said(error),
+            )
+            say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, why))
+        if inventory is not None and inventory.dialect not in (None, Dialect(profile.ros)):
+            raise ExploreError(
+                localized(
+                    QT_TR_NOOP("The robot runs ROS {found}, but the profile says ROS {said}."),
+                    found=3 - profile.ros,
+                    said=profile.ros,
+                ),
+                QT_TR_NOOP("Nothing of it can be listened to."),
+                localized(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
+            )
+        offset_ns = await _clock_offset_ns(ros)
+        ears: list[_Ear] = []
+        inputs: list[tuple[NamedTopic, str]] = []
+        tree = TransformTree()
+        for named in named_in(profile):
+            if inventory is None:
+                if named.published:
+                    ears.append(_Ear(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree))
+                else:
+                    say(_unknown(named.field, named.label, named.topic))
+                continue
+            kind = inventory.topics.get(named.topic)
+            otherwise = picture_advice(named, inventory)
+            if otherwise:
+                say(_unfit(named, otherwise))
+            elif kind is None:
+                say(_absent(named))
+            elif kind and not any(same_type(kind, wanted) for wanted in named.types):
+                carries = QT_TR_NOOP("It carries {kind}; {expected} was expected.")
+                say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
+            elif named.published:
+                kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
+                ears.append(_Ear(ros, profile, named, kind, tree))
+            else:
+                inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
+        for check in _offered_checks(profile, inventory):
+            say(check)
+        await asyncio.sleep(seconds)
+        bridge_told = inventory is not None and await _bridge_is_told(ros, ears)
+        for named, kind in inputs:
+            say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
+        for ear in ears:
+            say(ear.verdict(offset_ns))
+            ear.close()
+    order = {named.field: number for number, named in enumerate(named_in(profile))}
+    return tuple(sorted(done, key=lambda check: order.get(check.field, len(order))))
+
+
+@contextlib.asynccontextmanager
+async def _connected(address: str, security: SecuritySettings | None, timeout_s: float) -> AsyncIterator[SafeRos]:
+    """Separate connection. Raises ExploreError."""
+    probe = LinkProbe()
+    ros = SafeRos(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
+    ros.connect()
+    try:
+        try:
+            async with asyncio.timeout(timeout_s):
+                what, advice = await probe.outcome
+        except TimeoutError:
+            nothing = QT_TR_NOOP("Nothing answers at {address} within {seconds} s.")
+            what, advice = localized(nothing, address=without_credentials(address), seconds=f"{timeout_s:g}"), ""
+        if what:
+            advice = advice or QT_TR_NOOP("Check the address, and that rosbridge runs on the robot.")
+            raise ExploreError(what, QT_TR_NOOP("The robot was not asked anything."), advice)
+        try:
+            yield ros
+        except ExploreError as error:
+            if probe.broke_off:  # then nothing was answered, whatever the query
+                raise _broken_off(security) from error
+            raise
+    finally:
+        await ros.aclose(_GOODBYE_S)
+
+
+def _broken_off(security: SecuritySettings | None) -> ExploreError:
+    if security is None or security.rosauth_secret_env is None:
+        # A rosbridge with rosauth accepts every connection, and closes it at the first query.
+        advice = QT_TR_NOOP(
+            "If it demands a secret (rosauth), name the environment variable that holds it under Security. "
+            "Else see that rosbridge still runs there, and look again."
+        )
+    else:
+        advice = QT_TR_NOOP("See that rosbridge still runs there, and look again; its log on the robot tells more.")
+    return ExploreError(
+        QT_TR_NOOP("The robot closed the connection while it was asked what it has."),
+        QT_TR_NOOP("No mapping can be proposed."),
+        advice,
+    )
+
+
+def _no_rosapi(error: Exception) -> ExploreError:
+    return ExploreError(
+        localized(QT_TR_NOOP("The robot does not tell what it has: {why}"), why=what_rosapi_said(error)),
+        QT_TR_NOOP("No mapping can be proposed."),
+        QT_TR_NOOP(
+            "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile "
+            "by hand."
+        ),
+    )
+
+
+async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:
+    """ROS version and distribution as reported; (None, "") from old robots."""
+    try:
+        answer = await ros.ask("/rosapi/get_ros_version", "rosapi/GetROSVersion")
+    except ServiceCallError:
+        return None, ""
+    version, distribution = answer.get("version"), answer.get("distro")
+    dialect = Dialect(version) if version in (1, 2) else None
+    return dialect, distribution if isinstance(distribution, str) else ""
+
+
+async def _dialect_of_topics(ros: SafeRos) -> Dialect | None:
+    try:
+        return (await take_inventory(ros)).dialect
+    except ServiceCallError:
+        return None
+
+
+async def _names(ros: SafeRos, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
+    """List of names from rosapi; empty if it does not know the query."""
+    try:
+        answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
+    except ServiceCallError as error:
+        logger.debug("rosapi: %s", error)
+        return []
+    names = answer.get(key)
+    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+
+async def _count_nodes(ros: SafeRos, topics: list[str], service: str, kind: str) -> dict[str, int]:
+    answers = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
+    return {topic: len(nodes) for topic, nodes in zip(topics, answers, strict=True)}
+
+
+def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
+    """Actions of ROS 1, by their goal topics."""
+    ending = "ActionGoal"
+    return {
+        topic.removesuffix("/goal"): kind.removesuffix("Goal")
+        for topic, kind in topics.items()
+        if topic.endswith("/goal") and kind.endswith(ending)
+    }
+
+
+async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -> str:
+    """Type of a service or action from rosapi; empty if unknown."""
+    try:
+        found = (await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)).get("type")
+    except ServiceCallError as error:
+        logger.debug("rosapi: %s", error)
+        return ""
+    return found if isinstance(found, str) else ""
+
+
+def _interest(kind: str) -> int | None:
+    """Rank of a type whose publishers and subscribers matter; None for others."""
+    return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
+
+
+async def _with_what_is_heard(ros: SafeRos, offer: RobotOffer) -> RobotOffer:
+    frames: set[str] = set()
+    joints: dict[str, None] = {}
+
+    def take_transforms(message: Any) -> None:
+        for transform in message_conversion.decode_tf_message(message, unusable=lambda *_told: None):
+            frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
+
+    def take_joints(message: Any) -> None:
+        joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
+
+    wanted: tuple[tuple[str, Callable[[Any], None]], ...] = (
+        ("tf2_msgs/TFMessage", take_transforms),
+        ("tf/tfMessage", take_transforms),
+        ("sensor_msgs/JointState", take_joints),
+    )
+    ears: list[SafeTopic] = []
+    for topic, kind in offer.topics.items():
+        for known, take in wanted:
+            if same_type(kind, known) and len(ears) < _MOST_ASKED:
+                ear = SafeTopic(ros, topic, kind, every_message=True, queue_length=20)
+                ear.subscribe(take)
+                ears.append(ear)
+    if ears:
+        await asyncio.sleep(_LISTEN_S)
+    for ear in ears:
+        ear.unsubscribe()
+    return replace(offer, frames=tuple(sorted(frames)), joints=tuple(joints))
+
+
+def _resemblances(offer: RobotOffer) -> tuple[Resemblance, ...]:
+    found = []
+    for listed in list_profiles():
+        if listed.error or listed.name.startswith("generic-"):
+            continue
+        profile = load_profile(listed.name)
+        hits = _hits(profile, offer)
+        share = round(sum(hits) / len(hits), 3)
+        if share >= _RESEMBLES and offer.dialect in (None, Dialect(profile.ros)):
+            found.append((share, len(hits), Resemblance(listed.name, profile.title, share)))
+    # Of two equal fits, the one with more names.
+    return tuple(each for _share, _names, each in sorted(found, key=lambda one: (-one[0], -one[1], one[2].name)))
+
+
+def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
+    """For each name in the profile, whether the robot has it with the right type. Controls do not
+    count, as they vary.
+    """
+    hits = [
+        any(same_type(offer.topics.get(named.topic, "-"), kind) for kind in named.types)
+        for named in named_in(profile)
+        if not named.field.startswith("controls.")
+    ]
+    hits += [name in offer.services for key, _, name in services_of(profile) if not key.startswith("controls.")]
+    hits += [name in offer.services for name in map_services_of(profile)]
+    hits += [name in offer.actions for key, _, name in actions_of(profile) if not key.startswith("controls.")]
+    return hits
+
+
+class _Ear:
+    """Listener to one stream of a profile. Received transforms fill ``tree``."""
+
+    def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree) -> None:
+        self._named = named
+        self._describe = _description_of(named, profile, tree)
+        self._tree = tree if named.field in ("tf", "tf_static") else None
+        self._loop = asyncio.get_running_loop()
+        self._count = 0
+        self._first_s = self._last_s = 0.0
+        self._message: Any = None
+        self._heard_ns = 0
+        every = self._tree is not None
+        self._topic = SafeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
+        self._topic.subscribe(self._take)
+
+    @property
+    def topic(self) -> str:
+        return self._named.topic
+
+    @property
+    def heard(self) -> bool:
+        return self._count > 0
+
+    def close(self) -> None:
+        self._topic.unsubscribe()
+
+    def _take(self, message: Any) -> None:
+        self._last_s = self._loop.time()
+        self._first_s = self._first_s or self._last_s
+        self._count += 1
+        self._message = message
+        self._heard_ns = time.time_ns()
+        if self._tree is not None:
+            told = message_conversion.decode_tf_message(message, unusable=lambda *_told: None)
+            self._tree.add(told, static=self._named.field == "tf_static")
+
+    def verdict(self, offset_ns: int | None) -> StreamCheck:
+        named = self._named
+        if self._count == 0:
+            detail = QT_TR_NOOP("Nothing came.")
+            if named.expected_hz is None:
+                detail = QT_TR_NOOP("Nothing came; it is sent only at times.")
+            state: StreamState = "quiet" if named.expected_hz is None else "nothing"
+            return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+        took_s = self._last_s - self._first_s
+        rate_hz = (self._count - 1) / took_s if self._count > 1 and took_s > 0.0 else None
+        age_s = self._loop.time() - self._last_s
+        try:
+            detail = self._describe(self._message)
+        except (MessageError, ValueError) as error:
+            wrong = localized(QT_TR_NOOP("What comes cannot be used: {error}."), error=error)
+            return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
+        state = "good"
+        if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
+            state = "slow"
+        late_s = self._late_s(offset_ns)
+        if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
+            state = "slow"
+            late = localized(QT_TR_NOOP("It is {late} s old when it arrives."), late=f"{late_s:.1f}")
+            detail = joined((detail, late))
+        return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
+
+    def _late_s(self, offset_ns: int | None) -> float | None:
+        """Age of the last message on arrival, by the robot's clock."""
+        header = self._message.get("header") if isinstance(self._message, dict) else None
+        if offset_ns is None or not isinstance(header, dict):
+            return None
+        try:
+            stamp_ns = decode_time(header.get("stamp"))
+        except ValueError:
+            return None
+        return None if stamp_ns is None else (self._heard_ns + offset_ns - stamp_ns) / 1e9
+
+
+async def _clock_offset_ns(ros: SafeRos) -> int | None:
+    """Robot clock minus this computer's clock, accurate to half a round trip."""
+    asked_ns = time.time_ns()
+    try:
+        robot_ns = decode_time((await ros.ask("/rosapi/get_time", "rosapi/GetTime")).get("time"))
+    except (ServiceCallError, ValueError):
+        return None
+    return None if robot_ns is None else robot_ns - (asked_ns + time.time_ns()) // 2
+
+
+_HAS_SERVICE = QT_TR_NOOP("The robot has this service.")
+
+
+def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> Iterator[StreamCheck]:
+    """Checks of the profile's services and actions."""
+    if inventory is None:
+        for key, label, name in (*services_of(profile), *actions_of(profile)):
+            yield _unknown(key, label, name)
+        return
+    for key, label, service in services_of(profile):
+        there = inventory.has_service(service)
+        words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
+        yield StreamCheck(key, label, service, "good" if there else "nothing", None, None, words)
+    for service in map_services_of(profile):
+        there = inventory.has_service(service)
+        words = _HAS_SERVICE if there else QT_TR_NOOP("Not now; it is there in one mode of the robot only.")
+        yield StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words)
+    for key, label, action in actions_of(profile):
+        yield _action_check(key, label, action, there=inventory.has_action(action))
+
+
+def _unknown(field: str, label: str, name: str) -> StreamCheck:
+    words = QT_TR_NOOP("Without rosapi it is not known whether the robot has it.")
+    return StreamCheck(field, label, name, "quiet", None, None, words)
+
+
+def _absent(named: NamedTopic) -> StreamCheck:
+    state: StreamState = "nothing" if named.needed else "quiet"
+    nobody = QT_TR_NOOP("Nothing on the robot listens to it.")
+    detail = QT_TR_NOOP("The robot has no topic of this name.") if named.published else nobody
+    return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+
+
+def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
+    return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
+
+
+async def _bridge_is_told(ros: SafeRos, ears: list[_Ear]) -> bool:
+    """True if the robot lists rosbridge among the subscribers of received topics."""
+    for ear in ears:
+        if ear.heard:
+            names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=ear.topic)
+            return any(_BRIDGE in name for name in names)
+    return False
+
+
+async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_told: bool) -> StreamCheck:
+    def verdict(state: StreamState, detail: str) -> StreamCheck:
+        return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
+
+    listeners = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=named.topic)
+    speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
+    if speakers and not listeners:
+        return verdict(
+            "nothing", localized(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers))
+        )
+    if not listeners:
+        # A topic with neither has nodes unknown to rosapi.
+        return verdict("good", QT_TR_NOOP("The robot has this topic."))
+    if bridge_told and not await _lets_through(ros, named.topic, kind, set(speakers)):
+        refused = QT_TR_NOOP(
+            "{who} listens to it, but rosbridge does not publish it: its topics_glob does not let this topic through."
+        )
+        return verdict("wrong", localized(refused, who=_short(listeners)))
+    return verdict("good", localized(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
+
+
+async def _lets_through(ros: SafeRos, topic: str, kind: str, before: set[str]) -> bool:
+    """True if rosbridge becomes a publisher of the topic on request, as ROS reports. Nothing is sent.
+
+    rosbridge silently ignores topics outside of its ``topics_glob``.
+    """
+    publisher = SafeTopic(ros, topic, kind)
+    publisher.advertise()
+    try:
+        for _ in range(_ADVERTISED_WITHIN):
+            names = await _names(ros, "publishers", "Publishers", "publishers", topic=topic)
+            # Another client of the same bridge may have made it a publisher before.
+            if set(names) - before or any(_BRIDGE in name for name in names):
+                return True
+            await asyncio.sleep(_ADVERTISED_AGAIN_S)
+        return False
+    finally:
+        publisher.unadvertise()
+
+
+def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:
+    if there is None:
+        return StreamCheck(key, label, action, "quiet", None, None, QT_TR_NOOP("The robot does not tell its actions."))
+    words = QT_TR_NOOP("The robot has this action.") if there else QT_TR_NOOP("The robot has no action of this name.")
+    return StreamCheck(key, label, action, "good" if there else "nothing", None, None, words)
+
+
+def _short(names: Iterable[str]) -> str:
+    listed = sorted(names)
+    few = ", ".join(listed[:2])
+    if len(listed) <= 2:
+        return few
+    return localized(QT_TR_NOOP("{names} and {number} more"), names=few, number=len(listed) - 2)
+
+
+def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTree) -> Callable[[Any], str]:
+    """Description of a message; raises MessageError or ValueError if the console could not use it."""
+    if named.field == "head.joint_states" and profile.head is not None:
+        joints = (profile.head.pan_joint, profile.head.tilt_joint)
+        return lambda message: _joints(message, joints)
+    if named.field == "scan":
+        return lambda message: joined((_scan(message), _mounting(message, profile, tree)))
+    if named.types == ("sensor_msgs/Image",):
+        advice = localized(QT_TR_NOOP("Not compressed: {advice}."), advice=republish_advice(named.topic))
+        return lambda message: joined((_raw_picture(message), advice))
+    for control in profile.controls:
+        if control.reading is not None and named.field == f"controls.{control.id}.shows":
+            path = control.reading.field
+            return lambda message: localized(QT_TR_NOOP("Now {value}."), value=value_at(message, path))
+    return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("It comes."))
+
+
+def _joints(message: Any, wanted: tuple[str, str]) -> str:
+    known = joint_messages.decode_joint_state(message).positions
+    lacking = [joint for joint in wanted if joint not in known]
+    # Joints may be spread over several messages, so one without them proves nothing.
+    if not lacking:
+        return QT_TR_NOOP("Both joints of the head are told.")
+    return localized(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
+
+
+def _scan(message: Any) -> str:
+    scan = message_conversion.decode_laser_scan(message, stamp_ns=0)
+    span_deg = abs(math.degrees(scan.angle_increment_rad * (len(scan.ranges_m) - 1)))
+    return localized(
+        QT_TR_NOOP("{beams} beams over {angle} degrees, up to {range} m."),
+        beams=len(scan.ranges_m), angle=f"{span_deg:.0f}", range=f"{scan.range_max_m:g}",
+    )  # fmt: skip
+
+
+def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
+    """Mounting of the LIDAR. Raises MessageError if it is tilted."""
+    frame = message_conversion.decode_laser_scan(message, stamp_ns=0).frame_id.lstrip("/")
+    pose = tree.lookup_in_space(profile.frames.base.lstrip("/"), frame)
+    if profile.laser.mounting is not None:
+        upside_down = profile.laser.mounting == "upside_down"
+        return (
+            QT_TR_NOOP("Mounted upside down, as the profile says: its beams are reversed.")
+            if upside_down
+            else QT_TR_NOOP("Mounted upright, as the profile says.")
+        )
+    if pose is None:
+        return localized(
+            QT_TR_NOOP("No transform leads from {base} to {frame}: it is taken to be upright where the profile says."),
+            base=profile.frames.base,
+            frame=repr(frame),
+        )
+    match lidar_mounting(pose):
+        case "upright":
+            return QT_TR_NOOP("Mounted upright.")
+        case "upside_down":
+            return QT_TR_NOOP("Mounted upside down: its beams are reversed.")
+        case "tilted":
+            tilted = QT_TR_NOOP("the LIDAR is tilted by {degrees} degrees, so that it measures floor and ceiling")
+            raise MessageError(localized(tilted, degrees=f"{math.degrees(pose.tilt_rad):.0f}"))
+
+
+def _picture(message: Any) -> str:
+    image = message_conversion.decode_compressed_image(message)
+    size = picture_size(image.content)
+    kilobytes = f"{len(image.content) / 1000:.0f}"
+    if not size:
+        return localized(QT_TR_NOOP("{encoding}, {size} kB."), encoding=image.encoding, size=kilobytes)
+    return _pixels(image.encoding, size[0], size[1], kilobytes)
+
+
+def _raw_picture(message: Any) -> str:
+    height_px, width_px = decode_image(message).image_bgr.shape[:2]
+    size_kb = message["step"] * height_px / 1000
+    return _pixels(message["encoding"], width_px, height_px, f"{size_kb:.0f}")
+
+
+def _pixels(encoding: str, width_px: int, height_px: int, kilobytes: str) -> str:
+    return localized(
+        QT_TR_NOOP("{encoding} of {width}x{height} pixels, {size} kB."),
+        encoding=encoding, width=width_px, height=height_px, size=kilobytes,
+    )  # fmt: skip
+
+
+def _grid(message: Any) -> str:
+    grid = message_conversion.decode_occupancy_grid(message, stamp_ns=0)
+    height, width = grid.cells.shape
+    cell_m = grid.resolution_m
+    return localized(
+        QT_TR_NOOP("{width} x {height} m in cells of {cell} m."),
+        width=f"{width * cell_m:.0f}", height=f"{height * cell_m:.0f}", cell=f"{cell_m:g}",
+    )  # fmt: skip
+
+
+def _battery(message: Any) -> str:
+    fraction = message_conversion.decode_battery_state(message, stamp_ns=0).charge_fraction
+    return QT_TR_NOOP("It does not tell its charge.") if fraction is None else f"{100 * fraction:.0f} %."
+
+
+def _odometry(message: Any) -> str:
+    poseless: list[str] = []
+
+    def reckoned(_twist: Twist2D) -> Pose2D:
+        poseless.append(QT_TR_NOOP("It tells no rotation (a zero quaternion): only its speed is used."))
+        return Pose2D(0.0, 0.0, 0.0)
+
+    twist = message_conversion.decode_odometry(message, stamp_ns=0, pose_of=reckoned).twist
+    return joined((f"{twist.forward_mps:.2f} m/s, {twist.turn_radps:.2f} rad/s.", *poseless))
+
+
+def _pose(message: Any) -> str:
+    pose = message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map
+    return localized(
+        QT_TR_NOOP("At {x}, {y} m, heading {heading} degrees."),
+        x=f"{pose.x_m:.1f}", y=f"{pose.y_m:.1f}", heading=f"{math.degrees(pose.heading_rad):.0f}",
+    )  # fmt: skip
+
+
+def _transforms(message: Any) -> str:
+    frames = sorted({each.child_frame for each in message_conversion.decode_tf_message(message)})
+    if not frames:
+        return QT_TR_NOOP("It holds no frames.")
+    return localized(QT_TR_NOOP("Frames {frames}."), frames=_short(frames))
+
+
+def _path(message: Any) -> str:
+    return localized(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
+
+
+_DESCRIPTIONS: dict[str, Callable[[Any], str]] = {
+    "sensor_msgs/LaserScan": _scan,
+    "sensor_msgs/CompressedImage": _picture,
+    "nav_msgs/OccupancyGrid": _grid,
+    "sensor_msgs/BatteryState": _battery,
+    "nav_msgs/Odometry": _odometry,
+    "geometry_msgs/PoseWithCovarianceStamped": _pose,
+    "tf2_msgs/TFMessage": _transforms,
+    "nav_msgs/Path": _path,
+    "std_msgs/Bool": lambda message: localized(
+        QT_TR_NOOP("Now {value}."), value=str(message_conversion.decode_bool(message)).lower()
+    ),
+}
+
+
+def value_at(message: Any, path: str) -> bool | float | str:
+    """Value at a path such as ``status[0].level``. Raises ValueError if there is none."""
+    found = message
+    for step in re.findall(r"[A-Za-z_][A-Za-z0-9_]*|\[[0-9]+\]", path):
+        try:
+            found = found[int(step[1:-1])] if step.startswith("[") else found[step]
+        except (LookupError, TypeError) as error:
+            raise ValueError(localized(QT_TR_NOOP("the message has no {path}"), path=path)) from error
+    if not isinstance(found, (bool, int, float, str)):
+        raise ValueError(localized(QT_TR_NOOP("{path} is not one value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
+    return found

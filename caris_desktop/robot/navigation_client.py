@@ -1,0 +1,283 @@
+"""Navigation goals: move_base (ROS 1) and NavigateToPose (ROS 2)."""
+
+import asyncio
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from caris_desktop.domain.actor import CONSOLE, Actor
+from caris_desktop.domain.clock import now_ns
+from caris_desktop.domain.events import GoalChanged, GoalState
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.link_commands import GoTo
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
+from caris_desktop.robot.profile import NavigationServer
+from caris_desktop.robot.transport import SafeRos
+from caris_desktop.ros.action_messages import (
+    Ending,
+    decode_move_base_feedback,
+    decode_navigate_to_pose_feedback,
+    encode_move_base_target,
+    encode_navigate_to_pose_goal,
+)
+from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.message_fields import Message
+
+NO_ANSWER_S = 4.0
+UNCONFIRMED_CANCEL_S = 1.5
+PROGRESS_EVERY_NS = 500_000_000
+# A newly advertised publisher reaches its subscribers with a delay.
+CANCEL_AGAIN_S = (0.3, 1.0)
+
+NO_NAVIGATION = QT_TR_NOOP("this robot's profile names no navigation")
+
+
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """Present goal. ``wire_id`` is its id on the robot."""
+
+    asked: GoTo
+    wire_id: str
+    state: GoalState = "requested"
+    distance_left_m: float | None = None
+    cancelling: str | None = None
+    cancelled_by: Actor = ""
+    told_ns: int = 0
+
+
+class Navigator:
+    """The console's single navigation goal, from request to end.
+
+    ``map_frame`` is the robot's name for the frame of targets. ``emit`` gets a GoalChanged for each change of state
+    and, while active, for its progress twice per second. ``unconfirmed`` is called if a cancellation is not confirmed
+    in time.
+    """
+
+    def __init__(
+        self,
+        ros: SafeRos,
+        server: NavigationServer | None,
+        *,
+        map_frame: str,
+        emit: Callable[[GoalChanged], None],
+        unconfirmed: Callable[[], None],
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._ros = ros
+        self._emit = emit
+        self._unconfirmed = unconfirmed
+        self._goal: _Goal | None = None
+        self._lost_wire_id: str | None = None
+        self._fate: asyncio.TimerHandle | None = None
+        self._epochs = itertools.count(1)
+        self._epoch = 0
+        self._map_frame = map_frame
+        self._pose_in_map: Pose2D | None = None
+        self._robot_tells_distance = False
+        self._server: ActionClient | None = None
+        self._moves_base = server is not None and server.kind == "move_base"
+        if server is not None:
+            dialect = Dialect.ROS1 if self._moves_base else Dialect.ROS2
+            action_type = "move_base_msgs/MoveBase" if self._moves_base else "nav2_msgs/NavigateToPose"
+            self._server = make_action_client(ros, dialect, server.name, action_type, self, motion=True)
+
+    @property
+    def under_way(self) -> bool:
+        """True while the robot has, or may have, a goal of ours."""
+        return self._goal is not None
+
+    def go(self, command: GoTo) -> None:
+        """Request a goal; replaces the present one."""
+        if self._goal is not None:
+            # Navigation itself preempts the old goal; its late answers are ignored.
+            self._goal = replace(self._goal, cancelled_by=command.actor)
+            self._end("cancelled", QT_TR_NOOP("replaced by another goal"))
+        target_in_map = command.target_in_map
+        if self._server is None:
+            self.refuse(command, NO_NAVIGATION)
+            return
+        if not all(math.isfinite(value) for value in (target_in_map.x_m, target_in_map.y_m, target_in_map.heading_rad)):
+            self.refuse(command, QT_TR_NOOP("the target is not a place in the map"))
+            return
+        self._epoch = next(self._epochs)
+        # Stamp zero: use the newest transforms, as the clocks may differ.
+        encode = encode_move_base_target if self._moves_base else encode_navigate_to_pose_goal
+        wire_id = self._server.send(command.goal_id, encode(target_in_map, stamp_ns=0, frame_id=self._map_frame))
+        if wire_id is None:
+            self.refuse(command, QT_TR_NOOP("the robot is not connected"))
+            return
+        self._robot_tells_distance = False
+        self._goal = _Goal(command, wire_id, distance_left_m=self._beeline_m(target_in_map))
+        self._tell()
+        epoch = self._epoch
+        self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(epoch))
+
+    def refuse(self, command: GoTo, detail: str) -> None:
+        """Report a goal as failed that was never sent."""
+        self._emit(
+            GoalChanged(
+                now_ns(),
+                command.goal_id,
+                "failed",
+                command.target_in_map,
+                command.place,
+                detail=detail,
+                actor=command.actor,
+            )
+        )
+
+    def cancel(self, detail: str, actor: Actor) -> None:
+        """Cancel our goal, if any. It is reported when the robot confirms."""
+        if self._goal is None or self._server is None or self._goal.cancelling is not None:
+            return
+        self._goal = replace(self._goal, cancelling=detail, cancelled_by=actor)
+        self._server.cancel(self._goal.wire_id)
+        epoch = self._epoch
+        self._loop.call_later(UNCONFIRMED_CANCEL_S, lambda: self._give_up_cancelling(epoch))
+
+    def cancel_all(self, detail: str, actor: Actor) -> None:
+        """Cancel all goals that the robot may have."""
+        self.cancel(detail, actor)
+        if self._server is not None and self._ros.is_connected:
+            self._server.cancel_all()
+
+    def link_lost(self) -> None:
+        """Cancel the goal after reconnection, which shows whether it was reached before."""
+        self._pose_in_map = None
+        if self._goal is not None:
+            self._lost_wire_id = self._goal.wire_id
+            if self._goal.cancelling is None:
+                self._goal = replace(
+                    self._goal, cancelling=QT_TR_NOOP("the link to the robot was lost"), cancelled_by=CONSOLE
+                )
+            self._tell(QT_TR_NOOP("the link to the robot was lost; the goal is cancelled when it is back"))
+            self._await_fate()
+
+    def link_connected(self) -> None:
+        lost, self._lost_wire_id = self._lost_wire_id, None
+        if lost is None or self._server is None:
+            return
+        if self._goal is not None:
+            self._await_fate()
+        self._server.cancel(lost)
+        self.cancel_left_goal()
+
+    def cancel_left_goal(self) -> None:
+        """Cancel goals that the robot may still have from a disconnected period."""
+        if self._server is None:
+            return
+        self._server.cancel_all()
+        epoch = self._epoch
+        for delay_s in CANCEL_AGAIN_S:
+            self._loop.call_later(delay_s, lambda: self._cancel_again(epoch))
+
+    def goal_pending(self, wire_id: str) -> None:
+        """Reported when it begins."""
+
+    def goal_active(self, wire_id: str) -> None:
+        if self._goal is not None and self._goal.wire_id == wire_id and self._goal.state == "requested":
+            self._goal = replace(self._goal, state="active")
+            self._tell()
+
+    def robot_moved(self, pose_in_map: Pose2D) -> None:
+        """Set the robot's pose; the straight-line distance is used if the robot reports none."""
+        self._pose_in_map = pose_in_map
+        if self._goal is not None and not self._robot_tells_distance:
+            self._progress(self._beeline_m(self._goal.asked.target_in_map))
+
+    def goal_feedback(self, wire_id: str, feedback: Message) -> None:
+        goal = self._goal
+        if goal is None or goal.wire_id != wire_id:
+            return
+        decode = decode_move_base_feedback if self._moves_base else decode_navigate_to_pose_feedback
+        told = decode(feedback)
+        if told.pose_in_map is not None:
+            self._pose_in_map = told.pose_in_map
+        self._robot_tells_distance = told.distance_left_m is not None
+        self.goal_active(wire_id)
+        self._progress(
+            told.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.asked.target_in_map)
+        )
+
+    def _progress(self, distance_left_m: float | None) -> None:
+        goal = self._goal
+        if goal is not None:
+            self._goal = replace(goal, distance_left_m=distance_left_m)
+            if goal.state == "active" and now_ns() - goal.told_ns >= PROGRESS_EVERY_NS:
+                self._tell()
+
+    def _beeline_m(self, target_in_map: Pose2D) -> float | None:
+        here = self._pose_in_map
+        return None if here is None else math.hypot(target_in_map.x_m - here.x_m, target_in_map.y_m - here.y_m)
+
+    def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
+        if self._goal is None or self._goal.wire_id != wire_id:
+            return
+        if ending == "cancelled" and self._goal.cancelling is None:
+            detail = detail or QT_TR_NOOP("the robot gave it up")
+        elif self._goal.cancelling is not None and ending != "reached":
+            ending, detail = "cancelled", self._goal.cancelling
+        self._end(ending, detail)
+
+    def _tell(self, detail: str = "") -> None:
+        goal = self._goal
+        if goal is not None:
+            self._goal = replace(goal, told_ns=now_ns())
+            self._emit(
+                GoalChanged(
+                    now_ns(),
+                    goal.asked.goal_id,
+                    goal.state,
+                    goal.asked.target_in_map,
+                    goal.asked.place,
+                    goal.distance_left_m,
+                    detail,
+                    goal.cancelled_by if goal.state == "cancelled" else goal.asked.actor,
+                )
+            )
+
+    def _end(self, state: GoalState, detail: str) -> None:
+        if self._goal is not None:
+            self._goal = replace(self._goal, state=state)
+            self._tell(detail)
+            self._goal = None
+        if self._fate is not None:
+            self._fate.cancel()
+            self._fate = None
+
+    def _give_up(self, epoch: int) -> None:
+        if self._goal is None or self._epoch != epoch or self._goal.state != "requested" or self._server is None:
+            return
+        if self._fate is not None or self._goal.cancelling is not None:
+            return
+        self._server.give_up(self._goal.wire_id)
+        late = QT_TR_NOOP("the robot's navigation did not answer within {seconds} s")
+        self._end("failed", localized(late, seconds=f"{NO_ANSWER_S:g}"))
+
+    def _await_fate(self) -> None:
+        if self._fate is not None:
+            self._fate.cancel()
+        self._fate = self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_fate)
+
+    def _give_up_fate(self) -> None:
+        self._end("failed", FATE_UNKNOWN)
+        if self._ros.is_connected:
+            self._unconfirmed()
+
+    def _give_up_cancelling(self, epoch: int) -> None:
+        if self._goal is None or self._epoch != epoch or self._goal.cancelling is None or self._server is None:
+            return
+        if self._fate is not None:
+            return
+        self._server.give_up(self._goal.wire_id)
+        self._server.cancel_all()
+        unconfirmed = QT_TR_NOOP("{why}; the robot did not confirm it")
+        self._end("cancelled", localized(unconfirmed, why=localized(self._goal.cancelling)))
+        self._unconfirmed()
+
+    def _cancel_again(self, epoch: int) -> None:
+        if self._epoch == epoch and self._server is not None and self._ros.is_connected:
+            self._server.cancel_all()

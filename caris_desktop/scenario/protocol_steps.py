@@ -1,0 +1,167 @@
+"""Study protocol of a scenario: steps, their content, and branches."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Annotated, Literal
+
+from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.schema_fields import FieldSpec
+from caris_desktop.domain.schema_validation import allowed_words
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
+
+MOST_BRANCHES = 9
+"""One for each digit."""
+END = "end"
+"""Nothing comes after this step."""
+_SECONDS = 60.0
+
+_Title = Annotated[str, FieldSpec(shortest=1, longest=60)]
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """What the participant may do, and the step with which it goes on then."""
+
+    title: Annotated[_Title, FieldSpec("What the participant does; the words on its button.")]
+    to: Annotated[
+        str,
+        FieldSpec(
+            "The step that follows, by its title or its id.",
+            title="Goes on with",
+            refers=("protocol", "steps", "title"),
+            shortest=1,
+            longest=60,
+        ),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolStep:
+    """One step of the protocol."""
+
+    title: Annotated[_Title, FieldSpec("What it is called in the window, in the record and in every table.")]
+    id: Annotated[
+        str,
+        FieldSpec(
+            "A short name that stays when the title changes; made from the title if not given.",
+            pattern="^([a-z0-9][a-z0-9_-]*)?$",
+            allowed="lower-case letters, digits, - and _.",
+            longest=40,
+            quiet=True,
+        ),
+    ] = ""
+    say: Annotated[
+        str,
+        FieldSpec(
+            "What the robot says in it, with one key. A sentence of `phrases` has its gesture and face along.",
+            longest=500,
+            quiet=True,
+        ),
+    ] = ""
+    go_to: Annotated[
+        str, FieldSpec("The one of the `places` that belongs to it.", refers=("places", "name"), longest=80, quiet=True)
+    ] = ""
+    minutes: Annotated[
+        float,
+        FieldSpec(
+            "How long it is expected to take; 0.5 is half a minute, 0 as long as it takes.",
+            unit="minutes",
+            at_least=0,
+            at_most=600,
+            quiet=True,
+        ),
+    ] = 0.0
+    tick: Annotated[
+        tuple[Annotated[str, FieldSpec(shortest=1, longest=80)], ...],
+        FieldSpec("What the wizard ticks off in it.", title="To tick off", longest=12, unique=True, quiet=True),
+    ] = ()
+    branches: Annotated[
+        tuple[Branch, ...],
+        FieldSpec("Where it goes on instead, by what the participant does.", longest=MOST_BRANCHES, quiet=True),
+    ] = ()
+    then: Annotated[
+        str,
+        FieldSpec(
+            "The step that comes next, by its title or its id, or `end`; if not given, the one below.",
+            refers=("protocol", "steps", "title"),
+            else_one_of=(END,),
+            longest=60,
+            quiet=True,
+        ),
+    ] = ""
+    note: Annotated[str, FieldSpec("A reminder for the wizard, shown with the step.", longest=500, quiet=True)] = ""
+
+    @property
+    def step_id(self) -> str:
+        return self.id or _id_from(self.title)
+
+    @property
+    def expected_s(self) -> float:
+        """Expected duration; zero if none is given."""
+        return self.minutes * _SECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolSettings:
+    """The steps of the study, in order. The wizard may go to any of them at any time, and what they did is recorded."""
+
+    steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, the first first.", longest=60)] = ()
+    begins: Annotated[
+        Literal["with_recording", "by_hand"],
+        FieldSpec("The first step begins as a recording does, or when the wizard goes on to it.", quiet=True),
+    ] = "with_recording"
+
+
+def step_named(steps: Iterable[ProtocolStep], name: str) -> ProtocolStep | None:
+    """Step by id, else by title."""
+    steps = tuple(steps)
+    by_id = (step for step in steps if step.step_id == name)
+    by_title = (step for step in steps if step.title.casefold() == name.casefold())
+    return next(by_id, None) or next(by_title, None)
+
+
+def step_after(steps: Sequence[ProtocolStep], step: ProtocolStep) -> ProtocolStep | None:
+    """Next step without a branch; None after the last one."""
+    if step.then:
+        return step_named(steps, step.then)
+    following = steps.index(step) + 1
+    return steps[following] if following < len(steps) else None
+
+
+def protocol_problems(settings: ProtocolSettings, places: Sequence[str]) -> Iterator[Problem]:
+    """Problems between steps, and with ``places``; paths start at the protocol."""
+    steps = settings.steps
+    seen: set[str] = set()
+    for index, step in enumerate(steps):
+        if step.step_id in seen:
+            key = "id" if step.id else "title"
+            yield (
+                ("steps", index, key),
+                tr("the step '{step}' is there twice: give one of both an id of its own.").format(step=step.step_id),
+            )
+        seen.add(step.step_id)
+        if step.go_to and step.go_to not in places:
+            unknown = tr("unknown place '{place}'.").format(place=step.go_to)
+            known = allowed_words(step.go_to, list(places)) if places else tr("This scenario has no places.")
+            yield ("steps", index, "go_to"), f"{unknown} {known}"
+        if step.then and step.then != END and step_named(steps, step.then) is None:
+            yield ("steps", index, "then"), _unknown_step(step.then, steps, END)
+        titles: set[str] = set()
+        for number, branch in enumerate(step.branches):
+            path = ("steps", index, "branches", number)
+            if branch.title.casefold() in titles:
+                twice = tr("the branch '{title}' is there twice in one step.")
+                yield (*path, "title"), twice.format(title=branch.title)
+            titles.add(branch.title.casefold())
+            if step_named(steps, branch.to) is None:
+                yield (*path, "to"), _unknown_step(branch.to, steps)
+
+
+def _unknown_step(name: str, steps: Iterable[ProtocolStep], *others: str) -> str:
+    unknown = tr("unknown step '{step}'.").format(step=name)
+    return f"{unknown} {allowed_words(name, [*(step.title for step in steps), *others])}"
+
+
+def _id_from(title: str) -> str:
+    return re.sub(r"\W+", "-", title.casefold()).strip("-") or title

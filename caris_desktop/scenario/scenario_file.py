@@ -1,0 +1,324 @@
+"""Reading and writing of scenario files; mistakes are reported with file, line and allowed values."""
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.control_definitions import control_problems
+from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.schema_fields import data_of, value_from
+from caris_desktop.domain.schema_validation import problems, told
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_writing import yaml_text
+from caris_desktop.scenario.gestures import Gesture, gesture_problems
+from caris_desktop.scenario.layout import layout_problems
+from caris_desktop.scenario.phrases import PhraseEntry, phrase_groups, phrase_problems
+from caris_desktop.scenario.protocol_steps import ProtocolSettings, protocol_problems
+from caris_desktop.scenario.scenario_migrations import migrate
+from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, Scenario
+from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
+
+MAX_FILE_BYTES = 256 * 1024
+_SCHEMA_ON_THIS_COMPUTER = re.compile(
+    r"""^[ \t]*\#[ \t]*yaml-language-server:[^\n]*\$schema[ \t]*=[ \t"']*(?:file:|/|\\|~|[a-z]:[/\\])[^\n]*(?:\n|\Z)""",
+    re.MULTILINE | re.IGNORECASE,
+)
+_SCHEMA_COMMENT = re.compile(r"^[ \t]*#[ \t]*yaml-language-server:[^\r\n]*", re.MULTILINE)
+
+
+class ScenarioError(Exception):
+    """Unusable scenario file. The text names file, line, mistake and allowed values."""
+
+
+class OtherFileError(ScenarioError):
+    """The target contains a file that must not be replaced."""
+
+
+def schema_path() -> Path:
+    """JSON Schema of scenario files, for the loader and for editors."""
+    return resources_dir() / "schemas" / "scenario.schema.json"
+
+
+def load_scenario(path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None) -> Scenario:
+    """Read, migrate and validate one scenario file.
+
+    ``velocity_topic_of`` returns the velocity topic of a robot by its name in the file: no control may publish there.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read, or says something that a scenario may not say.
+    """
+    raw = _read(path)
+    scenario = parse_scenario(_decoded(raw, path), path=path.resolve(), velocity_topic_of=velocity_topic_of)
+    return replace(scenario, sha256=hashlib.sha256(raw).hexdigest())
+
+
+def save_scenario(scenario: Scenario, path: Path) -> Scenario:
+    """Write ``scenario`` to ``path`` atomically; return it as loaded from there.
+
+    Text in the target, or else in the scenario's source file, is preserved including comments and order; only
+    differences are rewritten.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be written, has a mistake, or the scenario would not load again.
+    """
+    return _save(scenario, path, _known(path))
+
+
+def save_places(scenario: Scenario, path: Path) -> Scenario:
+    """As :func:`save_scenario`, but changing only the places of an existing file."""
+    known = _known(path)
+    return _save(scenario if known is None else replace(known[1], places=scenario.places), path, known)
+
+
+def save_layout(scenario: Scenario, path: Path) -> Scenario:
+    """As :func:`save_places`, for the panel layouts."""
+    known = _known(path)
+    if known is None:
+        return _save(scenario, path, known)
+    compact, large = scenario.layout_compact, scenario.layout_large
+    changed = replace(known[1], layout=scenario.layout, layout_compact=compact, layout_large=large)
+    return _save(changed, path, known)
+
+
+def save_text(
+    text: str,
+    path: Path,
+    *,
+    came_from: Path | None = None,
+    replaces: str = "",
+    velocity_topic_of: Callable[[str], str | None] = lambda _robot: None,
+) -> str:
+    """Write ``text`` to ``path`` atomically; return the file's content. If the folder differs from that of
+    ``came_from``, the schema comment for editors is updated.
+
+    Raises
+    ------
+    ScenarioError
+        If it has a mistake or the file cannot be written; OtherFileError if what is there has not the checksum
+        ``replaces``.
+    """
+    if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
+        told = (
+            tr("{path} was changed by somebody else meanwhile. It was left as it is.")
+            if replaces
+            else tr("{path} is there already. It was left as it is.")
+        )
+        raise OtherFileError(told.format(path=_shown(path)))
+    if came_from is not None and came_from.resolve().parent != path.resolve().parent:
+        text = _SCHEMA_COMMENT.sub(lambda _match: _schema_comment(path), text, count=1)
+    if len(text.encode("utf-8")) > MAX_FILE_BYTES:
+        raise ScenarioError(
+            tr("{path} would be too large for a scenario. Allowed: {most} bytes.").format(
+                path=_shown(path), most=MAX_FILE_BYTES
+            )
+        )
+    parse_scenario(text, path=path.resolve(), velocity_topic_of=velocity_topic_of)
+    _write_or_tell(path, text)
+    return text
+
+
+def _known(path: Path) -> tuple[str, Scenario] | None:
+    """Text and content of a file; None if it does not exist. Raises ScenarioError."""
+    if not path.is_file():
+        return None
+    text = _decoded(_read(path), path)
+    return text, parse_scenario(text, path=path.resolve())
+
+
+def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) -> Scenario:
+    data = scenario_data(scenario)
+    wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
+    if wrong is not None:
+        raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
+    text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
+    _write_or_tell(path, text)
+    return saved
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """Content of a scenario file, in writing order."""
+    data: dict[str, Any] = data_of(Scenario, scenario)
+    return data
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Text of the scenario's source file, or its generated text if it has changed.
+
+    For recordings: without the schema comment for editors, which contains a local path. ``scenario.sha256`` is that of
+    the whole file.
+    """
+    if scenario.path is not None:
+        try:
+            raw = _read(scenario.path)
+        except ScenarioError:
+            raw = b""
+        if hashlib.sha256(raw).hexdigest() == scenario.sha256:
+            return _SCHEMA_ON_THIS_COMPUTER.sub("", raw.decode("utf-8-sig"))
+    return yaml_text(scenario_data(scenario))
+
+
+def parse_scenario(
+    text: str, *, path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> Scenario:
+    """Parse a scenario, as if from ``path``. Raises ScenarioError."""
+    try:
+        source = parse_yaml(text)
+    except YamlSourceError as error:
+        raise ScenarioError(_at_line(path, error.line, error)) from error
+    if not isinstance(source.data, dict):
+        raise ScenarioError(
+            tr("{path}, line 1: a scenario is a list of 'key: value' lines, found something else.").format(
+                path=_shown(path)
+            )
+        )
+    try:
+        data = migrate(source.data)
+    except ValueError as error:
+        raise ScenarioError(_at_line(path, source.line_of(("version",)), error)) from error
+    wrong = mistakes(data, velocity_topic_of)
+    if wrong:
+        raise ScenarioError(told(_shown(path), source, wrong))
+    scenario: Scenario = value_from(Scenario, data)
+    return replace(scenario, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
+
+
+def mistakes(
+    data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> list[Problem]:
+    """All mistakes in the content of a scenario file of any version."""
+    data = migrate(data)
+    return list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
+
+
+def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
+    """Text for a new file, from the scenario's source file if it still exists."""
+    comment = _schema_comment(path)
+    text = yaml_text(data)
+    try:
+        origin = None if scenario.path is None else _known(scenario.path)
+        if origin is not None:
+            text, _said = _changed(*origin, data, path)
+    except ScenarioError:
+        # The source file has changed; there is nothing to preserve.
+        pass
+    # A relative schema reference is invalid in another folder.
+    text, found = _SCHEMA_COMMENT.subn(lambda _match: comment, text, count=1)
+    text = text if found else f"{comment}\n{text}"
+    return text, parse_scenario(text, path=path.resolve())
+
+
+def _changed(before: str, said: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
+    """``before`` with content ``said``, changed to ``data``; unchanged where both agree."""
+    try:
+        text = edited(before, scenario_data(said), data)
+        saved = parse_scenario(text, path=path.resolve())
+        if scenario_data(saved) == data:
+            return text, saved
+    except (UnusualLayoutError, ScenarioError):
+        pass
+    text = yaml_text(data)
+    return text, parse_scenario(text, path=path.resolve())
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ScenarioError(
+                tr("{path}: {size} bytes is too large for a scenario. Allowed: {most} bytes.").format(
+                    path=_shown(path), size=path.stat().st_size, most=MAX_FILE_BYTES
+                )
+            )
+        with path.open("rb") as file:
+            raw = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ScenarioError(
+            tr("{path} cannot be read: {why}.").format(path=_shown(path), why=error.strerror or error)
+        ) from error
+    if len(raw) > MAX_FILE_BYTES:
+        raise ScenarioError(
+            tr("{path}: too large for a scenario. Allowed: {most} bytes.").format(
+                path=_shown(path), most=MAX_FILE_BYTES
+            )
+        )
+    return raw
+
+
+def _decoded(raw: bytes, path: Path) -> str:
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(
+            tr("{path}, line {line}: not UTF-8 text ({why}).").format(path=_shown(path), line=line, why=error.reason)
+        ) from error
+
+
+def _at_line(path: Path, line: int, problem: object) -> str:
+    return tr("{file}, line {line}: {problem}").format(file=_shown(path), line=line, problem=problem)
+
+
+def _shown(path: Path) -> str:
+    """Path for display, shortened for shipped files."""
+    try:
+        return str(Path(layouts_dir().name) / path.resolve().relative_to(layouts_dir().resolve()))
+    except (ValueError, OSError):
+        return str(path)
+
+
+def _meaning_problems(
+    data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+) -> Iterator[Problem]:
+    """Mistakes that a schema cannot express."""
+    seen_places: set[str] = set()
+    for index, place in enumerate(data.get("places", [])):
+        name = place["name"].casefold()
+        if name in seen_places:
+            yield ("places", index), tr("the place '{name}' is listed twice.").format(name=place["name"])
+        seen_places.add(name)
+    for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
+        yield ("phrases", *path), problem
+    phrases = phrase_groups(value_from(tuple[PhraseEntry, ...], data.get("phrases", [])))
+    keys = [phrase.key for group in phrases for phrase in group.phrases]
+    for path, problem in gesture_problems(value_from(tuple[Gesture, ...], data.get("gestures", [])), keys):
+        yield ("gestures", *path), problem
+    protocol = value_from(ProtocolSettings, data.get("protocol", {}))
+    for path, problem in protocol_problems(protocol, [place["name"] for place in data.get("places", [])]):
+        yield ("protocol", *path), problem
+    robot = data.get("robot", DEFAULT_ROBOT)
+    for index, problem in control_problems(data.get("controls", []), lambda: velocity_topic_of(robot)):
+        yield ("controls", index), problem
+    for key in ("layout", "layout_compact", "layout_large"):
+        if data.get(key) is not None:
+            yield from layout_problems(data[key], (key,), set())
+
+
+def _schema_comment(path: Path) -> str:
+    return f"# yaml-language-server: $schema={_schema_reference(path)}"
+
+
+def _schema_reference(path: Path) -> str:
+    if path.resolve().parent == layouts_dir().resolve():
+        return "../resources/schemas/scenario.schema.json"
+    return schema_path().as_uri()
+
+
+def _write_or_tell(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, text.encode(), durable=True)
+    except OSError as error:
+        raise ScenarioError(
+            tr("{path} was not written ({why}). The file on disk is as it was before.").format(
+                path=_shown(path), why=error.strerror or error
+            )
+        ) from error

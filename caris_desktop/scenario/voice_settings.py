@@ -1,0 +1,34 @@
+"""Speech synthesis section of a scenario."""
+
+from typing import Annotated
+
+from caris_desktop.domain.schema_fields import FieldSpec
+from caris_desktop.domain.value_class import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceSettings:
+    """How this computer speaks."""
+
+    name: Annotated[
+        str,
+        FieldSpec(
+            "`piper:NAME` or `espeak:NAME`, as the console lists them; if empty, the best one of that language, or the "
+            "system's own where no language is given either.",
+            pattern="^((piper|espeak):.+)?$",
+            allowed="piper:NAME or espeak:NAME.",
+            longest=200,
+        ),
+    ] = ""
+    language: Annotated[
+        str,
+        FieldSpec(
+            "What is spoken: `en`, `de-AT`.",
+            pattern="^([A-Za-z]{2,3}([-_][A-Za-z0-9]{2,8})*)?$",
+            allowed="a language such as en or de-AT.",
+            longest=20,
+        ),
+    ] = ""
+    rate: Annotated[float, FieldSpec("How fast; 1 is usual.", at_least=0.5, at_most=2)] = 1.0
+    volume: Annotated[float, FieldSpec("How loud, before the computer's own volume.", at_least=0, at_most=1)] = 1.0
+    device: Annotated[str, FieldSpec("Part of the name of the loudspeaker; the usual one if empty.", longest=200)] = ""

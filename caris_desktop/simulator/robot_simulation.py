@@ -1,0 +1,354 @@
+"""Simulated robot: base, LIDAR, navigation, people and map in fixed time steps."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.simulator import lidar, simulated_base
+from caris_desktop.simulator.camera_model import MOUNT_HEIGHT_M
+from caris_desktop.simulator.floor_plan import START
+from caris_desktop.simulator.lidar import ALL_AROUND, LidarModel
+from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
+from caris_desktop.simulator.simulated_base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
+from caris_desktop.simulator.simulated_head import MOVABLE, Head, HeadModel
+from caris_desktop.simulator.simulated_mapping import Mapper
+from caris_desktop.simulator.simulated_navigation import GoalEnded, GoalFollower, Progress
+from caris_desktop.simulator.simulated_people import Crowd, Seen, Visit
+
+ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
+_FORWARD_SCALE, _TURN_SCALE = 1.008, 1.012  # scale errors of the wheel encoders
+_BATTERY_LASTS_S = 4.0 * 3600.0
+_LOCALISATION_NOISE_M, _LOCALISATION_NOISE_RAD = 0.008, 0.004
+_FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD = 1.0, 0.7
+_FINDS_ITSELF_IN_S = 1.5
+_SCAN_PERIOD_S = 0.1
+_MAPS_WITHIN_M, _MAPS_WITHIN_RAD = 0.05, 0.03
+_NO_ERROR = Pose2D(0.0, 0.0, 0.0)
+_NOBODY = np.zeros((0, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Camera pose and people for one image. ``tilt_rad``: down positive."""
+
+    map_from_camera: Pose2D
+    people: tuple[Seen, ...]
+    tilt_rad: float = 0.0
+    height_m: float = MOUNT_HEIGHT_M
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Hardware of the robot: base, LIDAR, head and camera mounting."""
+
+    base: BaseModel = DIFFERENTIAL
+    lidar: LidarModel | None = ALL_AROUND
+    laser_frame: str = LASER_FRAME
+    head: HeadModel = MOVABLE
+    robot_from_camera: Pose2D = ROBOT_FROM_CAMERA
+    camera_height_m: float = MOUNT_HEIGHT_M
+
+
+DEFAULT_BODY = Body()
+
+
+class Robot:
+    """Robot and surroundings: receives commands, is stepped every 20 ms, and returns sensor data.
+
+    Equal seed and commands per step give equal runs. The step count is its only clock.
+
+    Parameters
+    ----------
+    seed
+        Of the noise and of the people's walks.
+    body
+        What the robot is made of.
+    populated
+        Whether people walk about.
+    visits
+        Who comes, instead of those who are always there.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        *,
+        body: Body = DEFAULT_BODY,
+        populated: bool = True,
+        visits: Sequence[Visit] | None = None,
+    ) -> None:
+        scan_noise, drift_noise, pose_noise = np.random.SeedSequence(seed).spawn(3)
+        self._scan_noise = np.random.default_rng(scan_noise)
+        self._drift_noise = np.random.default_rng(drift_noise)
+        self._pose_noise = np.random.default_rng(pose_noise)
+        self.body = body
+        self._crowd = Crowd(seed, visits) if populated else None
+        self.head = Head(body.head)
+        self._follower = GoalFollower()
+        self._mapper = Mapper()
+        self._base = BaseState(START)
+        self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
+        self._believed = START
+        self._pose_error = _NO_ERROR
+        self._min_gap_m = math.inf
+        self._touches_before = 0
+        self._wanted = ZERO_TWIST
+        self._lease_until_s = -math.inf
+        self._steps = 0
+        self._ended: deque[GoalEnded] = deque()
+        self.battery_fraction = 0.93
+        self.emergency_stopped = False
+        self.mapping_paused = False
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time."""
+        return self._steps * STEP_S
+
+    @property
+    def truth(self) -> BaseState:
+        """True pose and velocity."""
+        return self._base
+
+    @property
+    def pose_in_map(self) -> Pose2D:
+        """Localized pose: accurate to one or two centimetres, unless it was set otherwise."""
+        return self._believed
+
+    @property
+    def map_from_odom(self) -> Pose2D:
+        """Odometry correction by the localization."""
+        return self._believed @ self._odom_from_robot.inverse()
+
+    @property
+    def mapper(self) -> Mapper:
+        return self._mapper
+
+    @property
+    def people(self) -> tuple[Seen, ...]:
+        return self._crowd.seen if self._crowd is not None else ()
+
+    @property
+    def touches(self) -> int:
+        """Number of collisions since it was last placed."""
+        return self._base.collisions - self._touches_before
+
+    @property
+    def min_gap_m(self) -> float:
+        """Minimum clearance since it was last placed; ``inf`` before the first step."""
+        return self._min_gap_m
+
+    @property
+    def gap_m(self) -> float:
+        """Present clearance, including people."""
+        pose = self._base.pose_in_map
+        return simulated_base.gap_m(pose.x_m, pose.y_m, self.body.base.radius_m, self._bodies)
+
+    @property
+    def _bodies(self) -> NDArray[np.float64]:
+        return self._crowd.bodies if self._crowd is not None else _NOBODY
+
+    @property
+    def _legs(self) -> NDArray[np.float64]:
+        return self._crowd.legs if self._crowd is not None else _NOBODY
+
+    @property
+    def goal_id(self) -> str | None:
+        """Present navigation goal."""
+        return self._follower.goal_id
+
+    def drive(self, twist: Twist2D) -> None:
+        """Apply a velocity command for 0.5 s. Motion ends a navigation goal."""
+        if twist.moving:
+            self._ended.extend(self._follower.end("aborted", "somebody drives the robot directly"))
+        self._wanted = twist
+        self._lease_until_s = self.now_s + simulated_base.LEASE_S
+
+    def limit_goals(self, top_mps: float) -> None:
+        """Set the speed limit of navigation."""
+        self._follower.limit(max(0.0, top_mps))
+
+    @property
+    def goals_at_most_mps(self) -> float:
+        return self._follower.top_mps
+
+    def go(self, goal_id: str, target_in_map: Pose2D) -> bool:
+        """Start a navigation goal. False if the emergency stop is set."""
+        if self.emergency_stopped:
+            return False
+        self._wanted = ZERO_TWIST
+        self._ended.extend(
+            self._follower.start(
+                goal_id,
+                target_in_map,
+                pose=self._navigation_pose,
+                people=self._bodies,
+                now_s=self.now_s,
+            )
+        )
+        return True
+
+    def cancel_goal(self) -> None:
+        """Cancel the present navigation goal, if any."""
+        self._ended.extend(self._follower.end("cancelled", "the goal was cancelled"))
+
+    def place(self, pose_in_map: Pose2D) -> bool:
+        """Place the robot, standing still and localized; resets collisions and clearance.
+
+        False, without effect, if it does not fit.
+        """
+        if not simulated_base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
+            return False
+        self._ended.extend(self._follower.end("aborted", "the robot was carried away"))
+        self._base = BaseState(pose_in_map, collisions=self._base.collisions)
+        self._touches_before = self._base.collisions
+        self._min_gap_m = self.gap_m
+        self._wanted = ZERO_TWIST
+        self._pose_error = _NO_ERROR
+        self._believed = pose_in_map
+        return True
+
+    def assume_pose(self, pose_in_map: Pose2D) -> None:
+        """Set the localized pose. It converges to the truth from a limited error."""
+        truth = self._base.pose_in_map
+        self._pose_error = Pose2D(
+            pose_in_map.x_m - truth.x_m,
+            pose_in_map.y_m - truth.y_m,
+            wrap_angle(pose_in_map.heading_rad - truth.heading_rad),
+        )
+        self._believed = pose_in_map
+
+    @property
+    def localised(self) -> bool:
+        """True if the localized pose is right or will converge."""
+        return _within(self._pose_error, _FINDS_ITSELF_WITHIN_M, _FINDS_ITSELF_WITHIN_RAD)
+
+    @property
+    def path_in_map(self) -> list[tuple[float, float]]:
+        """Remaining path to the goal from the robot; empty without a goal."""
+        return self._follower.way_from(self._navigation_pose)
+
+    @property
+    def plans_made(self) -> int:
+        """Counter of path plans."""
+        return self._follower.plans_made
+
+    def set_emergency_stop(self, stopped: bool) -> None:
+        """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
+        self.emergency_stopped = stopped
+        self._wanted = ZERO_TWIST
+        if stopped:
+            self._ended.extend(self._follower.end("aborted", "the emergency stop was pressed"))
+
+    def take_ended_goals(self) -> list[GoalEnded]:
+        """Goals that ended since the last call."""
+        ended = list(self._ended)
+        self._ended.clear()
+        return ended
+
+    def progress(self) -> Progress | None:
+        """Progress of the present goal."""
+        return self._follower.progress(self.now_s)
+
+    def step(self) -> None:
+        """Advance the simulation by 20 ms."""
+        self._steps += 1
+        if self._crowd is not None:
+            self._crowd.step(self._base.pose_in_map, STEP_S)
+        self.head.step(STEP_S)
+        bodies = self._bodies
+        twist, ended = self._follower.step(self._navigation_pose, bodies, self.now_s)
+        self._ended.extend(ended)
+        if self._follower.goal_id is None:
+            twist = self._wanted if self.now_s <= self._lease_until_s else ZERO_TWIST
+        if self.emergency_stopped:
+            twist = ZERO_TWIST
+        before = self._base
+        self._base = simulated_base.step(before, twist, bodies, model=self.body.base)
+        self._drift(before, self._base)
+        self._min_gap_m = min(self._min_gap_m, self.gap_m)
+        self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / _BATTERY_LASTS_S)
+
+    def scan(self, *, stamp_ns: int) -> LaserScan:
+        """Present LIDAR scan, which also updates localization and map.
+
+        A robot without a LIDAR returns its mapping sensor's scan, the default one.
+        """
+        scan = lidar.scan_from(
+            self._base.pose_in_map,
+            self._legs,
+            self._scan_noise,
+            stamp_ns=stamp_ns,
+            model=self.body.lidar or ALL_AROUND,
+            frame_id=self.body.laser_frame,
+        )
+        self._pose_error = self._less_wrong()
+        self._believed = self._localised()
+        if not self.mapping_paused and _within(self._pose_error, _MAPS_WITHIN_M, _MAPS_WITHIN_RAD):
+            mount = (self.body.lidar or ALL_AROUND).mount
+            mounting = lidar_mounting(mount)
+            if mounting != "tilted":
+                self._mapper.add(scan.mounted(mount.floor, upside_down=mounting == "upside_down"), self._believed)
+        return scan
+
+    def odometry(self, *, stamp_ns: int) -> Odometry:
+        """Odometry: a drifting pose, and the velocity."""
+        twist = Twist2D(self._base.forward_mps, self._base.left_mps, self._base.turn_radps)
+        return Odometry(stamp_ns, stamp_ns, self._odom_from_robot, twist)
+
+    def view(self) -> View:
+        """Present view of the camera."""
+        camera = self._base.pose_in_map @ self.body.robot_from_camera
+        turned = replace(camera, heading_rad=wrap_angle(camera.heading_rad + self.head.pan_rad))
+        return View(turned, self.people, self.head.tilt_rad, self.body.camera_height_m)
+
+    @property
+    def _navigation_pose(self) -> Pose2D:
+        """Pose for navigation: with the localization error, without its noise."""
+        truth, error = self._base.pose_in_map, self._pose_error
+        if error == _NO_ERROR:
+            return truth
+        return Pose2D(truth.x_m + error.x_m, truth.y_m + error.y_m, wrap_angle(truth.heading_rad + error.heading_rad))
+
+    def _less_wrong(self) -> Pose2D:
+        """Localization error after one more scan."""
+        error = self._pose_error
+        if error == _NO_ERROR or not self.localised:
+            return error
+        left = math.exp(-_SCAN_PERIOD_S / _FINDS_ITSELF_IN_S)
+        if _within(error, 1e-3, 1e-3):
+            return _NO_ERROR
+        return Pose2D(error.x_m * left, error.y_m * left, error.heading_rad * left)
+
+    def _localised(self) -> Pose2D:
+        pose = self._navigation_pose
+        dx, dy, turn = self._pose_noise.normal(0.0, 1.0, 3).tolist()
+        return Pose2D(
+            pose.x_m + dx * _LOCALISATION_NOISE_M,
+            pose.y_m + dy * _LOCALISATION_NOISE_M,
+            wrap_angle(pose.heading_rad + turn * _LOCALISATION_NOISE_RAD),
+        )
+
+    def _drift(self, before: BaseState, after: BaseState) -> None:
+        moved = before.pose_in_map.inverse() @ after.pose_in_map
+        if moved == Pose2D(0.0, 0.0, 0.0):
+            return
+        slip = float(self._drift_noise.normal(0.0, 0.02))
+        felt = replace(
+            moved,
+            x_m=moved.x_m * _FORWARD_SCALE,
+            heading_rad=moved.heading_rad * _TURN_SCALE + slip * abs(moved.x_m),
+        )
+        self._odom_from_robot = self._odom_from_robot @ felt
+        self._believed = self._believed @ moved
+
+
+def _within(error: Pose2D, distance_m: float, angle_rad: float) -> bool:
+    return math.hypot(error.x_m, error.y_m) <= distance_m and abs(error.heading_rad) <= angle_rad

@@ -1,0 +1,70 @@
+"""ROS context of the simulated robot's parts: server, robot model, clock, and topic registration."""
+
+from collections.abc import Callable
+from dataclasses import field
+from typing import Any
+
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.simulator.faults import Faults
+from caris_desktop.simulator.robot_interface import RobotInterface
+from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, SimulatedService, Topic
+from caris_desktop.simulator.simulated_clock import RobotClock
+
+_WRONG_FRAME = "nowhere"
+
+
+@dataclass(slots=True)
+class Wiring:
+    """``faults`` are the present ones. Names are those of the model: relative ones are in its namespace."""
+
+    robot: Robot
+    server: BridgeServer
+    dress: RobotInterface
+    clock: RobotClock
+    faults: Faults = field(default_factory=Faults)
+
+    @property
+    def dialect(self) -> Dialect:
+        return self.dress.dialect
+
+    def stamp_ns(self) -> int:
+        return self.clock.now_ns()
+
+    def frame(self, name: str) -> str:
+        """Frame for a header: the true one, unless that fault is injected."""
+        return _WRONG_FRAME if self.faults.frames_wrong else name
+
+    def publishes(self, name: str, package: str, kind: str, *, latched: bool = False) -> str:
+        """Register a topic that the robot publishes; return its absolute name."""
+        absolute = self.dress.absolute(name)
+        self.server.topics[absolute] = Topic(type_name(self.dialect, package, kind), latched, publishers={ROBOT_NODE})
+        return absolute
+
+    def obeys(
+        self,
+        name: str,
+        package: str,
+        kind: str,
+        on_message: Callable[[Message], None],
+        *,
+        other_types: tuple[str, ...] = (),
+    ) -> None:
+        """Register a topic that the robot subscribes to, with type checks as in rosbridge."""
+        type_ = type_name(self.dialect, package, kind)
+        self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=on_message, other_types=other_types)
+
+    def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
+        """Register a service, with type checks as in rosbridge."""
+        self.server.services[self.dress.absolute(name)] = SimulatedService(
+            service_type_name(self.dialect, package, kind), call
+        )
+
+    def wanted(self, name: str) -> bool:
+        """True if the topic (absolute name) has subscribers."""
+        return self.server.has_subscribers(name)
+
+    def publish(self, name: str, message: dict[str, Any]) -> None:
+        """Publish by absolute name."""
+        self.server.publish(name, message)

@@ -1,0 +1,354 @@
+"""``caris-desktop simulate``: the simulated robot, in its own process."""
+
+import argparse
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import signal
+import ssl
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from caris_desktop.domain.address import before_port
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.simulator import robot_models
+from caris_desktop.simulator.camera_model import RATE_HZ
+from caris_desktop.simulator.character_table import CHARACTERS
+from caris_desktop.simulator.desk_camera import RATE_HZ as DESK_RATE_HZ
+from caris_desktop.simulator.desk_camera import DeskCamera, desk_view
+from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
+from caris_desktop.simulator.map_files import MapFiles
+from caris_desktop.simulator.participant import BadSentences, read_sentences
+from caris_desktop.simulator.robot_interface import RobotInterface
+from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.robot_topics import RobotTopics
+from caris_desktop.simulator.ros_context import Wiring
+from caris_desktop.simulator.rosapi import offer_rosapi
+from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
+from caris_desktop.simulator.server import BridgeServer
+from caris_desktop.simulator.simulated_base import STEP_S
+from caris_desktop.simulator.simulated_camera_process import CameraProcess
+from caris_desktop.simulator.simulated_clock import RobotClock
+from caris_desktop.simulator.simulated_people import BadVisits, Visit, read_visits, visits_by_chance
+from caris_desktop.simulator.simulated_security import SECRET_CHARS, tls_context
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_PORT = 9090
+_HOPELESSLY_LATE_S = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``simulate``."""
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this computer only)")
+    parser.add_argument(
+        "--dress",
+        choices=robot_models.dress_names(),
+        default=robot_models.DEFAULT,
+        help="whose names and types the robot wears (default: generic)",
+    )
+    parser.add_argument(
+        "--ros", type=int, choices=(1, 2), help="which ROS the robot speaks (default: that of its dress, or 1)"
+    )
+    parser.add_argument("--namespace", metavar="NAME", help="put before the names that its dress leaves relative")
+    parser.add_argument("--holonomic", action="store_true", help="the base can move sideways, whatever its dress")
+    parser.add_argument(
+        "--simulation-time", action="store_true", help="publish /clock and stamp with the time of the simulation"
+    )
+    parser.add_argument(
+        "--send-action-goals-in-new-thread",
+        action="store_true",
+        help="rosbridge's parameter of ROS 2: a goal does not hold what its client sends afterwards",
+    )
+    parser.add_argument(
+        "--call-services-in-new-thread",
+        action="store_true",
+        help="rosbridge's parameter of ROS 2: a service call does not hold what its client sends afterwards",
+    )
+    parser.add_argument("--empty", action="store_true", help="nobody walks about")
+    parser.add_argument(
+        "--people",
+        type=int,
+        metavar="N",
+        help=f"N different people (up to {len(CHARACTERS)}) come and go instead, each round in another order",
+    )
+    parser.add_argument(
+        "--visits",
+        type=Path,
+        metavar="FILE",
+        help="who comes instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
+    )
+    parser.add_argument(
+        "--participant",
+        type=Path,
+        metavar="FILE",
+        help="what somebody before the robot says, a sentence a line, one each time the robot has spoken",
+    )
+    parser.add_argument(
+        "--desk-camera",
+        type=int,
+        metavar="PORT",
+        help="a second camera, on the reception's desk: MJPEG on this port of this computer; 0 chooses a free one",
+    )
+    parser.add_argument(
+        "--maps-folder", type=Path, metavar="FOLDER", help="where maps are saved (default: a temporary folder)"
+    )
+    parser.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate for wss://")
+    parser.add_argument("--tls-key", type=Path, metavar="FILE", help="the certificate's private key")
+    parser.add_argument(
+        "--rosauth-secret-env",
+        metavar="NAME",
+        help="let in only who authenticates with the secret in this environment variable",
+    )
+    parser.add_argument("--log", type=Path, metavar="FILE", help="write down each message that is delivered")
+    parser.add_argument("--obeyed-log", type=Path, metavar="FILE", help="write down each message that is obeyed")
+    parser.add_argument("--seed", type=int, default=1, help="the same number repeats the same run (default: 1)")
+    parser.add_argument("--mute", action="store_true", help="speak without sound")
+    parser.add_argument(
+        "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay every message by this much"
+    )
+    parser.add_argument(
+        "--topics-glob",
+        nargs="+",
+        default=(),
+        metavar="GLOB",
+        help="topics that are let through (default: all)",
+    )
+    parser.add_argument(
+        "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is rolled; 180: upside down"
+    )
+    parser.add_argument(
+        "--lidar-pitch-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is pitched; positive: down"
+    )
+    parser.add_argument(
+        "--end-with-stdin", action="store_true", help="end when standard input ends, as it does when its starter dies"
+    )
+    parser.add_argument("--verbose", action="store_true", help="log what clients do")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the simulated robot until interrupted. Exit status 2: the address cannot be used."""
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.INFO if args.verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+    )
+    if not 0 <= args.port <= 65535:
+        sys.stderr.write(f"--port {args.port} is not a port: it must be between 0 (any free one) and 65535.\n")
+        return 2
+    if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
+        sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
+        return 2
+    try:
+        dress, server_settings, visits = _dress_of(args), _server_of(args), _visits_of(args)
+        lines = () if args.participant is None else read_sentences(args.participant)
+    except (_CannotStart, BadSentences) as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    with contextlib.suppress(KeyboardInterrupt):
+        return asyncio.run(_simulate(args, dress, server_settings, visits, lines))
+    return 0
+
+
+class _CannotStart(Exception):  # noqa: N818 - the arguments do not allow it; the text says why
+    """The robot cannot start with these arguments."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ServerSettings:
+    tls: ssl.SSLContext | None
+    secret: str | None
+    log: SentLog | None
+    obeyed_log: ObeyedLog | None
+
+
+def _dress_of(args: argparse.Namespace) -> RobotInterface:
+    try:
+        dress = robot_models.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
+    except robot_models.UnknownRobotModel as error:
+        raise _CannotStart(str(error)) from error
+    if dress.body.lidar is None:
+        return dress
+    roll_rad, pitch_rad = math.radians(args.lidar_roll_deg), math.radians(args.lidar_pitch_deg)
+    lidar = replace(dress.body.lidar, roll_rad=roll_rad, pitch_rad=pitch_rad)
+    return replace(dress, body=replace(dress.body, lidar=lidar))
+
+
+def _server_of(args: argparse.Namespace) -> _ServerSettings:
+    tls, secret, log, obeyed_log = None, None, None, None
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
+    if args.tls_cert is not None:
+        try:
+            tls = tls_context(args.tls_cert, args.tls_key)
+        except OSError as error:  # includes ssl.SSLError
+            raise _CannotStart(
+                f"The certificate {args.tls_cert} with key {args.tls_key} is of no use: {error}."
+            ) from error
+    if args.rosauth_secret_env is not None:
+        secret = os.environ.get(args.rosauth_secret_env)
+        if secret is None or len(secret) != SECRET_CHARS:
+            raise _CannotStart(
+                f"The environment variable {args.rosauth_secret_env} must hold the secret, which has {SECRET_CHARS} "
+                "characters as rosauth demands."
+            )
+    if args.log is not None:
+        try:
+            log = SentLog(args.log)
+        except OSError as error:
+            raise _CannotStart(f"--log {args.log} cannot be written: {error.strerror or error}.") from error
+    if args.obeyed_log is not None:
+        try:
+            obeyed_log = ObeyedLog(args.obeyed_log)
+        except OSError as error:
+            raise _CannotStart(
+                f"--obeyed-log {args.obeyed_log} cannot be written: {error.strerror or error}."
+            ) from error
+    return _ServerSettings(tls, secret, log, obeyed_log)
+
+
+def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
+    if sum((args.empty, args.people is not None, args.visits is not None)) > 1:
+        raise _CannotStart("--empty, --people and --visits say different things: give one of them.")
+    if args.people is not None:
+        if not 1 <= args.people <= len(CHARACTERS):
+            raise _CannotStart(f"--people must be between 1 and {len(CHARACTERS)}.")
+        return visits_by_chance(args.people, args.seed)
+    if args.visits is None:
+        return None
+    try:
+        return read_visits(args.visits)
+    except BadVisits as error:
+        raise _CannotStart(str(error)) from error
+
+
+async def _simulate(
+    args: argparse.Namespace,
+    dress: RobotInterface,
+    settings: _ServerSettings,
+    visits: list[Visit] | None,
+    lines: Sequence[str],
+) -> int:
+    stopped = asyncio.Event()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
+            asyncio.get_running_loop().add_signal_handler(name, stopped.set)
+    if args.end_with_stdin:
+        _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
+    robot = Robot(args.seed, body=dress.body, populated=not args.empty, visits=visits)
+    clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
+    server = BridgeServer(
+        dress.dialect,
+        secret=settings.secret,
+        now_s=clock.now_s,
+        log=settings.log,
+        obeyed_log=settings.obeyed_log,
+        topics_glob=args.topics_glob,
+        goals_in_new_threads=args.send_action_goals_in_new_thread,
+        services_in_new_threads=args.call_services_in_new_thread,
+    )
+    wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
+    maps = MapFiles(args.maps_folder)
+    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
+    offer_rosapi(server, dress.dialect, clock=clock)
+    try:
+        port = await server.start(args.host, args.port, tls=settings.tls)
+    except OSError as error:
+        sys.stderr.write(
+            f"The simulated robot cannot listen on {args.host} port {args.port}: {error.strerror or error}. "
+            "Choose another with --port, or let it choose with --port 0.\n"
+        )
+        return 2
+    scheme = "ws" if settings.tls is None else "wss"
+    camera, desk = CameraProcess(), DeskCamera()
+    ready = [f"Simulated robot ready at {scheme}://{before_port(args.host)}:{port}\n"]
+    if args.desk_camera is not None:
+        try:
+            ready.append(f"Camera on the desk at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")
+        except OSError as error:
+            sys.stderr.write(f"The camera on the desk cannot use port {args.desk_camera}: {error.strerror or error}.\n")
+            await server.stop()
+            return 2
+    filmed = [_film_forever(camera, robot, topics, server, clock)]
+    if args.desk_camera is not None:
+        filmed.append(_film_from_desk(camera, robot, desk))
+    sys.stdout.write("".join(ready))
+    sys.stdout.flush()
+    tasks = [asyncio.create_task(_step_forever(robot, topics)), *(asyncio.create_task(each) for each in filmed)]
+    voices = asyncio.create_task(topics.sound.participant.get_ready()) if topics.sound is not None else None
+    waiting = asyncio.create_task(stopped.wait())
+    await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
+    for task in (waiting, *tasks):
+        if task.done() and task is not waiting:
+            task.result()  # a task that ended without cancellation failed: raise its error
+        task.cancel()
+    topics.stop()
+    if voices is not None:
+        voices.cancel()
+        tasks.append(voices)
+    await asyncio.gather(waiting, *tasks, return_exceptions=True)
+    desk.stop()
+    camera.close()
+    await server.stop()
+    maps.close()
+    for log in (settings.log, settings.obeyed_log):
+        if log is not None:
+            log.close()
+    return 0
+
+
+def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    def wait() -> None:
+        # Not sys.stdin: this thread must not hold its lock at interpreter shutdown.
+        while os.read(0, 4096):
+            pass
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(callback)
+
+    threading.Thread(target=wait, name="stdin", daemon=True).start()
+
+
+async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
+    loop = asyncio.get_running_loop()
+    due_s = loop.time()
+    while True:
+        due_s += STEP_S
+        late_s = loop.time() - due_s
+        if late_s > _HOPELESSLY_LATE_S:
+            logger.warning("The computer is too slow: %.1f s of simulated time are skipped", late_s)
+            topics.catch_up(late_s)
+            due_s = loop.time()
+        await asyncio.sleep(max(0.0, -late_s))
+        robot.step()
+        topics.publish_due()
+
+
+async def _film_forever(
+    camera: CameraProcess, robot: Robot, topics: RobotTopics, server: BridgeServer, clock: RobotClock
+) -> None:
+    loop = asyncio.get_running_loop()
+    frozen: bytes | None = None
+    due_s = loop.time()
+    while True:
+        due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
+        await asyncio.sleep(due_s - loop.time())
+        faults = topics.faults
+        if faults.camera_silent or topics.camera_topic is None or not server.has_subscribers(topics.camera_topic):
+            continue
+        stamp_ns = clock.now_ns()
+        if not (faults.camera_frozen and frozen):
+            frozen = await camera.picture(None if faults.camera_black else robot.view())
+        topics.publish_picture(frozen, stamp_ns=stamp_ns)
+
+
+async def _film_from_desk(camera: CameraProcess, robot: Robot, desk: DeskCamera) -> None:
+    while True:
+        await asyncio.sleep(1.0 / DESK_RATE_HZ)
+        if desk.watched:
+            await desk.show(await camera.picture(desk_view(robot.people)))

@@ -1,0 +1,185 @@
+"""Goal navigation: plan a path, follow it, stop for people, and report the outcome."""
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.simulator import path_planning
+from caris_desktop.simulator.path_planning import Point
+from caris_desktop.simulator.simulated_base import RADIUS_M
+
+GoalEnding = Literal["reached", "cancelled", "preempted", "aborted"]
+
+CRUISE_MPS = 0.6
+_TURN_RADPS = 1.2
+_SLOW_DOWN_MPS2 = 0.6
+_LOOK_AHEAD_M = 0.45
+_REACHED_M, _REACHED_RAD = 0.08, 0.05
+_KEEP_M = RADIUS_M + 0.1
+_PERSON_GAP_M = 0.55
+_REPLAN_AFTER_S, _GIVE_UP_AFTER_S = 3.0, 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of a goal."""
+
+    goal_id: str
+    distance_left_m: float
+    elapsed_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class GoalEnded:
+    """End of a goal."""
+
+    goal_id: str
+    ending: GoalEnding
+    detail: str
+
+
+class GoalFollower:
+    """Follows one goal at a time. Pure calculation: pose in, wanted twist out."""
+
+    def __init__(self) -> None:
+        self._goal_id: str | None = None
+        self._target = Pose2D(0.0, 0.0, 0.0)
+        self._way: list[Point] = []
+        self._started_s = 0.0
+        self._held_since_s: float | None = None
+        self._replanned_s = 0.0
+        self._left_m = 0.0
+        self._top_mps = CRUISE_MPS
+        self.plans_made = 0
+
+    @property
+    def top_mps(self) -> float:
+        """Maximum speed."""
+        return self._top_mps
+
+    def limit(self, top_mps: float) -> None:
+        """Set the speed limit; a value above its own speed removes it."""
+        self._top_mps = min(top_mps, CRUISE_MPS)
+
+    @property
+    def goal_id(self) -> str | None:
+        """Present goal."""
+        return self._goal_id
+
+    def start(
+        self, goal_id: str, target_in_map: Pose2D, *, pose: Pose2D, people: NDArray[np.float64], now_s: float
+    ) -> list[GoalEnded]:
+        """Start a goal; preempts the present one. An unreachable goal ends at once."""
+        ended = self.end("preempted", "a newer goal took its place")
+        way = self._plan(pose, target_in_map, people)
+        if way is None:
+            return [*ended, GoalEnded(goal_id, "aborted", "there is no way to the goal")]
+        self._goal_id, self._target, self._way = goal_id, target_in_map, way
+        self._started_s = self._replanned_s = now_s
+        self._held_since_s = None
+        self._left_m = path_planning.length_m(way)
+        return ended
+
+    def end(self, ending: GoalEnding, detail: str) -> list[GoalEnded]:
+        """End the present goal, if any."""
+        if self._goal_id is None:
+            return []
+        goal_id, self._goal_id, self._way = self._goal_id, None, []
+        return [GoalEnded(goal_id, ending, detail)]
+
+    def progress(self, now_s: float) -> Progress | None:
+        """Progress of the present goal."""
+        if self._goal_id is None:
+            return None
+        return Progress(self._goal_id, self._left_m, now_s - self._started_s)
+
+    def way_from(self, pose: Pose2D) -> list[Point]:
+        """Remaining path from ``pose``; empty without a goal."""
+        return [(pose.x_m, pose.y_m), *self._way] if self._way else []
+
+    def step(self, pose: Pose2D, people: NDArray[np.float64], now_s: float) -> tuple[Twist2D, list[GoalEnded]]:
+        """Wanted twist, and the goal's end if reached."""
+        if self._goal_id is None:
+            return ZERO_TWIST, []
+        here = (pose.x_m, pose.y_m)
+        while len(self._way) > 1 and _passed(here, self._way):
+            del self._way[0]
+        self._left_m = math.dist(here, self._way[0]) + path_planning.length_m(self._way)
+        if len(self._way) == 1 and math.dist(here, self._way[0]) < _REACHED_M:
+            turn_left = wrap_angle(self._target.heading_rad - pose.heading_rad)
+            if abs(turn_left) < _REACHED_RAD:
+                return ZERO_TWIST, self.end("reached", "the goal was reached")
+            return Twist2D(turn_radps=_turn(turn_left)), []
+        aim = _ahead(here, self._way)
+        off = wrap_angle(math.atan2(aim[1] - pose.y_m, aim[0] - pose.x_m) - pose.heading_rad)
+        gap_m = _gap_to_people(here, aim, people)
+        if gap_m < _PERSON_GAP_M:
+            return self._hold(pose, people, now_s, off)
+        self._held_since_s = None
+        forward = 0.0
+        if abs(off) < 0.7:
+            forward = min(self._top_mps, math.sqrt(2.0 * _SLOW_DOWN_MPS2 * self._left_m)) * math.cos(off) ** 3
+            forward = min(forward, max(0.12, 0.6 * (gap_m - _PERSON_GAP_M)))
+        return Twist2D(forward, 0.0, _turn(off)), []
+
+    def _hold(
+        self, pose: Pose2D, people: NDArray[np.float64], now_s: float, off: float
+    ) -> tuple[Twist2D, list[GoalEnded]]:
+        if self._held_since_s is None:
+            self._held_since_s = now_s
+        held_s = now_s - self._held_since_s
+        if held_s > _GIVE_UP_AFTER_S:
+            return ZERO_TWIST, self.end("aborted", "somebody stood in the way for too long")
+        if held_s > _REPLAN_AFTER_S and now_s - self._replanned_s > _REPLAN_AFTER_S:
+            self._replanned_s = now_s
+            self._way = self._plan(pose, self._target, people) or self._way
+        return Twist2D(turn_radps=_turn(off) if abs(off) > 0.3 else 0.0), []
+
+    def _plan(self, pose: Pose2D, target: Pose2D, people: NDArray[np.float64]) -> list[Point] | None:
+        here, goal = (pose.x_m, pose.y_m), (target.x_m, target.y_m)
+        self.plans_made += 1
+        around = path_planning.plan(here, goal, body_m=_KEEP_M, avoid=people + np.array([0.0, 0.0, 0.3]))
+        return around or path_planning.plan(here, goal, body_m=_KEEP_M)
+
+
+def _passed(here: Point, way: list[Point]) -> bool:
+    (x0, y0), (x1, y1) = way[0], way[1]
+    beyond = (here[0] - x0) * (x1 - x0) + (here[1] - y0) * (y1 - y0) > 0.0
+    return math.dist(here, way[0]) < 0.15 or (beyond and math.dist(here, way[0]) < 0.5)
+
+
+def _ahead(here: Point, way: list[Point]) -> Point:
+    """Point of the path at the look-ahead distance."""
+    last, left_m = here, _LOOK_AHEAD_M
+    for point in way:
+        stretch = math.dist(last, point)
+        # never cut a corner whose next segment leads elsewhere
+        if stretch >= left_m or (stretch > 0.15 and last == here):
+            share = min(1.0, left_m / stretch) if stretch else 1.0
+            return last[0] + (point[0] - last[0]) * share, last[1] + (point[1] - last[1]) * share
+        left_m -= stretch
+        last = point
+    return last
+
+
+def _gap_to_people(here: Point, aim: Point, people: NDArray[np.float64]) -> float:
+    """Clearance ahead to the nearest person, ``inf`` if there is none in the lane."""
+    reach = math.dist(here, aim)
+    if reach < 1e-6 or not len(people):
+        return math.inf
+    ux, uy = (aim[0] - here[0]) / reach, (aim[1] - here[1]) / reach
+    gaps = [math.inf]
+    for x, y, radius in people.tolist():
+        along = (x - here[0]) * ux + (y - here[1]) * uy
+        beside = abs((y - here[1]) * ux - (x - here[0]) * uy)
+        if along > 0.0 and beside < radius + RADIUS_M + 0.05 and along < 2.5:
+            gaps.append(along - radius)
+    return min(gaps)
+
+
+def _turn(angle_rad: float) -> float:
+    return min(max(2.2 * angle_rad, -_TURN_RADPS), _TURN_RADPS)

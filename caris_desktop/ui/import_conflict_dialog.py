@@ -1,0 +1,196 @@
+"""Import conflict dialog: names in an imported scenario that already exist, with differences and a choice for each."""
+
+import difflib
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtWidgets import (
+    QDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QScrollArea,
+    QWidget,
+)
+
+from caris_desktop.domain.intents import SameName
+from caris_desktop.domain.schema_paths import differences
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.scenario.bundle import NAME, ImportQuestion, NameConflict
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_ASKED = {
+    "scenario": QT_TR_NOOP("There is a scenario called “{name}” already, and it says something else."),
+    "robot": QT_TR_NOOP("There is a robot profile called “{name}” already, and it says something else."),
+    "face": QT_TR_NOOP("There is a face called “{name}” already, and it says something else."),
+}
+_LONGEST_NAME = 60
+
+
+class ImportConflictDialog(VisualTabOrderMixin, QDialog):
+    """Non-modal: the robot can be driven and stopped meanwhile. ``decide`` gets the choice for each name."""
+
+    def __init__(
+        self, theme: Theme, parent: QWidget, question: ImportQuestion, decide: Callable[[tuple[SameName, ...]], None]
+    ) -> None:
+        super().__init__(parent)
+        self.setObjectName("same_names_dialog")
+        self.setWindowTitle(tr("Import a scenario"))
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._decide = decide
+        heading = QLabel(tr("Some names of {file} are taken").format(file=question.path.name))
+        heading.setTextFormat(Qt.TextFormat.PlainText)
+        heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        hint = QLabel(tr("Nothing was changed yet. What is replaced is put aside, not deleted."), wordWrap=True)
+        theme.color_text(hint, "dim")
+        holder = QWidget()
+        column = layouts.column(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
+        self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
+        for part in self.parts:
+            column.addWidget(part)
+        column.addStretch(1)
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(holder)
+        self._refusal = QLabel(wordWrap=True)
+        self._refusal.setObjectName("same_names_refusal")
+        theme.color_text(self._refusal, "amber")
+        cancel = ActionButton(theme, tr("Cancel"), height_px=40)
+        cancel.setObjectName("same_names_cancel")
+        cancel.clicked.connect(self.reject)
+        self._import = ActionButton(theme, tr("Import"), look="primary", height_px=40)
+        self._import.setObjectName("same_names_import")
+        self._import.clicked.connect(self._on_import)
+        buttons = QHBoxLayout()
+        buttons.addStretch(1)
+        buttons.addWidget(cancel)
+        buttons.addWidget(self._import)
+        layout = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        for widget in (heading, hint):
+            layout.addWidget(widget)
+        layout.addWidget(scroll, 1)
+        layout.addWidget(self._refusal)
+        layout.addLayout(buttons)
+        self._check()
+
+    def sizeHint(self) -> QSize:
+        return QSize(680, 560)
+
+    def _check(self) -> None:
+        refusal = next((part.refusal for part in self.parts if part.refusal), "")
+        self._refusal.setText(refusal)
+        self._refusal.setVisible(bool(refusal))
+        self._import.setEnabled(not refusal)
+
+    def _on_import(self) -> None:
+        self._decide(tuple(part.chosen for part in self.parts))
+        self.accept()
+
+
+class _Part(QWidget):
+    """One conflict: keep both or replace, with the differences."""
+
+    def __init__(self, theme: Theme, conflict: NameConflict, changed: Callable[[], None]) -> None:
+        super().__init__()
+        self._conflict = conflict
+        part = conflict.part
+        self.setObjectName(f"same_name_{part.kind}")
+        asked = QLabel(tr(_ASKED[part.kind]).format(name=part.name), textFormat=Qt.TextFormat.PlainText)
+        asked.setWordWrap(True)
+        asked.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        self.choice = DropDown(
+            theme, f"same_name_choice_{part.kind}", tr("What becomes of {name}").format(name=part.name)
+        )
+        self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
+        self.choice.setMinimumSize(320, 36)
+        self.choice.addItem(tr("Keep both; the imported one is called"), False)
+        if conflict.own:
+            self.choice.addItem(tr("Replace what is there"), True)
+        came = QLabel(tr("It comes with the program, so it stays."))
+        theme.color_text(came, "dim")
+        self.name = QLineEdit(conflict.free, maxLength=_LONGEST_NAME)
+        self.name.setObjectName(f"new_name_{part.kind}")
+        self.name.setAccessibleName(tr("The new name of {name}").format(name=part.name))
+        self.name.setMinimumHeight(36)
+        self.differs = ActionButton(theme, tr("Show what differs"), icon="git-diff", height_px=32)
+        self.differs.setObjectName(f"what_differs_{part.kind}")
+        self.differs.clicked.connect(self._show_differences)
+        self.shown = QPlainTextEdit(readOnly=True)
+        self.shown.setObjectName(f"differences_{part.kind}")
+        self.shown.setAccessibleName(tr("What differs: theirs and what is there"))
+        self.shown.setMinimumHeight(180)
+        self.shown.hide()
+        named = layouts.row(spacing_px=8)
+        named.addWidget(self.choice, 1)
+        named.addWidget(self.name, 1)
+        column = layouts.column(self, margins_px=0, spacing_px=6)
+        column.addWidget(asked)
+        column.addLayout(named)
+        if not conflict.own:
+            column.addWidget(came)
+        column.addWidget(self.differs, 0, Qt.AlignmentFlag.AlignLeft)
+        column.addWidget(self.shown)
+        self.name.textChanged.connect(lambda _text: changed())
+        self.choice.currentIndexChanged.connect(lambda _index: self._on_chosen(changed))
+
+    def _on_chosen(self, changed: Callable[[], None]) -> None:
+        self.name.setVisible(not self._replaces)
+        changed()
+
+    @property
+    def _replaces(self) -> bool:
+        return bool(self.choice.currentData())
+
+    @property
+    def chosen(self) -> SameName:
+        part = self._conflict.part
+        return SameName(part.kind, part.name, "" if self._replaces else self.name.text().strip())
+
+    @property
+    def refusal(self) -> str:
+        """Reason why the new name is invalid; empty if valid. Whether it is free is checked on import."""
+        if self._replaces:
+            return ""
+        name = self.name.text().strip()
+        if not NAME.fullmatch(name):
+            return tr("A name has letters, digits, - and _, and begins with a letter or digit.")
+        if name == self._conflict.part.name:
+            return tr("“{name}” is taken: choose another name.").format(name=name)
+        return ""
+
+    def _show_differences(self) -> None:
+        # Imported late: the first window does not need it.
+        from caris_desktop.ui.scenario_editor.preview import difference_words
+
+        conflict = self._conflict
+        said = []
+        if conflict.part.kind == "scenario":
+            there, theirs = _data(conflict.text), _data(conflict.part.text)
+            said = [
+                f"{' › '.join(map(str, one.path))}: {difference_words(one)}"
+                for one in differences(Scenario, there, theirs)
+            ]
+        lines = difflib.unified_diff(
+            conflict.text.splitlines(), conflict.part.text.splitlines(), tr("there"), tr("imported"), lineterm="", n=2
+        )
+        self.shown.setPlainText("\n".join([*said, *([""] if said else []), *lines]))
+        self.shown.show()
+        self.differs.hide()
+
+
+def _data(text: str) -> dict[str, Any]:
+    try:
+        data = parse_yaml(text).data
+    except YamlSourceError:
+        return {}
+    return data if isinstance(data, dict) else {}

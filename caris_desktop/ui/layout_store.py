@@ -1,0 +1,385 @@
+"""Layout store of the window: the wizard's working copy of the dock layout, with save, revert, undo,
+lock and record.
+"""
+
+from collections.abc import Callable
+from dataclasses import field
+
+from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.intents import SizeClass
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.scenario.layout import layout_text, own_layout
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
+from caris_desktop.ui.dock_host import LOCKED, DockHost
+from caris_desktop.ui.layout import dock_layout as edits
+from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
+from caris_desktop.ui.layout.fitting import fitted, size_class
+from caris_desktop.ui.layout.layout_history import History
+from caris_desktop.ui.layout.layout_tree import differs, panels_in, permitted, tidy, with_the_panels_of
+from caris_desktop.ui.layout.saved_layouts_file import LayoutFile
+from caris_desktop.ui.panel_manager import PanelManager
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+LAYOUT_AT_REST_MS = 1000
+_SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
+_NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutCommand:
+    """Layout command with its availability. ``action``: the row of the action table that does the same; ``id`` does not
+    depend on language or on what would be undone.
+    """
+
+    text: str
+    icon: str
+    do: Callable[[], None]
+    possible: bool = True
+    action: str = ""
+    id: str = field(kw_only=True)
+
+
+class LayoutStore(QObject):
+    """The wizard's working copy of the dock layout, apart from the scenario file.
+
+    One per screen size class. Each change is persisted and restored with the scenario; only saving writes it to the
+    scenario file. ``show_scenario`` shows the panels of a scenario in their current layout.
+    """
+
+    title_wanted = Signal()  # the receiver asks the wizard for a title and calls ``save_as``
+    noticed = Signal(object)  # Problem, for a notification
+    changed = Signal()  # availability of the commands changed
+
+    def __init__(
+        self,
+        docks: DockHost,
+        board: PanelManager,
+        console: WizardConsole,
+        wizards: WizardProfiles,
+        show_scenario: Callable[[Scenario], None],
+    ) -> None:
+        super().__init__(docks)
+        self._docks = docks
+        self._board = board
+        self._console = console
+        self._kept = LayoutFile(wizards)
+        self._show_scenario = show_scenario
+        self._told: LayoutNode | None = None
+        self._of_scenario: LayoutNode | None = None
+        self._in_replay = False
+        self._borrowers: tuple[QWidget, ...] = ()
+        self._kind: SizeClass = "usual"
+        self._name = ""
+        self._trees: dict[SizeClass, LayoutNode] = {}
+        self._baseline: LayoutNode | None = None
+        self._touched = False
+        self._histories: dict[SizeClass, History] = {}
+        self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
+        self.rest.timeout.connect(self.tell)
+        docks.layout_changed.connect(self.rest.start)
+        docks.layout_changed.connect(self._on_layout_changed)
+        docks.edited.connect(self._on_edited)
+        docks.refused.connect(lambda why: self._notice(why, ""))
+        docks.room_changed.connect(self._fit)
+        wizards.changed.connect(self._on_wizard_changed)
+
+    def lend_room_to(self, *strips: QWidget) -> None:
+        """Set the banners above the panels, whose appearance does not count as another window size."""
+        self._borrowers = strips
+
+    @property
+    def _height(self) -> int:
+        """Height available to the panels, without counting banners."""
+        borrowed, width = 0, self._docks.window().width()
+        for strip in self._borrowers:
+            if not strip.isHidden():  # a banner that just appears gets its size after the panels
+                wraps = strip.hasHeightForWidth()
+                borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
+        return self._docks.height() + borrowed
+
+    def use_replay(self) -> None:
+        """Switch to a replay: its layout belongs to no study and its height to no screen size class."""
+        self._in_replay = True
+        self._docks.set_locked(False)
+
+    # ---- the working copy
+
+    def begin(self, tree: LayoutNode) -> DockLayout:
+        """Start with the layout ``tree`` of the scenario file; returns the wizard's layout."""
+        scenario = self._console.scenario
+        name = scenario.path.name if scenario.path is not None else scenario.title
+        trees = self._trees_of(scenario, tree)
+        if (name, trees) != (self._name, self._trees):
+            self._histories = {}
+        self._name, self._trees = name, trees
+        self._docks.set_locked(not self._in_replay and self._kept.is_locked(name))
+        return self._load(self._kind_now())
+
+    def _trees_of(self, scenario: Scenario, tree: LayoutNode) -> dict[SizeClass, LayoutNode]:
+        """The file's layout for each screen size class, all with the panels of the usual layout."""
+        trees: dict[SizeClass, LayoutNode] = {"usual": tree}
+        for kind in ("compact", "large"):
+            own = own_layout(scenario, kind)
+            if own is not None:
+                trees[kind] = with_the_panels_of(tree, own)
+        return trees
+
+    def _kind_now(self) -> SizeClass:
+        if self._in_replay:
+            return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
+        if not self._kept.adapts or not self._docks.isVisible():
+            return "usual"
+        return size_class(self._docks.width(), self._height)
+
+    def _baseline_of(self, kind: SizeClass) -> LayoutNode:
+        """The layout from the file as shown before any change by the wizard."""
+        if kind in self._trees:
+            return tidy(self._trees[kind])
+        # In a replay, panel height follows from the video in it, which depends on the layout.
+        height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._height
+        return fitted(self._trees["usual"], self._docks.width(), height)
+
+    def _file_tree(self, kind: SizeClass) -> LayoutNode:
+        return self._trees.get(kind, self._trees["usual"])
+
+    def _load(self, kind: SizeClass) -> DockLayout:
+        self._kind, self._touched = kind, False
+        self._baseline = baseline = self._baseline_of(kind)
+        kept = None
+        if not self._in_replay:
+            try:
+                kept = self._kept.working(self._name, kind, self._file_tree(kind))
+            except ValueError:
+                self._notice(
+                    tr("Your arrangement of the panels could not be read."),
+                    tr("They are arranged as the scenario says. A copy of what was kept is in the settings."),
+                )
+        mine = None if kept is None else self._possible(kept.arrangement)
+        if kept is None or mine is None:
+            return arrangement_of(baseline)
+        if kept.of_another:
+            self._kept.keep(self._name, kind, self._file_tree(kind), None)
+            self._history.note(tr("The scenario’s new layout"), mine)
+            self._notice(
+                tr("The scenario has another layout than last time."),
+                tr("Your own arrangement is not lost: Undo in the menu Layout brings it back."),
+            )
+            return arrangement_of(baseline)
+        self._touched = True
+        return mine
+
+    def _possible(self, arrangement: DockLayout) -> DockLayout | None:
+        """The layout without panels that the scenario does not offer, and with missing panels that it shows."""
+        possible = self._board.possible()
+        left = edits.remove(arrangement, [name for name in arrangement.panels if name not in possible])
+        for name in panels_in(self._trees["usual"]):
+            if left is not None and name not in left.panels:
+                left = edits.add(left, name, ())
+        return left
+
+    def _fit(self) -> None:
+        """Switch the layout to the current window size, unless the wizard has changed it for that size."""
+        if not self._trees or not self._docks.isVisible() or self._board.building:
+            return  # completion triggers another check
+        kind = self._kind_now()
+        if kind != self._kind:
+            self._board.show(self._load(kind))
+            self._begin_telling()
+        elif not self._touched and kind not in self._trees:
+            baseline = self._baseline_of(kind)
+            if self._baseline is None or differs(baseline, self._baseline, by=_SAME_WEIGHT):
+                self._baseline = baseline
+                self._board.show(arrangement_of(baseline))
+                self._begin_telling()
+
+    def _on_edited(self, what: str, before: DockLayout) -> None:
+        self._history.note(what, before)
+        self._touched = True
+
+    def _on_layout_changed(self) -> None:
+        self._keep()
+        self.changed.emit()
+
+    def _keep(self) -> None:
+        """Persist each change, in case of a crash or power cut."""
+        arrangement = self._docks.arrangement
+        if self._in_replay or not self._touched or arrangement is None or self._board.building:
+            return
+        own = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
+        self._kept.keep(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
+        self._touched = own
+
+    def follow(self, scenario: Scenario) -> None:
+        """Adopt a changed layout of the scenario file without moving the panels."""
+        self._of_scenario = scenario.layout
+        if self._trees:
+            self._trees = self._trees_of(scenario, permitted(scenario.layout, self._board.possible()))
+            self._baseline = self._baseline_of(self._kind)
+            self._touched = True
+            self._keep()
+            self.changed.emit()
+
+    def _on_wizard_changed(self) -> None:
+        if self._trees and not self._in_replay:
+            self._histories = {}
+            self._docks.set_locked(self._kept.is_locked(self._name))
+            self._board.show(self._load(self._kind_now()))
+
+    # ---- menu commands
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether saving would change the file."""
+        tree = self._docks.tree
+        if tree is None or self._baseline is None:
+            return False
+        return differs(tree, self._baseline, by=_SAME_WEIGHT)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the wizard has changed the layout in any way, saved or not."""
+        arrangement = self._docks.arrangement
+        return self.is_unsaved or (arrangement is not None and bool(arrangement.floating or arrangement.hidden))
+
+    @property
+    def locked(self) -> bool:
+        return self._docks.locked
+
+    def set_locked(self, locked: bool) -> None:
+        """Lock the layout for a study: no panel can be moved, closed or floated."""
+        self._kept.set_locked(self._name, locked)
+        self._docks.set_locked(locked)
+        self.changed.emit()
+
+    @property
+    def adapts(self) -> bool:
+        return self._kept.adapts
+
+    def set_adapts(self, adapts: bool) -> None:
+        """Set whether small and large screens get a layout of their own."""
+        self._kept.set_adapts(adapts)
+        self._fit()
+
+    @property
+    def kind(self) -> SizeClass:
+        return self._kind
+
+    @property
+    def _history(self) -> History:
+        return self._histories.setdefault(self._kind, History())
+
+    def commands(self) -> tuple[LayoutCommand, ...]:
+        """Commands for menu and palette."""
+        undo = tr("Undo: {what}").format(what=self._history.undoes) if self._history.undoes else tr("Undo")
+        redo = tr("Redo: {what}").format(what=self._history.redoes) if self._history.redoes else tr("Redo")
+        free, live = not self.locked, not self._in_replay
+        return (
+            LayoutCommand(
+                undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo", id="Undo"
+            ),
+            LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free, id="Redo"),
+            *(
+                LayoutCommand(tr(text), icon, do, possible, id=text)
+                for text, icon, do, possible in (
+                    (QT_TR_NOOP("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
+                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),
+                    (
+                        QT_TR_NOOP("Revert to the scenario’s layout"),
+                        "arrow-counter-clockwise",
+                        self.revert,
+                        self.is_own,
+                    ),
+                    (QT_TR_NOOP("Reset: as the scenario came"), "layout", self.put_back, True),
+                )
+            ),
+        )
+
+    def undo(self) -> None:
+        self._step(self._history.undo)
+
+    def redo(self) -> None:
+        self._step(self._history.redo)
+
+    def _step(self, step: Callable[[DockLayout], DockLayout | None]) -> None:
+        present = self._docks.arrangement
+        if self.locked:
+            self._notice(tr(LOCKED), "")
+        elif present is not None and (before := step(present)) is not None:
+            self._touched = True
+            self._board.show(self._possible(before) or before)
+
+    def save(self) -> None:
+        """Request saving the current layout to the scenario file."""
+        tree = self._docks.tree
+        if tree is not None:
+            self._console.do(intents.SaveLayout(layout_text(tree), self._kind))
+
+    def save_as(self, title: str) -> None:
+        """Request a new scenario with the current layout."""
+        tree = self._docks.tree
+        if tree is not None:
+            self._console.do(intents.SaveLayout(layout_text(tree), self._kind, title))
+
+    def revert(self) -> None:
+        """Restore the layout of the scenario file. Can be undone."""
+        present = self._docks.arrangement
+        if present is None or self._baseline is None:
+            return
+        self._history.note(tr("Revert"), present)
+        self._kept.keep(self._name, self._kind, self._file_tree(self._kind), None)
+        self._touched = False
+        self._board.show(arrangement_of(self._baseline_of(self._kind)))
+
+    def put_back(self) -> None:
+        """Restore the scenario's original layout, after another one was saved over it."""
+        present = self._docks.arrangement
+        if present is not None:
+            self._history.note(tr("Reset"), present)
+        self._kept.forget(self._name)
+        self._console.do(intents.ResetLayout())
+        self._show_scenario(self._console.scenario)
+        self._console.do(intents.KeepLayout(layout_text(self._console.scenario.layout)))
+
+    def soon(self, do: Callable[[], None]) -> Callable[[], None]:
+        """Defer until the menu has closed: its actions belong to widgets that may be deleted."""
+        return lambda: QTimer.singleShot(0, self, do)
+
+    def _notice(self, what: str, meaning: str) -> None:
+        self.noticed.emit(Problem(self._console.state.present.now_ns(), "info", what, meaning, ""))
+
+    # ---- recording
+
+    def begin_with(self, tree: LayoutNode) -> None:
+        """Start recording from the layout of the scenario file.
+
+        Actual panel sizes settle later and are not the wizard's edits.
+        """
+        self._of_scenario = tree
+        self._begin_telling()
+        self._fit()
+
+    def _begin_telling(self) -> None:
+        self._told = None
+        self.rest.start()
+
+    def tell(self) -> None:
+        """Record the wizard's layout once it is idle."""
+        if not self._docks.isVisible():
+            self.rest.start()
+            return
+        tree, before = self._docks.tree, self._told
+        self._told = tree
+        if tree is None:
+            return
+        if before is None and self._of_scenario is not None:
+            arranged = differs(tree, self._of_scenario, by=None)
+        else:
+            arranged = before is None or tree != before
+        if arranged:
+            self._console.do(intents.KeepLayout(layout_text(tree)))

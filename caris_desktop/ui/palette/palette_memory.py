@@ -1,0 +1,54 @@
+"""Usage history of the command palette, per wizard."""
+
+import json
+from collections import Counter
+from typing import Any
+
+from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_search import Used
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+RECENT = 5
+OFTEN = 6
+_OFTEN_FROM = 3  # uses
+_KEPT = 200
+_KEY = "palette/used"
+
+
+class PaletteMemory:
+    """Saved in the wizard profile. Items that disable a protection are not recorded: they must be searched for."""
+
+    def __init__(self, wizards: WizardProfiles) -> None:
+        self._wizards = wizards
+
+    @property
+    def used(self) -> Used:
+        recent, counts = self._read()
+        often = [name for name, times in counts.most_common() if times >= _OFTEN_FROM and name not in recent[:RECENT]]
+        return Used(tuple(recent[:RECENT]), tuple(often[:OFTEN]))
+
+    def note(self, entry: Entry) -> None:
+        """Record a use."""
+        if entry.deliberate:
+            return
+        recent, counts = self._read()
+        name = entry.id
+        counts[name] += 1
+        recent = [name, *(known for known in recent if known != name)][:_KEPT]
+        kept = {known: counts[known] for known in recent}
+        self._wizards.set_value(_KEY, json.dumps({"recent": recent, "counts": kept}))
+
+    def _read(self) -> tuple[list[str], Counter[str]]:
+        try:
+            kept: Any = json.loads(str(self._wizards.value(_KEY, "{}")))
+        except (ValueError, RecursionError):
+            kept = {}
+        if not isinstance(kept, dict):
+            kept = {}
+        recent, counts = kept.get("recent"), kept.get("counts")
+        return (
+            [name for name in recent if isinstance(name, str)] if isinstance(recent, list) else [],
+            Counter({name: times for name, times in counts.items() if isinstance(times, int)})
+            if isinstance(counts, dict)
+            else Counter(),
+        )

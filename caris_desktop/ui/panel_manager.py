@@ -1,0 +1,407 @@
+"""Panel manager: creates the panels of a scenario, opens, closes and focuses them.
+
+Panels are created one at a time, so that keys (the stop among them) and video are handled in between: visible panels
+first, then the layout, then those behind other tabs, for which placeholders stand in. A request for a panel creates all
+remaining ones at once.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
+
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
+from caris_desktop.ui.layout.layout_tree import panels_in, permitted
+from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
+from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
+from caris_desktop.ui.panel_table import PANELS, possible_panels
+
+TURN_S = 0.012
+"""Time budget in seconds of a turn; no further step begins after it. A step begun just before it delays a key by no
+more than one repaint.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Building:
+    """Layout to apply once all panels are created, and the callback for completion."""
+
+    arrangement: DockLayout
+    arranged: Callable[[], None]
+
+
+class _KeptPlace(Panel):
+    """Placeholder behind a tab until its panel is created, with the minimum size of its predecessor."""
+
+    def __init__(self, context: PanelContext, name: PanelName, least: QSize) -> None:
+        super().__init__(context)
+        self._least = least
+        self.title = tr(PANELS[name].title)
+        self.show_title(self.title)
+
+    def minimumSizeHint(self) -> QSize:
+        return self._least
+
+
+class PanelManager(QObject):
+    """Manages all panels by name, without knowing their classes."""
+
+    window_wanted = Signal(str)  # WindowName: a panel requests a window
+    moment_wanted = Signal(object)  # forwarded from a panel
+    made = Signal(str, object)  # PanelName, Panel
+    completed = Signal()  # all panels of the scenario exist
+    opened = Signal(str, object)  # PanelName, Panel, in the state given by the scenario file
+
+    def __init__(self, context: PanelContext, docks: DockHost) -> None:
+        super().__init__(docks)
+        context.hold.escape_pressed.connect(docks.give_up)
+        self._context = context
+        self._docks = docks
+        self._panels: dict[PanelName, Panel] = {}
+        # Permitted but not in the layout: hidden, and reused when a later scenario shows them.
+        self._aside: dict[PanelName, Panel] = {}
+        self._lasting: dict[PanelName, Any] = {}
+        self._least: dict[PanelName, QSize] = {}
+        self._opened: tuple[Path | None, PanelSettings] | None = None
+        self._opened_in: set[PanelName] = set()
+        self._has_library = False
+        self._building: _Building | None = None
+        self._had_keys: PanelName | None = None
+        self._outdated: deque[PanelName] = deque()  # reused, but still showing the former scenario
+        self._missing: deque[PanelName] = deque()
+        self._behind: deque[PanelName] = deque()
+        self._without_room: PanelName | None = None
+        self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
+        self._turn.timeout.connect(self._build_for_a_turn)
+        app = QApplication.instance()
+        if isinstance(app, QApplication):
+            app.focusChanged.connect(self._on_focus_changed)
+
+    @property
+    def panels(self) -> dict[PanelName, Panel]:
+        """Panels of the current scenario; creates missing ones."""
+        self.complete()
+        return self._panels
+
+    @property
+    def made_so_far(self) -> dict[PanelName, Panel]:
+        """Panels created so far; ``made`` and ``opened`` report the others."""
+        return dict(self._panels)
+
+    def possible(self) -> tuple[PanelName, ...]:
+        """All panels that this scenario offers, in its layout or not."""
+        return possible_panels(self._context.console.scenario)
+
+    def is_open(self, name: PanelName) -> bool:
+        return self._docks.is_open(name)
+
+    def begin(
+        self,
+        scenario: Scenario,
+        arranged: Callable[[LayoutNode], None],
+        arrange: Callable[[LayoutNode], DockLayout] = arrangement_of,
+    ) -> None:
+        """Show the panels of ``scenario`` with its actions and shortcuts, over several turns of the event loop.
+
+        ``arrange`` computes the layout from the permitted tree of its file; ``arranged`` receives that tree on
+        completion. Reusable panels stay.
+        """
+        self._stop_building()
+        self._had_keys = self._docks.panel_with_keys()
+        actions, hold = self._context.actions, self._context.hold
+        hold.release_all(QT_TR_NOOP("The scenario was changed"))
+        actions.bind_driving_panels(())
+        kept, possible = {**self._panels, **self._aside}, self.possible()
+        for name, panel in tuple(kept.items()):
+            if name not in possible or not panel.follow(scenario):
+                self._keep(name, kept.pop(name))
+        self._open_scenario(scenario)
+        tree = permitted(scenario.layout, possible)
+        arrangement = arrange(tree)
+        self._panels, self._aside = kept, {}
+        self._put_aside_all_but(arrangement.panels)
+        self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
+        actions.rebuild(scenario)
+        self._bind_driving()
+        self._outdated.extend(self._panels)
+        missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
+        self._missing.extend(name for name in missing if name in seen)
+        self._behind.extend(name for name in missing if name not in seen)
+        self._building = _Building(arrangement, lambda: arranged(tree))
+        self._turn.start()
+
+    @property
+    def building(self) -> bool:
+        """Whether visible panels are still missing."""
+        return self._building is not None
+
+    @property
+    def whole(self) -> bool:
+        """Whether all panels exist, also those behind other tabs."""
+        return self._building is None and not (self._outdated or self._behind or self._without_room)
+
+    def complete(self) -> None:
+        """Create all missing panels now."""
+        missing = not self.whole
+        while not self.whole:
+            self._build_next()
+        for panel in self._panels.values():
+            panel.complete()
+        if missing:
+            self.completed.emit()
+
+    def complete_seen(self) -> None:
+        """Create all visible panels now; :meth:`go_on` creates those behind other tabs."""
+        while self.building:
+            self._build_next()
+        self._turn.stop()
+
+    def go_on(self) -> None:
+        """Create missing panels over several turns of the event loop."""
+        self._turn.start()
+
+    def _build_next(self) -> None:
+        """Run one step: refresh a reused panel, create a visible one, place it, apply the layout, or create a hidden
+        one.
+        """
+        if self._without_room is not None:
+            self._give_room()
+        elif self._outdated:
+            name = self._outdated.popleft()
+            self._panels[name].show_scenario()
+            self._open_in(name, self._panels[name])
+        elif self._missing:
+            self._make_next(self._missing)
+        elif self._building is not None:
+            building, self._building = self._building, None
+            self._put_aside_all_but(building.arrangement.panels)
+            self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, building.arrangement)
+            self._bind_driving()
+            self._keep_keys()
+            building.arranged()
+        elif self._behind:
+            self._make_next(self._behind)
+
+    def _keep_keys(self) -> None:
+        """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
+        had, self._had_keys = self._had_keys, None
+        panel = None if had is None else self._panels.get(had)
+        if panel is not None and panel.isVisible() and self._docks.panel_with_keys() is None:
+            panel.focus_target().setFocus(Qt.FocusReason.OtherFocusReason)
+
+    @property
+    def _arranges_next(self) -> bool:
+        """Whether the next step applies the layout: the slowest step, as it repaints the whole window."""
+        return self.building and not (self._without_room or self._outdated or self._missing)
+
+    def _kept_places(self) -> dict[PanelName, Panel]:
+        return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
+
+    def _build_for_a_turn(self) -> None:
+        """Run several short steps or a single long one; the window repaints between turns."""
+        until_s = time.perf_counter() + TURN_S
+        while not self.whole:
+            arranging = self._arranges_next
+            self._build_next()
+            if time.perf_counter() >= until_s or arranging or self._arranges_next:
+                break
+        if self._without_room is not None:
+            # A hidden child, deleted with the window. A panel that is placed at once needs no parent: each reparenting
+            # restyles all its children.
+            self._panels[self._without_room].setParent(self._docks)
+        if self.whole:
+            self.completed.emit()
+        else:
+            self._turn.start()
+
+    def _make_next(self, names: deque[PanelName]) -> None:
+        name = self._without_room = names.popleft()
+        self._make(name)
+
+    def _give_room(self) -> None:
+        name, self._without_room = self._without_room, None
+        if name is not None:
+            self._docks.make_room(name, self._panels[name])
+            if self.whole:
+                self._bind_driving()
+
+    def _stop_building(self) -> None:
+        self._turn.stop()
+        self._give_room()
+        self._outdated.clear()
+        self._missing.clear()
+        self._behind.clear()
+        self._building = None
+
+    def show(self, arrangement: DockLayout) -> None:
+        """Apply a layout: existing panels stay, visible missing ones are created, and hidden missing ones keep their
+        turn.
+        """
+        while self.building:
+            self._build_next()
+        self._give_room()
+        self._put_aside_all_but(arrangement.panels)
+        behind = [name for name in self._behind if name in arrangement.panels and name not in arrangement.in_front]
+        self._behind = deque(behind)
+        for name in arrangement.panels:
+            if name not in self._panels and name not in behind:
+                self._bring(name)
+        self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, arrangement)
+        self._bind_driving()
+
+    def open(self, name: PanelName) -> None:
+        """Raise the panel; one that the scenario does not have is added in a tab."""
+        self.complete()
+        if name not in self.possible():
+            return
+        if name not in self._panels:
+            self._docks.add_panel(name, self._bring(name), PANELS[name].neighbours)
+            self._bind_driving()
+        self._docks.show_panel(name)
+
+    def close(self, name: PanelName) -> None:
+        """Close the panel; an added one is removed."""
+        self.complete()
+        if name not in self._panels:
+            return
+        if name in panels_in(self._context.console.scenario.layout):
+            self._docks.close_panel(name)
+            return
+        if self._docks.remove_panel(name):
+            self._keep(name, self._panels.pop(name))
+            self._bind_driving()
+
+    def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
+        """Fill the panel's placement menu."""
+        self._docks.fill_menu(menu, name)
+
+    def opener(self, name: PanelName) -> Callable[[], None]:
+        """Slot that opens and focuses the panel."""
+        return lambda: self.open_and_focus(name)
+
+    def closer(self, name: PanelName) -> Callable[[], None]:
+        return lambda: self.close(name)
+
+    def floater(self, name: PanelName) -> Callable[[], None]:
+        """Slot that floats or docks the panel."""
+        return lambda: self._docks.toggle_floating(name)
+
+    def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
+        """Possible changes of the panel's size in px, with their slots."""
+        docks = self._docks
+        steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if resized(docks, name, by_px) is not None]
+        return [(by_px, resizer(docks, name, by_px)) for by_px in steps]
+
+    def toggler(self, name: PanelName) -> Callable[[bool], None]:
+        """Slot that opens or closes the panel after the menu has closed, so that size and focus can be set."""
+
+        def toggle(shown: bool) -> None:
+            QTimer.singleShot(0, self, lambda: self.open(name) if shown else self.close(name))
+
+        return toggle
+
+    def open_and_focus(self, name: PanelName) -> None:
+        self.open(name)
+        self.focus(name)
+
+    def focus(self, name: PanelName) -> None:
+        """Focus the panel, if it exists."""
+        panel = self.panels.get(name)
+        if panel is not None:
+            self.open(name)
+            focus_widget(panel.focus_target())
+
+    def focus_driving(self) -> bool:
+        """Focus a panel where the bare keys drive; False if the scenario has none."""
+        if self._context.actions.spec("drive_forward") is None:
+            return False
+        driving: tuple[PanelName, ...] = ("video", "drive", "map")
+        if not any(name in self._panels for name in driving):
+            self.complete()
+        for name in driving:
+            panel = self._panels.get(name)
+            if panel is not None:
+                self._docks.show_panel(name)
+                focus_widget(panel.focus_target())
+                return True
+        return False
+
+    def use_library(self) -> None:
+        """Enable the session library."""
+        self._has_library = True
+        for panel in (*self._panels.values(), *self._aside.values()):
+            panel.use_library(present=True)
+
+    def _make(self, name: PanelName) -> Panel:
+        panel: Panel = PANELS[name].load()(self._context)
+        self._panels[name] = panel
+        self._least[name] = panel.minimumSizeHint()
+        panel.window_wanted.connect(self.window_wanted)
+        panel.moment_wanted.connect(self.moment_wanted)
+        panel.use_library(present=self._has_library)
+        self.made.emit(name, panel)
+        if name in self._opened_in:
+            self._use_settings(name, panel)
+        if name in self._lasting:
+            panel.take_over(self._lasting[name])
+        self._open_in(name, panel)
+        return panel
+
+    def _open_scenario(self, scenario: Scenario) -> None:
+        """Apply the file's panel settings when it is opened or when they change; other changes of the file do not
+        override the wizard.
+        """
+        if (scenario.path, scenario.panels) != self._opened:
+            self._opened = scenario.path, scenario.panels
+            self._opened_in.clear()
+            self._context.console.state.prefer_camera(scenario.panels.video.camera)
+
+    def _open_in(self, name: PanelName, panel: Panel) -> None:
+        if name not in self._opened_in:
+            self._opened_in.add(name)
+            self._use_settings(name, panel)
+
+    def _use_settings(self, name: PanelName, panel: Panel) -> None:
+        with panel.by_itself():
+            panel.use_settings(self._context.console.scenario.panels)
+        self.opened.emit(name, panel)
+
+    def _bring(self, name: PanelName) -> Panel:
+        """A hidden panel, refreshed for the present scenario; else a new one."""
+        panel = self._aside.pop(name, None)
+        if panel is None:
+            return self._make(name)
+        self._panels[name] = panel
+        panel.show_scenario()
+        self._open_in(name, panel)
+        return panel
+
+    def _put_aside_all_but(self, names: Collection[PanelName]) -> None:
+        for name in tuple(self._panels):
+            if name not in names:
+                self._aside[name] = self._panels.pop(name)
+
+    def _keep(self, name: PanelName, panel: Panel) -> None:
+        """Save the state of a removed panel for its successor."""
+        lasting = panel.what_lasts()
+        if lasting is not None:
+            self._lasting[name] = lasting
+
+    def _bind_driving(self) -> None:
+        driving = [panel for panel in self._panels.values() if panel.drives]
+        self._context.actions.bind_driving_panels(driving)
+        self._context.hold.set_driving_panels(driving)
+
+    def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
+        for panel in (*self._panels.values(), *self._aside.values()):
+            panel.set_active(new is not None and (panel is new or panel.isAncestorOf(new)))

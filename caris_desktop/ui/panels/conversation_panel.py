@@ -1,0 +1,343 @@
+"""Conversation panel: transcript, speakers, and the participant's waiting time."""
+
+from bisect import bisect_right
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QLabel, QWidget
+
+from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
+from caris_desktop.conversation.response_timing import LATE_S, waiting
+from caris_desktop.domain import intents
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import PhotoEntry
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.conversation.levels_button import LevelsButton
+from caris_desktop.ui.conversation.proposal_card import ProposalCard
+from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
+from caris_desktop.ui.conversation.transcript_rows import (
+    RowMaker,
+    found_in,
+)
+from caris_desktop.ui.conversation.transcript_view import TranscriptView
+from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+_EMPTY = QT_TR_NOOP("What the robot and the participant say stands here.")
+_TICK_MS = 100
+_PHOTO_AFTER_NS = 2_000_000_000
+_RECENT = 60
+"""Number of newest turns that matter to the live display."""
+
+
+def _turns(count: int) -> str:
+    return tr("1 turn") if count == 1 else tr("%n turns", "", count)
+
+
+class ConversationPanel(Panel):
+    """Transcript, suggested replies below it, and a search field."""
+
+    title = QT_TR_NOOP("Conversation")
+    reads = ("permissions.assistant", "assisted")
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("conversation_panel")
+        self._maker = RowMaker(self.state.present.anchor, with_tags=not context.discreet)
+        self._names: dict[str, str] = {}
+        self._ordered_from: tuple[Turn, ...] = ()
+        self._ordered: list[Turn] = []
+        self._under_way: dict[str, Hearing] = {}
+        self._matches: list[int] = []
+        self._match = -1
+        self.view = TranscriptView(self.theme, may_change=self.state.present.live, empty=tr(_EMPTY))
+        self.view.setObjectName("transcript")
+        self._photo = PhotoThumbnail(self.theme, self.view)
+        self.view.picked.connect(self._on_picked)
+        self.view.wanted.connect(self._on_wanted)
+        self.view.given.connect(self._on_given)
+        self.hold.escape_pressed.connect(self.view.give_up_writing)
+        self.hold.escape_pressed.connect(self.close_search)
+        self._find = ActionButton(self.theme, "", icon="magnifying-glass", height_px=30)
+        self._find.setObjectName("transcript_find")
+        self._find.setAccessibleName(tr("Search what was said"))
+        self._find.setToolTip(tr("Search what was said"))
+        self._find.bind(self.table, "find_said")
+        self._search = _SearchLine(self)
+        self._search.hide()
+        self._levels = LevelsButton(context)
+        under_newest = layouts.column(margins_px=(14, 0, 14, 0), spacing_px=6)
+        assisted = context.console.scenario.assisted
+        self._could_follow: list[SuggestionCards | ProposalCard] = []
+        if "replies" in assisted or "fillers" in assisted:
+            self._could_follow.append(SuggestionCards(context, self))
+        if "actions" in assisted:
+            self._could_follow.append(ProposalCard(context, self))
+        for widget in self._could_follow:
+            under_newest.addWidget(widget)
+        layout = layouts.column(self, margins_px=(1, 6, 1, 8), spacing_px=4)
+        layout.addWidget(self._search)
+        layout.addWidget(self.view, 1_000)
+        layout.addLayout(under_newest)
+        layout.addStretch(1)
+        self.state.transcript.changed.connect(self._refresh)
+        self.state.stream("hearing").changed.connect(self._refresh)
+        self.state.persons.changed.connect(self._on_persons_changed)
+        self.state.everybody.changed.connect(self._on_persons_changed)
+        self.state.time_jumped.connect(self._on_time_jumped)
+        self.every(_TICK_MS, self._tick)
+        self.catch_up()
+
+    def title_widgets(self) -> list[QWidget]:
+        scenario = self.console.scenario
+        # Autonomy levels apply to the language model only.
+        assisted = scenario.permissions.assistant and scenario.assisted
+        return [self._levels, self._find] if assisted else [self._find]
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        for widget in self._could_follow:
+            widget.fit(self.height())
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 300)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(240, 110)
+
+    # ---- display
+
+    def catch_up(self) -> None:
+        self._take_names()
+        self._refresh()
+        self._tick()
+
+    def show_scenario(self) -> None:
+        self._on_persons_changed(None)
+
+    def _on_persons_changed(self, _persons: object) -> None:
+        if self.in_view and self._take_names():
+            self._refresh()
+
+    def _take_names(self) -> bool:
+        """Update the names; returns whether any changed."""
+        naming = self.console.scenario.permissions.naming_people
+        persons = as_permitted((*self.state.everybody.value, *self.state.persons.value), naming=naming)
+        names = {person.person_id: text_formatting.person_name(person) for person in persons if person.person_id}
+        changed = names != self._names
+        self._names = names
+        return changed
+
+    def _heard(self) -> dict[str, Hearing]:
+        """Partial results of current turns by utterance id, without the robot's own speech, which has its transcript
+        already.
+        """
+        now_ns = self.state.present.now_ns()
+        newest = (self.state.hearing_of(source).value for source in PARTICIPANT_SOURCES)
+        heard = {
+            hearing.utterance_id: hearing
+            for hearing in newest
+            if hearing is not None and hearing.utterance_id and hearing.speaker != "robot"
+        }
+        over = {turn.utterance_id for turn in self._turns_until(now_ns) if turn.ended_ns and turn.ended_ns <= now_ns}
+        return {turn_id: hearing for turn_id, hearing in heard.items() if turn_id not in over}
+
+    def _turns_until(self, now_ns: int) -> list[Turn]:
+        """Newest turns that had begun by then; a replay has later ones."""
+        turns = self._turns()
+        until = bisect_right(turns, now_ns, key=lambda turn: turn.begins_ns)
+        return turns[max(0, until - _RECENT) : until]
+
+    def _turns(self) -> list[Turn]:
+        """Turns sorted by start; cached per transcript."""
+        if self.state.transcript.value is not self._ordered_from:
+            self._ordered_from = self.state.transcript.value
+            self._ordered = in_order(self._ordered_from)
+        return self._ordered
+
+    def _refresh(self, _value: object = None) -> None:
+        if not self.in_view:
+            return
+        self._under_way = self._heard()
+        self.view.show_rows(self._maker.rows(self._turns(), self._names, self._under_way))
+        if self._search.isVisible():
+            self._look_again()
+        self._tick()
+
+    def _on_time_jumped(self, _events: object) -> None:
+        self._refresh()
+        self.view.follow()
+
+    def _tick(self) -> None:
+        if not self.in_view:
+            return
+        now_ns = self.state.present.now_ns()
+        if not self.state.present.live:
+            if self._under_way != self._heard():  # the turn ended without an event
+                self._refresh()
+            self.view.show_now(bisect_right(self.view.rows, now_ns, key=lambda row: row.begins_ns) - 1)
+        self._tell_waiting(now_ns)
+
+    def _tell_waiting(self, now_ns: int) -> None:
+        stands = waiting(self._turns_until(now_ns), self._under_way.values(), now_ns)
+        if stands is None:
+            count = len(self.view.rows)
+            self.set_fact(_turns(count) if count else "")
+            return
+        name = self._names.get(stands.person_id, "")
+        assistance = self.console.scenario.assistance
+        late_s = LATE_S if assistance.fillers == "off" else assistance.filler_after_s
+        match stands.state:
+            case "talking":
+                named = tr("{name} is talking").format(name=f"{name[:1].upper()}{name[1:]}")
+                self.set_fact(named if name else tr("The participant is talking"), "green")
+            case "waiting":
+                role = "amber" if stands.seconds > late_s else "green"
+                rest = tr("since {name} stopped talking").format(name=name)
+                rest = rest if name else tr("since the participant stopped talking")
+                self.set_fact(text_formatting.age(max(0.1, stands.seconds)), role, rest=rest)
+            case "answered":
+                late = stands.seconds > late_s
+                if stands.seconds < 0:
+                    rest = tr("before {name} was done").format(name=name)
+                    rest = rest if name else tr("before the participant was done")
+                    self.set_fact(f"{-stands.seconds:.1f} s", "amber", rest=rest)
+                else:
+                    self.set_fact(f"{stands.seconds:.1f} s", "amber" if late else "dim", rest=tr("until the answer"))
+
+    # ---- search
+
+    def open_search(self) -> None:
+        """Show and focus the search field."""
+        self._search.show()
+        focus_widget(self._search.field)
+        self._search.field.selectAll()
+        self._look_again()
+
+    def close_search(self) -> None:
+        if self._search.isVisible():
+            had_focus = self._search.field.hasFocus()
+            self._search.hide()
+            self.view.show_found((), "")
+            self._matches, self._match = [], -1
+            if had_focus:
+                self.view.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def search(self, query: str) -> None:
+        """Search the transcript and go to the newest match."""
+        self._matches, self._match = found_in(self.view.rows, query), -1
+        self.view.show_found(self._matches, query)
+        self.go_to_match(-1)
+
+    def _look_again(self) -> None:
+        query = self._search.field.text()
+        self._matches = found_in(self.view.rows, query)
+        self._match = min(self._match, len(self._matches) - 1)
+        self.view.show_found(self._matches, query)
+        self._search.tell(self._match, len(self._matches), query)
+
+    def go_to_match(self, step: int) -> None:
+        """Go to the next or previous match."""
+        if self._matches:
+            self._match = (self._match + step) % len(self._matches) if self._match >= 0 else len(self._matches) - 1
+            self.view.show_turn(self._matches[self._match])
+        self._search.tell(self._match, len(self._matches), self._search.field.text())
+
+    # ---- commands
+
+    def _turn(self, utterance_id: str) -> Turn | None:
+        return next((turn for turn in reversed(self._turns()) if turn.utterance_id == utterance_id), None)
+
+    def _on_picked(self, utterance_id: str) -> None:
+        turn = self._turn(utterance_id)
+        if turn is None:
+            return
+        if not self.state.present.live:
+            self.moment_wanted.emit(turn.begins_ns)
+            return
+        photo = self._photo_of(turn)
+        if photo is None:
+            self._photo.hide()
+        else:
+            self._photo.show_photo(image_of(photo.thumbnail_jpeg), tr("Photo of this moment"), photo.file_name)
+
+    def _photo_of(self, turn: Turn) -> PhotoEntry | None:
+        """First photo taken during the turn or right after it."""
+        from_ns = self.state.present.anchor.utc_ns_at(turn.begins_ns)
+        lasted_ns = (turn.ended_ns or self.state.present.now_ns()) - turn.begins_ns
+        photos: tuple[PhotoEntry, ...] = self.state.photos.value
+        taken = (photo for photo in photos[::-1] if 0 <= photo.utc_ns - from_ns <= lasted_ns + _PHOTO_AFTER_NS)
+        return next((photo for photo in taken if photo.thumbnail_jpeg and not photo.deleted), None)
+
+    def _on_wanted(self, act: str, utterance_id: str) -> None:
+        turn = self._turn(utterance_id)
+        if turn is None:
+            return
+        if act == "who":
+            speaker, person_id = next_speaker(
+                turn, [person.person_id for person in self.state.persons.value if person.here]
+            )
+            self.console.do(intents.CorrectUtterance(utterance_id, speaker=speaker, person_id=person_id))
+        else:
+            earlier_s = max(0.0, (self.state.present.now_ns() - turn.begins_ns) / 1e9)
+            self.console.do(intents.Mark("", earlier_s=min(86_400.0, earlier_s)))
+
+    def _on_given(self, act: str, utterance_id: str, text: str) -> None:
+        if act == "text":
+            self.console.do(intents.CorrectUtterance(utterance_id, text=text))
+        else:
+            tags = tuple(dict.fromkeys(tag for part in text.split(",") if (tag := part.strip())))
+            self.console.do(intents.CorrectUtterance(utterance_id, tags=tags))
+
+
+class _SearchLine(QWidget):
+    """Search field with match count. Enter goes to the previous match, with Shift to the next."""
+
+    def __init__(self, panel: ConversationPanel) -> None:
+        super().__init__()
+        self._panel = panel
+        self.field = _SearchField(panel)
+        self.field.setObjectName("transcript_search")
+        self.field.setPlaceholderText(tr("Search what was said"))
+        self.field.setAccessibleName(tr("Search what was said"))
+        self.field.textChanged.connect(panel.search)
+        self._found = QLabel()
+        self._found.setObjectName("transcript_found")
+        panel.theme.style_text(self._found, "dim", tokens.STATUS_PX)
+        close = ActionButton(panel.theme, "", icon="x", height_px=30)
+        close.setAccessibleName(tr("Close the search"))
+        close.clicked.connect(panel.close_search)
+        row = layouts.row(self, margins_px=(14, 2, 8, 2), spacing_px=8)
+        row.addWidget(self.field, 1)
+        row.addWidget(self._found)
+        row.addWidget(close)
+
+    def tell(self, match: int, count: int, query: str) -> None:
+        if not query.strip():
+            self._found.setText("")
+        else:
+            place = tr("{number} of {count}").format(number=match + 1, count=count)
+            self._found.setText(place if count and match >= 0 else _turns(count))
+
+
+class _SearchField(SubmitLineEdit):
+    def __init__(self, panel: ConversationPanel) -> None:
+        super().__init__()
+        self._panel = panel
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Up):
+            self._panel.go_to_match(1 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else -1)
+        elif event.key() == Qt.Key.Key_Down:
+            self._panel.go_to_match(1)
+        else:
+            super().keyPressEvent(event)

@@ -1,0 +1,498 @@
+"""Diagnostics panel: traffic per topic and per link. The only panel with ROS names."""
+
+import time
+from collections import deque
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QSize,
+    QSortFilterProxyModel,
+    Qt,
+    QTimer,
+)
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QWidget
+
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
+from caris_desktop.domain.process_title import title_of
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.child_process import Health
+from caris_desktop.live.status import LinkStatus, PerceptionStatus
+from caris_desktop.ros.dialect import same_type
+from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+_COLUMNS = (
+    QT_TR_NOOP("Topic"),
+    QT_TR_NOOP("State"),
+    QT_TR_NOOP("Rate"),
+    QT_TR_NOOP("Last"),
+    QT_TR_NOOP("Age on arrival"),
+    QT_TR_NOOP("Bandwidth"),
+    QT_TR_NOOP("Refused"),
+    QT_TR_NOOP("Type"),
+    QT_TR_NOOP("Link"),
+)
+_TOPIC, _STATE, _RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED, _TYPE, _LINK = range(len(_COLUMNS))
+_TIPS = (
+    QT_TR_NOOP("Name of the topic on the robot"),
+    QT_TR_NOOP("Whether it comes as it did before"),
+    QT_TR_NOOP("Messages in the last second"),
+    QT_TR_NOOP("Time since the newest message"),
+    QT_TR_NOOP("How old the newest message was when it came, by the robot's own stamp and the estimated clock offset"),
+    QT_TR_NOOP("Bytes in the last second, as they came over the link"),
+    QT_TR_NOOP("Messages that could not be used so far: malformed, too large, of another type"),
+    QT_TR_NOOP("Type of the messages"),
+    QT_TR_NOOP("Which connection carries it"),
+)
+_LINK_WORDS = {"control": "control", "media": "media"}
+_ROOM_FOR_TOTALS_PX = 230
+_SECONDS_TO_BE_USUAL = 3
+_OLD_MEASUREMENT_S = 3.0
+_HEAVY_BYTES_PER_S = 1e6
+_TAKEN_TOGETHER_MS, _NOTHING_TOLD_MS = 200, 1500
+_SORT_ROLE = int(Qt.ItemDataRole.UserRole)
+_Index = QModelIndex | QPersistentModelIndex
+
+
+@dataclass(frozen=True, slots=True)
+class TopicRow:
+    """Topic of a link; ``state``: its reception as text."""
+
+    link: str
+    traffic: TopicTraffic
+    state: str
+
+    @property
+    def stale(self) -> bool:
+        return self.state.startswith(("stale", "link"))
+
+
+def bandwidth(bytes_per_s: float) -> str:
+    """Bandwidth as 0 B/s, 34 kB/s, 1.2 MB/s."""
+    if bytes_per_s < 1000:
+        return f"{bytes_per_s:.0f} B/s"
+    if bytes_per_s < 1e6:
+        return f"{bytes_per_s / 1e3:.1f} kB/s"
+    return f"{bytes_per_s / 1e6:.1f} MB/s"
+
+
+def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float) -> str:
+    """Reception of a topic as text. Low-rate topics (maps, paths) are never called stale."""
+    if link_silent_s > _OLD_MEASUREMENT_S:
+        return tr("link silent")
+    if traffic.last_heard_s is None:
+        return tr("nothing")
+    if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
+        return tr("stale")
+    if traffic.rate_hz < 0.05:
+        return tr("rare")
+    return tr("flowing")
+
+
+_LINK_STATES = {
+    "connecting": QT_TR_NOOP("connecting"),
+    "connected": QT_TR_NOOP("connected"),
+    "trouble": QT_TR_NOOP("trouble"),
+    "lost": QT_TR_NOOP("lost"),
+    "closed": QT_TR_NOOP("closed"),
+}
+_ENCODINGS = {"cbor": "CBOR", "json": "JSON", "both": QT_TR_NOOP("CBOR and JSON")}
+
+
+def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
+    """Clock offset of the robot as text."""
+    if link.clock_offset_ms is None:
+        return tr("robot clock not measured")
+    offset = text_formatting.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
+    return tr("robot clock {offset}").format(offset=offset)
+
+
+def link_words(measured: TrafficMeasured) -> str:
+    """Traffic of a link as text."""
+    name = _LINK_WORDS.get(measured.link, measured.link)
+    total = sum(topic.bytes_per_s for topic in measured.topics)
+    messages = sum(topic.rate_hz for topic in measured.topics)
+    told = tr("{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} refused")
+    return told.format(
+        name=name,
+        encoding=tr(_ENCODINGS[measured.encoding]),
+        topics=len(measured.topics),
+        messages=messages,
+        bandwidth=bandwidth(total),
+        refused=measured.refused,
+    )
+
+
+def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
+    """Advice on uncompressed images, which delay everything else on a wireless link."""
+    return [
+        tr("{topic} is not compressed, {bandwidth}: {advice}").format(
+            topic=topic.topic, bandwidth=bandwidth(topic.bytes_per_s), advice=republish_advice(topic.topic)
+        )
+        for measured in traffic.values()
+        for topic in measured.topics
+        if same_type(topic.type, "sensor_msgs/Image") and topic.bytes_per_s >= _HEAVY_BYTES_PER_S
+    ]
+
+
+class TrafficModel(QAbstractTableModel):
+    """Table model of the latest measurements."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._rows: list[TopicRow] = []
+        self._usual_hz: dict[tuple[str, str], float] = {}
+        self._lately: dict[tuple[str, str], tuple[int, deque[float]]] = {}
+
+    @property
+    def rows(self) -> tuple[TopicRow, ...]:
+        return tuple(self._rows)
+
+    def forget(self) -> None:
+        """Reset the usual rates for another robot."""
+        self._usual_hz.clear()
+        self._lately.clear()
+
+    def show_traffic(self, traffic: dict[str, TrafficMeasured], *, now_ns: int) -> None:
+        rows = []
+        for link, measured in traffic.items():
+            silent_s = (now_ns - measured.stamp_ns) / 1e9
+            for topic in measured.topics:
+                key = link, topic.topic
+                usual_hz = self._usual(key, topic.rate_hz, measured.stamp_ns)
+                rows.append(TopicRow(link, topic, state_words(topic, usual_hz=usual_hz, link_silent_s=silent_s)))
+        same = [(row.link, row.traffic.topic) for row in rows] == [(row.link, row.traffic.topic) for row in self._rows]
+        if same:
+            self._rows = rows
+            if rows:
+                self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(_COLUMNS) - 1))
+        else:
+            self.beginResetModel()
+            self._rows = rows
+            self.endResetModel()
+
+    def _usual(self, key: tuple[str, str], rate_hz: float, stamp_ns: int) -> float:
+        """Best rate sustained for some seconds: a latched topic arrives once and is not stale afterwards."""
+        newest_ns, rates = self._lately.setdefault(key, (0, deque(maxlen=_SECONDS_TO_BE_USUAL)))
+        if stamp_ns != newest_ns:
+            rates.append(rate_hz)
+            self._lately[key] = stamp_ns, rates
+            if len(rates) == _SECONDS_TO_BE_USUAL:
+                self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), min(rates))
+        return self._usual_hz.get(key, 0.0)
+
+    def rowCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return len(self._rows)
+
+    def columnCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return len(_COLUMNS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        if orientation != Qt.Orientation.Horizontal:
+            return None
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return tr(_COLUMNS[section])
+            case Qt.ItemDataRole.ToolTipRole:
+                return tr(_TIPS[section])
+            case Qt.ItemDataRole.TextAlignmentRole:
+                return int(_alignment(section))
+        return None
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        row, column = self._rows[index.row()], index.column()
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return cell_text(row, column)
+            case Qt.ItemDataRole.ToolTipRole:
+                return f"{row.traffic.topic}\n{row.traffic.type}\n{row.state}"
+            case Qt.ItemDataRole.TextAlignmentRole:
+                return int(_alignment(column))
+            case Qt.ItemDataRole.ForegroundRole:
+                if (row.stale and column in (_TOPIC, _STATE, _LAST)) or (column == _REFUSED and row.traffic.refused):
+                    return self._theme.color("amber")
+                return self._theme.color("text" if column == _TOPIC else "dim")
+            case value if value == _SORT_ROLE:
+                return _sort_key(row, column)
+        return None
+
+
+def _alignment(column: int) -> Qt.AlignmentFlag:
+    side = Qt.AlignmentFlag.AlignRight if column in (_RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED) else (
+        Qt.AlignmentFlag.AlignLeft
+    )  # fmt: skip
+    return side | Qt.AlignmentFlag.AlignVCenter
+
+
+def cell_text(row: TopicRow, column: int) -> str:
+    traffic = row.traffic
+    match column:
+        case 0:
+            return traffic.topic
+        case 1:
+            return row.state
+        case 2:
+            return f"{traffic.rate_hz:.1f} Hz"
+        case 3:
+            return "–" if traffic.last_heard_s is None else text_formatting.age(traffic.last_heard_s)
+        case 4:
+            return "–" if traffic.age_ms is None else f"{traffic.age_ms:.0f} ms"
+        case 5:
+            return bandwidth(traffic.bytes_per_s)
+        case 6:
+            return str(traffic.refused)
+        case 7:
+            return f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type
+        case _:
+            return _LINK_WORDS.get(row.link, row.link)
+
+
+def _sort_key(row: TopicRow, column: int) -> float | str:
+    traffic = row.traffic
+    never = float("inf")
+    numbers = {
+        _RATE: traffic.rate_hz,
+        _LAST: never if traffic.last_heard_s is None else traffic.last_heard_s,
+        _AGE: never if traffic.age_ms is None else traffic.age_ms,
+        _BANDWIDTH: traffic.bytes_per_s,
+        _REFUSED: float(traffic.refused),
+    }
+    return numbers[column] if column in numbers else cell_text(row, column).casefold()
+
+
+def look_words(perception: PerceptionStatus) -> list[str]:
+    """Detector and detection rate per camera; empty while detection is off."""
+    if perception.state != "ready":
+        return []
+    lines = [tr("People are found by {model}").format(model=perception.model)] if perception.model else []
+    if not perception.looks_per_s:
+        return lines
+    told = ", ".join(
+        f"{text_formatting.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items()
+    )
+    looks = tr("Looks for people per second: {told}").format(told=told)
+    took = [] if perception.inference_ms is None else [tr("{took:.0f} ms a look").format(took=perception.inference_ms)]
+    return [*lines, " · ".join((looks, *took))]
+
+
+_HEALTH_WORDS: dict[Health, str] = {
+    "running": QT_TR_NOOP("runs"),
+    "restarting": QT_TR_NOOP("is starting again"),
+    "failed": QT_TR_NOOP("failed too often"),
+}
+
+
+def process_words(health: dict[str, Health]) -> list[str]:
+    """Child processes, named as in a system monitor; failed ones first."""
+    told = sorted(health.items(), key=lambda each: (each[1] == "running", each[0]))
+    parts = ", ".join(f"{title_of(name)} {tr(_HEALTH_WORDS[how])}" for name, how in told)
+    return [tr("Processes: {parts}").format(parts=parts)] if parts else []
+
+
+def report(
+    link: LinkStatus,
+    traffic: dict[str, TrafficMeasured],
+    rows: tuple[TopicRow, ...],
+    anchor: ClockAnchor,
+    perception: PerceptionStatus = PerceptionStatus(),  # noqa: B008 - frozen
+    *,
+    health: dict[str, Health] | None = None,
+) -> str:
+    """Contents of the panel as a text report for robot support."""
+    round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
+    lines = [
+        tr("{robot} at {address}: {state} {detail}")
+        .format(
+            robot=link.robot or tr("Robot"),
+            address=link.address or tr("no address"),
+            state=tr(_LINK_STATES[link.state]),
+            detail=tr(link.detail),
+        )
+        .rstrip(),
+        tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock_words(link, anchor)),
+        *(link_words(measured) for measured in traffic.values()),
+        *raw_picture_words(traffic),
+        *look_words(perception),
+        *process_words(health or {}),
+        "",
+        "\t".join(map(tr, _COLUMNS)),
+        *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+class DiagnosticsPanel(Panel):
+    """Sortable topic table below the totals of each link."""
+
+    title = QT_TR_NOOP("Diagnostics")
+    reads = ()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("diagnostics_panel")
+        self._copied_at_s = float("-inf")
+        self._link_state = ""
+        self._summary = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._summary.setObjectName("diagnostics_summary")
+        self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.model = TrafficModel(self.theme, self)
+        self._sorted = QSortFilterProxyModel(self)
+        self._sorted.setSourceModel(self.model)
+        self._sorted.setSortRole(_SORT_ROLE)
+        self.view = QTableView()
+        self.view.setObjectName("diagnostics_table")
+        self.view.setAccessibleName(tr("Topics of the robot"))
+        self.view.setModel(self._sorted)
+        self.view.setSortingEnabled(True)
+        self.view.sortByColumn(_TOPIC, Qt.SortOrder.AscendingOrder)
+        self.view.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.view.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.view.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.view.setShowGrid(False)
+        self.view.setWordWrap(False)
+        self.view.setTextElideMode(Qt.TextElideMode.ElideMiddle)
+        self.view.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.view.verticalHeader().hide()
+        self.view.verticalHeader().setDefaultSectionSize(24)
+        header = self.view.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setHighlightSections(False)
+        header.setStretchLastSection(True)
+        for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
+            header.resizeSection(column, width)
+        self._empty = QLabel(tr("Nothing has come from the robot.\nIts topics appear here once they do."))
+        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._empty.setWordWrap(True)
+        self._copy = ActionButton(self.theme, tr("Copy report"), icon="copy", height_px=28, text_px=tokens.STATUS_PX)
+        self._copy.setObjectName("diagnostics_copy")
+        self._copy.setToolTip(tr("Copy all figures as text"))
+        self._copy.clicked.connect(self.copy_report)
+        layout = layouts.column(self, margins_px=(12, 6, 12, 8), spacing_px=4)
+        layout.addWidget(self._summary)
+        layout.addWidget(self.view, 1)
+        layout.addWidget(self._empty, 1)
+        # Both links report once a second, and ages grow: one update soon after the first report, as the table is slow
+        # to paint.
+        self._soon = QTimer(self, singleShot=True, interval=_TAKEN_TOGETHER_MS)
+        self._soon.timeout.connect(self.refresh)
+        self._overdue = self.every(_NOTHING_TOLD_MS, self.refresh)
+        self.state.traffic.changed.connect(self._on_traffic_changed)
+        self.state.link.changed.connect(self._on_link_changed)
+        self.state.robot.changed.connect(self._on_robot_changed)
+        self.state.health.changed.connect(self._on_health_changed)
+        self.theme.keep_styled(self._style)
+        self.refresh()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._copy]
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def sizeHint(self) -> QSize:
+        return QSize(520, 260)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(220, 90)
+
+    def copy_report(self) -> None:
+        rows = tuple(
+            self.model.rows[self._sorted.mapToSource(self._sorted.index(at, 0)).row()]
+            for at in range(self._sorted.rowCount())
+        )
+        QGuiApplication.clipboard().setText(
+            report(
+                self.state.link.value,
+                self.state.traffic.value,
+                rows,
+                self.state.present.anchor,
+                self.state.perception.value,
+                health=self.state.health.value,
+            )
+        )
+        self._copied_at_s = time.monotonic()
+        self._copy.set_label(tr("Copied"), icon="check")
+
+    def catch_up(self) -> None:
+        self.refresh()
+
+    def _on_robot_changed(self, _robot: object) -> None:
+        self.model.forget()
+        self.refresh()
+
+    def _on_traffic_changed(self, _traffic: object) -> None:
+        if not self.model.rows:
+            self.refresh()
+        elif not self._soon.isActive():
+            self._soon.start()
+
+    def _on_health_changed(self, _health: object) -> None:
+        self.refresh()
+
+    def _on_link_changed(self, link: LinkStatus) -> None:
+        """Update at once if the link state changes; traffic waits for the next refresh."""
+        if link.state != self._link_state:
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Refresh, also because ages grow."""
+        if not self.in_view:
+            return
+        self._soon.stop()
+        self._overdue.start()
+        link: LinkStatus = self.state.link.value
+        self._link_state = link.state
+        traffic: dict[str, TrafficMeasured] = self.state.traffic.value
+        connected = link.state in ("connected", "trouble")
+        round_trip = (
+            f"{link.round_trip_ms:.0f} ms" if connected and link.round_trip_ms is not None else tr("not measured")
+        )
+        robot_clock = clock_words(link, self.state.present.anchor) if connected else tr("robot clock not measured")
+        lines = [tr("Round trip {round_trip} · {clock}").format(round_trip=round_trip, clock=robot_clock)]
+        if not connected:
+            lines = [text_formatting.with_detail(tr("The robot is not connected"), link.detail)]
+        lines += [link_words(measured) for measured in traffic.values()]
+        lines += raw_picture_words(traffic)
+        lines += look_words(self.state.perception.value)
+        lines += process_words({name: how for name, how in self.state.health.value.items() if how != "running"})
+        self._summary.setToolTip("\n".join(lines))
+        # A low panel has room for rows or totals; rows are more informative.
+        self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))
+        self.model.show_traffic(traffic, now_ns=self.state.present.now_ns())
+        self.view.setVisible(bool(self.model.rows))
+        self._empty.setVisible(not self.model.rows)
+        refused = sum(measured.refused for measured in traffic.values())
+        stale = sum(row.stale for row in self.model.rows)
+        total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
+        if refused or stale:
+            parts = [tr("%n stale", "", stale)] * bool(stale) + [tr("%n refused", "", refused)] * bool(refused)
+            self.set_fact(" · ".join(parts), "amber")
+        else:
+            self.set_fact(bandwidth(total) if traffic else "", "dim")
+        if self._copy.text() == tr("Copied") and time.monotonic() - self._copied_at_s > 1.5:
+            self._copy.set_label(tr("Copy report"), icon="copy")
+
+    def _style(self) -> None:
+        theme = self.theme
+        self._summary.setFont(theme.font(tokens.STATUS_PX))
+        self.view.setFont(theme.font(tokens.STATUS_PX))
+        colors = theme.colors
+        self.view.setStyleSheet(
+            f"QTableView {{ background: transparent; border: 0; font-size: {tokens.STATUS_PX}px; }}"
+            f"QHeaderView {{ background: transparent; }}"
+            f"QHeaderView::section {{ background: {colors.panel}; color: {colors.dim}; border: 0; padding: 3px 4px;"
+            f" border-bottom: 1px solid {colors.line}; font-size: {tokens.STATUS_PX}px; }}"
+        )
+        for label in (self._summary, self._empty):
+            theme.color_text(label, "dim")

@@ -1,0 +1,577 @@
+"""Drive panel: arrows and stick, speed, obstacle guard, head, and the current command."""
+
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import (
+    QAccessible,
+    QFontMetricsF,
+    QHideEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+    QResizeEvent,
+)
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSizePolicy, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.teleop_command import TeleopCommand
+from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.drive_input_filter import STOPS, DriveInputFilter
+from caris_desktop.ui.panel import Panel, PanelContext, card_margins
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.hold_button import HoldButton
+from caris_desktop.ui.widgets.joystick import Joystick
+from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.key_owner import owner_sentence
+
+_CELLS = (
+    ("strafe_left", 0, 0), ("drive_forward", 0, 1), ("strafe_right", 0, 2),
+    ("turn_left", 1, 0), ("drive_back", 1, 1), ("turn_right", 1, 2),
+)  # fmt: skip
+_DIRECTIONS = ("drive_forward", "turn_left", "drive_back", "turn_right")
+_ANGLES_DEG = {
+    "drive_forward": 0.0, "turn_right": 90.0, "drive_back": 180.0, "turn_left": 270.0, "strafe_left": 270.0,
+    "strafe_right": 90.0,
+}  # fmt: skip
+_NAMES = {
+    "drive_forward": QT_TR_NOOP("Forward"), "turn_left": QT_TR_NOOP("Turn left"),
+    "drive_back": QT_TR_NOOP("Backward"), "turn_right": QT_TR_NOOP("Turn right"),
+    "strafe_left": QT_TR_NOOP("Sideways to the left"), "strafe_right": QT_TR_NOOP("Sideways to the right"),
+}  # fmt: skip
+_LOW_PX = 196
+_GAP_PX = 12
+_ARROW_WIDTH_PX = 74
+_GUARD_HINT_MS = 4000
+
+
+class DrivePanel(Panel):
+    """Hold-to-drive controls: hold an arrow or push the stick, on screen, keyboard or gamepad; releasing stops the
+    robot.
+    """
+
+    title = QT_TR_NOOP("Drive")
+    drives = True
+    reads = ("permissions.driving",)
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("drive_panel")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._line = QLabel(wordWrap=True)
+        self._line.setObjectName("drive_line")
+        self._reason = QLabel(wordWrap=True)
+        self._reason.setObjectName("drive_reason")
+        self._pad = DrivePad(self.theme, self.table, self.hold)
+        self._pad.setObjectName("drive_pad")
+        self._stick = Joystick(self.theme, use="base")
+        self._stick.setObjectName("drive_stick")
+        self._stick.moved.connect(self._on_stick_moved)
+        self._head = HeadControl(self.theme, self.table)
+        self._head.setObjectName("head_control")
+        self._head.stick.moved.connect(self._on_head_stick_moved)
+        self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30)
+        self._stop.setObjectName("stop_button")
+        self._stop.setProperty(STOPS, True)
+        self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
+        self._stop.set_key(self.table.key_text("stop"))
+        self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
+        self._other.setObjectName("drive_other_view")
+        self._other.clicked.connect(self._on_other_view)
+        self._speed = SpeedSteps(self.theme, self.table)
+        self._speed.setObjectName("speed_steps")
+        self._speed.chosen.connect(self._on_speed_chosen)
+        self._guard = HoldButton(self.theme, tr("Guard"), icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
+        self._guard.setObjectName("guard_button")
+        self._guard.held.connect(self._on_guard_held)
+        self._guard.let_go.connect(self._on_guard_let_go)
+        self._guard.clicked.connect(self._on_guard_clicked)
+        self.hold.escape_pressed.connect(self._guard.give_up)
+        self._guard_hint = QTimer(self, singleShot=True, interval=_GUARD_HINT_MS)
+        self._guard_hint.timeout.connect(self._show_now)
+        # View shown if arrows, stick and head do not all fit.
+        self._chosen_view = 0
+        self._words = QWidget()
+        words_column = layouts.column(self._words, margins_px=0, spacing_px=2)
+        words_column.addWidget(self._line)
+        words_column.addWidget(self._reason)
+        words_column.addStretch(1)
+        self._settings = QWidget()
+        settings_row = layouts.row(self._settings, margins_px=0, spacing_px=tokens.GRID_PX)
+        settings_row.addWidget(self._speed, 1)
+        settings_row.addWidget(self._guard)
+        self._views = QWidget()
+        views_row = layouts.row(self._views, margins_px=0, spacing_px=_GAP_PX)
+        views_row.addWidget(self._pad, 3)
+        views_row.addWidget(self._stick, 2)
+        views_row.addWidget(self._head, 2)
+        self._first = layouts.column(spacing_px=tokens.GRID_PX)
+        self._first.addWidget(self._words, 1)
+        self._second = layouts.column(spacing_px=tokens.GRID_PX)
+        self._second.addWidget(self._views, 1)
+        self._second.addWidget(self._settings)
+        self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
+        card_margins(self._layout)
+        self._layout.addLayout(self._first)
+        self._layout.addLayout(self._second, 1)
+        self.theme.changed.connect(self._style)
+        self.state.drive.changed.connect(self._show_now)
+        self.state.goal.changed.connect(self._show_now)
+        self.state.robot.changed.connect(self._on_robot_changed)
+        self.state.look.changed.connect(self._on_look_changed)
+        self.hold.motion.held_changed.connect(self._show_now)
+        self.hold.key_owner_changed.connect(self._show_now)
+        self.table.keys_changed.connect(self._show_now)
+        self._style()
+        self._on_robot_changed(self.state.robot.value)
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._other, self._stop]
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(250, 104)
+
+    def sizeHint(self) -> QSize:
+        return QSize(340, 260)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        # Low and wide: text and speed beside the arrows instead of above and below.
+        beside = self.height() < _LOW_PX and self.width() >= 400
+        direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
+        if direction != self._layout.direction():
+            self._layout.setDirection(direction)
+            # When that low, a second line of text matters more than margins.
+            self._layout.setContentsMargins(14, 8 if beside else 12, 14, 8 if beside else 12)
+            self._layout.setSpacing(16 if beside else tokens.GRID_PX)
+            self._layout.setStretch(0, 1 if beside else 0)
+            target, source = (self._first, self._second) if beside else (self._second, self._first)
+            source.removeWidget(self._settings)
+            target.addWidget(self._settings)
+            self._show_guard(self.state.drive.value)
+        self._arrange_views()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        self._chosen_view = ("arrows", "stick", "head").index(settings.drive.first)
+        self._arrange_views()
+
+    def _available_views(self) -> list[QWidget]:
+        return [self._pad, self._stick, *([self._head] if self.state.look.value.present or self._has_head() else [])]
+
+    def _has_head(self) -> bool:
+        robot = self.state.robot.value
+        return robot is not None and robot.head is not None
+
+    def _arrange_views(self) -> None:
+        views = self._available_views()
+        beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
+        room = (self.width() - 28) * (0.56 if beside else 1.0) - (16 if beside else 0)
+        order = views[self._chosen_view % len(views) :] + views[: self._chosen_view % len(views)]
+        shown: list[QWidget] = []
+        for view in order:
+            width = view.minimumSizeHint().width() + _GAP_PX
+            if not shown or width <= room:
+                shown.append(view)
+                room -= width
+        for view in (self._pad, self._stick, self._head):
+            view.setVisible(view in shown)
+        following = order[1] if len(order) > 1 else order[0]
+        icon, name = {
+            self._pad: ("arrows-out-cardinal", tr("Show the arrows")),
+            self._stick: ("game-controller", tr("Show the stick")),
+            self._head: ("eye", tr("Show the head")),
+        }[following]  # fmt: skip
+        self._other.set_label("", icon=icon)
+        self._other.setAccessibleName(name)
+        self._other.setToolTip(name)
+        self._other.setVisible(len(shown) < len(views))
+
+    def _on_other_view(self) -> None:
+        self._chosen_view = (self._chosen_view + 1) % len(self._available_views())
+        self._arrange_views()
+
+    def _style(self) -> None:
+        self._line.setFont(self.theme.font(tokens.SPEECH_PX - 1, tokens.WEIGHT_SEMIBOLD))
+        self._reason.setFont(self.theme.font(tokens.STATUS_PX))
+        self._show_now()
+
+    def _on_robot_changed(self, robot: object) -> None:
+        self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
+        self._pad.show_rows()
+        self._arrange_views()
+        self._on_look_changed(self.state.look.value)
+        self._show_now()
+
+    def _on_look_changed(self, _look: object) -> None:
+        if not self.in_view:
+            return
+        self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
+
+    def _going_to(self) -> str:
+        """Name of the navigation goal; empty without one."""
+        goal: GoalChanged | None = self.state.goal.value
+        return (
+            (goal.place or tr("the chosen point"))
+            if goal is not None and goal.state in text_formatting.UNDER_WAY
+            else ""
+        )
+
+    def _on_stick_moved(self, wish: TeleopCommand) -> None:
+        self.hold.motion.push_onscreen("base", wish)
+
+    def _on_head_stick_moved(self, wish: TeleopCommand) -> None:
+        self.hold.motion.push_onscreen("head", wish)
+
+    def _on_speed_chosen(self, fraction: float) -> None:
+        self.console.do(intents.SetSpeed(fraction))
+
+    def _on_guard_clicked(self) -> None:
+        # One click switches it on; switching it off needs a long press.
+        if self.state.drive.value.guard == "overridden":
+            self.console.do(intents.SetGuard(on=True))
+
+    def _on_guard_held(self) -> None:
+        self.console.do(intents.SetGuard(on=False))
+
+    def _on_guard_let_go(self) -> None:
+        self._guard_hint.start()
+        self._show_now()
+
+    def catch_up(self) -> None:
+        self._on_robot_changed(self.state.robot.value)
+
+    def _show_now(self) -> None:
+        if not self.in_view:
+            return
+        drive: DriveStatus = self.state.drive.value
+        going_to = self._going_to()
+        by_itself = bool(going_to) and drive.allowed and not drive.emergency_stop
+        by_itself = by_itself and drive.target_forward_mps == drive.target_turn_radps == drive.target_left_mps == 0.0
+        self._line.setText(
+            tr("Going to {place}").format(place=going_to) if by_itself else text_formatting.drive_line(drive)
+        )
+        top_mps = drive.max_forward_mps * drive.speed_fraction
+        self._speed.show_fraction(drive.speed_fraction)
+        text, role = self._reason_words(drive, going_to)
+        self._reason.setText(text)
+        self.theme.color_text(self._reason, role)
+        free = drive.allowed and not drive.emergency_stop
+        for view in (self._pad, self._stick, self._head):
+            view.setEnabled(free)
+        self._show_guard(drive)
+        if drive.emergency_stop:
+            self.set_fact(tr("stopped"), "red")
+        elif not drive.allowed:
+            self.set_fact(tr("not possible now"), "amber")
+        elif drive.guard == "overridden":
+            self.set_fact(tr("guard off"), "amber")
+        elif self.hold.held or self.hold.motion.wish.moving:
+            self.set_fact(tr("driving · {speed:.2f} m/s at most").format(speed=top_mps), "blue")
+        elif by_itself and not text_formatting.goal_speed(self.state.robot.value, drive)[1]:
+            self.set_fact(tr("goals: own speed"), "amber")
+        elif self.state.robot.value is not None and not self.state.robot.value.stops_by_itself:
+            # The notification on connecting gave the reason.
+            self.set_fact(tr("half speed · {speed:.2f} m/s at most").format(speed=top_mps), "amber")
+        else:
+            self.set_fact(tr("{speed:.2f} m/s at most").format(speed=top_mps))
+
+    def _reason_words(self, drive: DriveStatus, going_to: str) -> tuple[str, str]:
+        """Reason line below the current activity, and its colour role."""
+        guard = text_formatting.guard_line(drive)
+        if drive.emergency_stop:
+            return tr("Release it in the red bar above to drive again."), "red"
+        if not drive.allowed:
+            return tr(drive.reason), "amber"
+        if self.hold.must_let_go and not self.hold.held:
+            return tr("Let go and press again to drive."), "amber"
+        if guard:
+            return guard, "amber"
+        if self._guard_hint.isActive() and drive.guard != "overridden":
+            return tr("Hold Guard for a second to switch it off."), "amber"
+        if drive.cap_reason:
+            limited = tr("Limited to {percent:.0f} %: {reason}")
+            return limited.format(percent=drive.cap_fraction * 100, reason=tr(drive.cap_reason)), "amber"
+        if self.hold.held or self.hold.motion.wish.moving:
+            return tr("Let go to stop."), "dim"
+        if going_to:
+            speed, as_drive_says = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
+            told = tr("{speed}. {key} stops it.") if speed else tr("{key} stops it.")
+            told = told.format(speed=speed, key=self.table.key_text("stop"))
+            return told, "dim" if as_drive_says else "amber"
+        owner = self.hold.key_owner
+        sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
+        return sentence, "amber" if owner in ("nowhere", "dialog", "menu", "elsewhere") else "dim"
+
+    def _show_guard(self, drive: DriveStatus) -> None:
+        self._guard.setVisible(drive.guard != "absent")
+        self._guard.wants_hold = drive.guard != "overridden"
+        if drive.guard == "overridden":
+            # Beside the arrows only the text fits.
+            beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
+            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
+            self._guard.setAccessibleName(tr("Guard is off"))
+            self._guard.setToolTip(
+                tr("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
+            )
+        else:
+            icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
+            self._guard.set_label(tr("Guard"), icon=icon, look="plain")
+            self._guard.setAccessibleName(tr("Guard is on"))
+            self._guard.setToolTip(
+                tr("Slows and stops the robot before obstacles. Hold for a second to switch it off.")
+            )
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.setFocus(Qt.FocusReason.MouseFocusReason)
+        super().mousePressEvent(event)
+
+
+class SpeedSteps(QWidget):
+    """Speed selector: slow, normal, fast, with its keys."""
+
+    accessible_role = QAccessible.Role.Slider
+
+    chosen = Signal(float)
+
+    def __init__(self, theme: Theme, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self._actions = actions
+        self._step = 1
+        self.setFixedHeight(30)
+        self.setMinimumWidth(132)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setToolTip(tr("Top speed"))
+        self._name()
+        theme.changed.connect(self.update)
+        actions.keys_changed.connect(self.update)
+
+    def sizeHint(self) -> QSize:
+        return QSize(260, 30)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(132, 30)
+
+    @property
+    def text(self) -> str:
+        """Name of the current step."""
+        return tr(speed_steps.NAMES[self._step])
+
+    def show_fraction(self, fraction: float) -> None:
+        step = speed_steps.step_at(fraction)
+        if step != self._step:
+            self._step = step
+            self._name()
+            self.update()
+
+    def _name(self) -> None:
+        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text))
+
+    def _caps(self) -> tuple[str, str]:
+        """Key caps at both ends; empty if they do not fit."""
+        slower, faster = self._actions.key_text("slower"), self._actions.key_text("faster")
+        needed = key_cap_width(self._theme, slower) + key_cap_width(self._theme, faster) + 12
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        needed += 3 * (max(metrics.horizontalAdvance(tr(name)) for name in speed_steps.NAMES) + 12)
+        return (slower, faster) if needed <= self.width() else ("", "")
+
+    def _segments(self) -> list[QRectF]:
+        slower, faster = self._caps()
+        left = key_cap_width(self._theme, slower) + 6 if slower else 0.0
+        right = self.width() - (key_cap_width(self._theme, faster) + 6 if faster else 0.0)
+        width = (right - left) / len(speed_steps.FRACTIONS)
+        height = self.height() - 1
+        return [QRectF(left + index * width, 0.5, width, height) for index in range(len(speed_steps.FRACTIONS))]
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        for index, rect in enumerate(self._segments()):
+            if rect.contains(event.position()):
+                self.chosen.emit(speed_steps.FRACTIONS[index])
+                event.accept()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        segments = self._segments()
+        whole = segments[0].united(segments[-1]).adjusted(0.5, 0, -0.5, 0)
+        painter.setPen(QPen(theme.color("line"), 1))
+        painter.setBrush(theme.color("raised"))
+        painter.drawRoundedRect(whole, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        for index, (rect, name) in enumerate(zip(segments, speed_steps.NAMES, strict=True)):
+            now = index == self._step
+            if now:
+                painter.setPen(QPen(theme.color("blue"), 1))
+                painter.setBrush(theme.color("blue_soft"))
+                painter.drawRoundedRect(rect.adjusted(1, 0, -1, 0), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+            painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD if now else tokens.WEIGHT_NORMAL))
+            painter.setPen(theme.color("text" if now else "dim"))
+            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, tr(name))
+        slower, faster = self._caps()
+        middle = self.height() / 2
+        draw_key_cap(painter, theme, slower, 0, middle)
+        draw_key_cap(painter, theme, faster, self.width() - key_cap_width(theme, faster), middle)
+
+
+class HeadControl(QWidget):
+    """Head stick, commanded angles, and a button to look ahead."""
+
+    def __init__(self, theme: Theme, actions: Actions) -> None:
+        super().__init__()
+        self._theme = theme
+        self.stick = Joystick(theme, use="head")
+        self.stick.setObjectName("head_stick")
+        self._angles = QLabel(alignment=Qt.AlignmentFlag.AlignCenter)
+        self._angles.setObjectName("head_angles")
+        ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX)
+        ahead.setObjectName("look_ahead_button")
+        ahead.setMinimumWidth(128)  # includes its longest key cap
+        ahead.bind(actions, "look_ahead")
+        column = layouts.column(spacing_px=4)
+        column.addStretch(1)
+        column.addWidget(self._angles)
+        column.addWidget(ahead, 0, Qt.AlignmentFlag.AlignHCenter)
+        column.addStretch(1)
+        row = layouts.row(self, margins_px=0, spacing_px=6)
+        row.addWidget(self.stick, 1)
+        row.addLayout(column)
+        theme.keep_styled(self._style)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())
+
+    def show_angles(self, pan_rad: float, tilt_rad: float) -> None:
+        self._angles.setText(text_formatting.head_angles(pan_rad, tilt_rad))
+
+    def _style(self) -> None:
+        self._angles.setFont(self._theme.font(tokens.STATUS_PX))
+
+
+class DrivePad(QWidget):
+    """Arrow pad with four arrows, or six for a holonomic base. Arrows can be held with the mouse and
+    reflect held keys.
+    """
+
+    def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter) -> None:
+        super().__init__()
+        self._actions = actions
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(6)
+        self.arrows: dict[str, HoldArrow] = {}
+        for action_id, row, column in _CELLS:
+            arrow = HoldArrow(theme, actions, hold, action_id)
+            arrow.setObjectName(f"hold_{action_id}")
+            self.arrows[action_id] = arrow
+            grid.addWidget(arrow, row, column)
+        for column in range(3):
+            grid.setColumnStretch(column, 1)
+        for row in range(2):
+            grid.setRowStretch(row, 1)
+        self.setMaximumHeight(176)
+        actions.rows_changed.connect(self.show_rows)
+        self.show_rows()
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(3 * _ARROW_WIDTH_PX + 12, 62)
+
+    def show_rows(self) -> None:
+        """Show sideways arrows only for a holonomic base."""
+        for action_id, arrow in self.arrows.items():
+            arrow.setVisible(self._actions.spec(action_id) is not None)
+
+
+class HoldArrow(QWidget):
+    """Arrow of the pad; drives while the mouse button is held."""
+
+    accessible_role = QAccessible.Role.Button
+
+    def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter, action_id: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self._actions = actions
+        self._hold = hold
+        self._action_id = action_id
+        self._shown_held = False
+        self.setMinimumSize(_ARROW_WIDTH_PX, 28)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setAccessibleName(tr(_NAMES[action_id]))
+        self.setToolTip(tr("{direction}: hold").format(direction=tr(_NAMES[action_id])))
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
+        theme.changed.connect(self.update)
+        actions.keys_changed.connect(self.update)
+        hold.motion.held_changed.connect(self._on_held_changed)
+
+    def _on_held_changed(self, held: frozenset[str]) -> None:
+        if (self._action_id in held) != self._shown_held:
+            self.update()
+
+    def changeEvent(self, event: QEvent) -> None:
+        # A disabled widget receives no mouse release.
+        if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
+            self._hold.motion.let_go_onscreen(self._action_id)
+        super().changeEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._hold.motion.let_go_onscreen(self._action_id)
+        super().hideEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._hold.motion.hold_onscreen(self._action_id)
+            event.accept()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._hold.motion.let_go_onscreen(self._action_id)
+            event.accept()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme = self._theme
+        held = self._shown_held = self._action_id in self._hold.held
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if not self.isEnabled():
+            painter.setOpacity(0.5)
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        ground = "blue_soft" if held else ("raised_hover" if self.underMouse() and self.isEnabled() else "raised")
+        painter.setPen(QPen(theme.color("blue" if held else "line"), 2 if held else 1))
+        painter.setBrush(theme.color(ground))
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        key = self._actions.key_text(self._action_id)
+        cap = key_cap_width(theme, key)
+        beside = rect.height() < 62
+        arrow_px = min(20.0, rect.height() * 0.4)
+        center = rect.center()
+        arrow_center = (
+            QPointF(center.x() - (cap + 8) / 2, center.y()) if beside else QPointF(center.x(), center.y() - 13)
+        )
+        self._paint_arrow(painter, arrow_center, arrow_px, "blue" if held else "text")
+        if beside:
+            draw_key_cap(painter, theme, key, arrow_center.x() + arrow_px / 2 + 8, center.y(), pressed=held)
+        else:
+            draw_key_cap(painter, theme, key, center.x() - cap / 2, center.y() + 8 + HEIGHT_PX / 2, pressed=held)
+
+    def _paint_arrow(self, painter: QPainter, center: QPointF, size_px: float, role: str) -> None:
+        half = size_px / 2
+        painter.save()
+        painter.translate(center)
+        painter.rotate(_ANGLES_DEG[self._action_id])
+        painter.setPen(
+            QPen(
+                self._theme.color(role), 2.4, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
+            )
+        )
+        painter.drawLine(QPointF(0, half), QPointF(0, -half))
+        if self._action_id.startswith("strafe"):
+            painter.drawLine(QPointF(-half * 0.7, -half * 1.3), QPointF(half * 0.7, -half * 1.3))
+        painter.drawPolyline(
+            QPolygonF([QPointF(-half * 0.7, -half * 0.3), QPointF(0, -half), QPointF(half * 0.7, -half * 0.3)])
+        )
+        painter.restore()

@@ -1,0 +1,218 @@
+"""Face panel: the robot's face as the participant sees it, and the expressions with their keys."""
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QGuiApplication, QResizeEvent
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+
+from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.face_file import Face, FaceError, load_face
+from caris_desktop.conversation.face.face_motion import FaceMotion
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import FaceStatus
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_rows import EXPRESSION_COUNT
+from caris_desktop.ui.face.face_view import FaceView
+from caris_desktop.ui.face.shown_face import show_on
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+_LOW_PX, _NARROW_PX = 330, 430
+
+
+class FacePanel(Panel):
+    """Displays ``state.face_drawing``; in a replay, the face at rest."""
+
+    title = QT_TR_NOOP("Robot’s face")
+    reads = ()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("face_panel")
+        self._view = FaceView()
+        self._view.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Expanding)
+        self._view.setMinimumHeight(60)
+        self._row = FlowRow(gap_px=6)
+        self._chips: list[ActionButton] = []
+        self._recorded: Face | None = None
+        self._text = SubmitLineEdit()
+        self._text.setObjectName("face_text")
+        self._text.setPlaceholderText(tr("Show a text instead…"))
+        self._text.setAccessibleName(tr("A text to show in place of the face"))
+        self._text.setMinimumWidth(
+            max(180, self._text.fontMetrics().horizontalAdvance(self._text.placeholderText()) + 28)
+        )
+        self._text.setMaxLength(200)
+        self._text.returnPressed.connect(self._on_text)
+        self._back = ActionButton(self.theme, tr("Face again"), icon="smiley", height_px=30)
+        self._back.setObjectName("face_again")
+        self._back.clicked.connect(self._on_back)
+        self._live = ActionButton(self.theme, tr("Live picture"), icon="video-camera", height_px=30)
+        self._live.setObjectName("face_live")
+        self._live.clicked.connect(self._on_live)
+        self._window = ActionButton(self.theme, tr("Window"), icon="monitor", height_px=30)
+        self._window.setObjectName("face_window_button")
+        self._window.setCheckable(True)
+        self._window.setToolTip(tr("The face in a window of its own, for a screen on the robot"))
+        self._window.clicked.connect(self._on_window)
+        self._page = ActionButton(self.theme, tr("Page"), icon="device-mobile", height_px=30)
+        self._page.setObjectName("face_page_button")
+        self._page.setCheckable(True)
+        self._page.setToolTip(tr("The face as a page, for a phone or tablet on the robot"))
+        self._page.clicked.connect(self._on_serve)
+        self._copy = ActionButton(self.theme, tr("Copy the address"), icon="copy", height_px=30)
+        self._copy.setObjectName("face_copy_address")
+        self._copy.clicked.connect(self._on_copy)
+        self._edit = ActionButton(self.theme, tr("Edit…"), icon="pencil-simple", height_px=30)
+        self._edit.setObjectName("face_edit")
+        self._edit.clicked.connect(self._on_edit)
+        self._address = QLabel(wordWrap=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._address.setObjectName("face_address")
+        self._more = FlowRow(gap_px=6)
+        for control in (self._text, self._back, self._live, self._copy, self._edit):
+            self._more.add(control)
+        layout = layouts.column(self, margins_px=(2, 0, 2, 8), spacing_px=8)
+        layout.addWidget(self._view, 1)
+        rest = QWidget()
+        column = layouts.column(rest, margins_px=(12, 0, 12, 0), spacing_px=8)
+        for row in (self._row, self._more, self._address):
+            column.addWidget(row)
+        layout.addWidget(rest)
+        live = self.state.present.live
+        self._row.setVisible(live)
+        self.state.face.changed.connect(self._on_face)
+        self.state.face_drawing.changed.connect(self._on_drawing)
+        self.state.face_page.changed.connect(self._on_page)
+        self.table.rows_changed.connect(self._fill)
+        self.theme.keep_styled(self._style)
+        self._fill()
+        self.catch_up()
+
+    def show_scenario(self) -> None:
+        self._text.clear()
+        self._fill()
+        self.catch_up()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._window, self._page] if self.state.present.live else []
+
+    def sizeHint(self) -> QSize:
+        return QSize(360, 320)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(200, 140)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._show_more()
+        for chip in self._chips:
+            self._fit(chip)
+        for button, words in ((self._window, tr("Window")), (self._page, tr("Page"))):
+            button.set_label(words if self.width() >= _NARROW_PX else "")
+            button.setAccessibleName(words)
+
+    def _show_more(self) -> None:
+        """Hide rarely used controls if space is short, except the way back to the face."""
+        elsewhere = self.state.face.value.what not in ("face", "off")
+        self._more.setVisible(self.state.present.live and (self.height() >= _LOW_PX or elsewhere))
+
+    def _fit(self, chip: ActionButton) -> None:
+        low = self.height() < _LOW_PX
+        chip.set_size(height_px=26 if low else 30, text_px=tokens.STATUS_PX if low else tokens.BODY_PX)
+
+    def catch_up(self) -> None:
+        self._on_face(self.state.face.value)
+        self._on_drawing(self.state.face_drawing.value)
+        self._on_page(self.state.face_page.value)
+
+    def _style(self) -> None:
+        self.theme.style_text(self._address, "dim", tokens.STATUS_PX)
+
+    def _fill(self) -> None:
+        """Create a button per expression of this face, with its key."""
+        ids = [f"expression_{number}" for number in range(1, EXPRESSION_COUNT + 1)]
+        specs = [spec for spec in map(self.table.spec, ids) if spec is not None]
+        names = self.state.face.value.expressions[: len(specs)]
+        if [chip.objectName() for chip in self._chips] == [spec.id for spec in specs] and all(
+            chip.text() == name for chip, name in zip(self._chips, names, strict=False)
+        ):
+            return
+        for chip in self._chips:
+            self._row.remove(chip)
+            chip.deleteLater()
+        self._chips = []
+        for spec, name in zip(specs, names, strict=False):
+            chip = ActionButton(self.theme, spec.text, key_first=True, height_px=30, may_shrink=True)
+            chip.setObjectName(spec.id)
+            chip.bind(self.table, spec.id)
+            chip.set_label(name)
+            self._fit(chip)
+            self._row.add(chip)
+            self._chips.append(chip)
+
+    def _on_face(self, face: FaceStatus) -> None:
+        if not self.in_view:
+            return
+        doing = tr("speaking") if face.speaking else tr("listening") if face.listening else ""
+        words = {"text": tr("shows a text"), "photo": tr("shows a photo"), "live": tr("shows what the robot sees")}
+        shown = words.get(face.what, face.expression)
+        fact = " · ".join(part for part in (doing, shown) if part) if face.what != "off" else ""
+        screens = face.pages + (1 if face.window else 0)
+        if self.state.present.live and face.what != "off" and not screens:
+            fact = " · ".join((fact, tr("on no screen")))
+        self.set_fact(fact, "blue" if doing else "dim")
+        self._window.setChecked(face.window)
+        self._page.setChecked(face.served)
+        self._back.setVisible(face.what not in ("face", "off"))
+        self._show_more()
+        self._live.setVisible(self.console.scenario.face.live_picture and face.what != "live")
+        if not self.state.present.live:
+            self._show_at_rest(face)
+
+    def _show_at_rest(self, face: FaceStatus) -> None:
+        if self._recorded is None or self._recorded.name != face.face:
+            try:
+                self._recorded = load_face(face.face)
+            except FaceError:
+                return  # a face of another computer
+        motion = FaceMotion(self._recorded)
+        motion.express(face.expression)
+        self._view.show_drawing(drawing_of(self._recorded, motion.at(0)))
+
+    def _on_drawing(self, shown: object) -> None:
+        if self.in_view and self.state.present.live:
+            show_on(self._view, shown)
+
+    def _on_page(self, address: str) -> None:
+        self._address.setText(
+            tr("Open this on the robot’s screen: {address}").format(address=address) if address else ""
+        )
+        self._address.setVisible(bool(address))
+        self._copy.setVisible(bool(address))
+
+    def _on_text(self) -> None:
+        text = self._text.text().strip()
+        if text and not self.console.do(intents.ShowOnFace("text", text)):
+            self._text.clear()
+
+    # Methods: a connected closure would outlive the window where the button is never shown.
+
+    def _on_back(self) -> None:
+        self.console.do(intents.ShowOnFace("face"))
+
+    def _on_live(self) -> None:
+        self.console.do(intents.ShowOnFace("live"))
+
+    def _on_window(self, on: bool) -> None:
+        self.console.do(intents.ShowFaceWindow(on))
+
+    def _on_serve(self, on: bool) -> None:
+        self.console.do(intents.ServeFace(on))
+
+    def _on_copy(self) -> None:
+        QGuiApplication.clipboard().setText(self.state.face_page.value)
+
+    def _on_edit(self) -> None:
+        self.window_wanted.emit("face")

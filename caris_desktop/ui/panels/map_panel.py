@@ -1,0 +1,483 @@
+"""Map panel: floor plan, LIDAR, people, places, goal and robot pose."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QMenu, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.state import LiveStream
+from caris_desktop.live.status import DriveStatus, MapStatus
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.scenario.scenario_model import Place
+from caris_desktop.ui import event_messages, layouts, text_formatting
+from caris_desktop.ui.obstacle_ahead import nearest_words
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_told
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
+from caris_desktop.ui.widgets.map_view import MapView
+
+GOAL_ENDED_SHOWN_S = 8.0
+_PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
+# A localised robot reports its map pose soon after its odometry.
+_PLACE_AWAITED_NS = 3_000_000_000
+_BUSY = {
+    "save": QT_TR_NOOP("Saving the map…"), "load": QT_TR_NOOP("Loading the map…"),
+    "start_mapping": QT_TR_NOOP("Switching to building the map…"),
+    "start_localization": QT_TR_NOOP("Switching to finding the place only…"),
+}  # fmt: skip
+_WORKS = QT_TR_NOOP("The robot works on its map…")
+
+
+class MapPanel(Panel):
+    """Map view with a menu of places, the current goal and the placing tools.
+
+    Without a map the robot is drawn in the odometry frame; goals and places need a map.
+    """
+
+    title = QT_TR_NOOP("Map")
+    reads = ("permissions.driving",)
+    drives = True
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("map_panel")
+        self._ended = ("", "", 0.0)
+        self._goal_id, self._goal_since_ns = "", 0
+        self._odometry_since_ns: int | None = None
+        self._follows_on_map = False  # in the odometry frame the view always follows the robot
+        self.view = MapView(self.theme, self, self.state.places.value)
+        self.view.setObjectName("map_view")
+        self._told = ThrottledAccessibleDescription(self.view, self._told_words, every_ms=TOLD_EVERY_MS)
+        layout = layouts.column(self, margins_px=0)
+        layout.addWidget(self.view)
+        self.tools = MapTools(self, self.view)
+        self.tools.told.connect(self._on_told)
+        self.tools.changed.connect(self._refresh)
+        self._make_title_widgets()
+        self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
+        self._confirm.setObjectName("map_confirm")
+        self._confirm.setToolTip(tr("The robot stands where the map shows it"))
+        self._confirm.setParent(self.view)
+        self._confirm.clicked.connect(lambda: self.console.do(intents.ConfirmAsBefore("map")))
+        self._confirm.hide()
+        view = self.view
+        view.follow_changed.connect(self._follow.setChecked)
+        view.rotate_changed.connect(self._refresh)
+        view.follow_changed.connect(self._on_view_chosen)
+        view.rotate_changed.connect(self._on_view_chosen)
+        self._listen()
+        self.every(250, self._refresh)
+
+    def _listen(self) -> None:
+        state = self.state
+        state.map.changed.connect(self._on_map_changed)
+        state.pose.changed.connect(self._on_pose_changed)
+        state.odometry.changed.connect(self._on_odometry_changed)
+        state.scan.changed.connect(self._on_scan_changed)
+        state.path.changed.connect(self._on_path_changed)
+        state.goal.changed.connect(self._on_goal_changed)
+        self.table.rebuilt.connect(self._on_table_rebuilt)
+        state.places.changed.connect(self._on_places_changed)
+        state.people_in_map.changed.connect(self._on_people_changed)
+        state.persons.changed.connect(self._on_people_changed)
+        state.selected_person.changed.connect(self._on_people_changed)
+        state.robot.changed.connect(self._on_robot_changed)
+        state.mapping.changed.connect(self._refresh)
+        state.drive.changed.connect(self._on_drive_changed)
+        state.link.changed.connect(self._refresh)
+        state.going_on.changed.connect(self._show_unconfirmed)
+        state.event_happened.connect(self._on_event)
+        for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
+            stream.freshness_changed.connect(self._on_freshness_changed)
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        state, view = self.state, self.view
+        if state.map.value is not None:
+            view.show_map(state.map.value)
+        if state.pose.value is not None:
+            view.show_pose(state.pose.value)
+        if state.scan.value is not None:
+            view.show_scan(state.scan.value)
+        self._on_robot_changed(state.robot.value)
+        self._on_places_changed(state.places.value)
+        self._on_drive_changed(state.drive.value)
+        self._on_people_changed()
+        self._on_goal_changed(state.goal.value)
+        self._show_unconfirmed()
+        self._on_freshness_changed()
+
+    def show_scenario(self) -> None:
+        self._on_people_changed()
+
+    def use_settings(self, settings: PanelSettings) -> None:
+        shown, view = settings.map, self.view
+        self._set_follow(shown.follow)
+        view.set_rotate(shown.up == "robot")
+        view.set_trail_shown(shown.trail)
+
+    def _show_unconfirmed(self, _status: object = None) -> None:
+        """Mark the pose as unconfirmed after a crash: the robot may have been moved."""
+        if not self.in_view:
+            return
+        unconfirmed = "map" in self.state.going_on.value.unconfirmed
+        self.view.shown.unconfirmed = unconfirmed
+        self.view.update()
+        show_part(self._confirm, unconfirmed)
+        self._place_confirm()
+        self._refresh()
+
+    def _place_confirm(self) -> None:
+        size = self._confirm.sizeHint()
+        # The other corner has the scale, with the tools above or beside it.
+        at = QPoint(self.view.left_px + 8, self.view.height() - size.height() - 8)
+        self._confirm.setGeometry(QRect(at, size))
+
+    def _make_title_widgets(self) -> None:
+        self._go_menu = QMenu(self)
+        self._go_menu.setObjectName("map_go_menu")
+        self._go = ActionButton(self.theme, tr("Go to"), icon="navigation-arrow", height_px=30, menu_arrow=True)
+        self._go.setObjectName("map_go_button")
+        self._go.clicked.connect(self._open_go_menu)
+        self._cancel = ActionButton(self.theme, tr("Cancel"), icon="x", height_px=30)
+        self._cancel.setObjectName("goal_cancel")
+        self._cancel.setToolTip(tr("Do not go there any more"))
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
+        self._follow = icon_button(self.theme, "map_follow_button", "crosshair", tr("Follow the robot"), key="F")
+        self._follow.setCheckable(True)
+        self._follow.toggled.connect(self.view.set_follow)
+        self._fit = icon_button(self.theme, "map_fit_button", "corners-out", tr("Show the whole map"), key="Home")
+        self._fit.clicked.connect(self._on_fit_clicked)
+        self._menu = QMenu(self)
+        self._menu.setObjectName("map_menu")
+        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", tr("More of the map"))
+        self._more.clicked.connect(self._open_menu)
+
+    def title_widgets(self) -> list[QWidget]:
+        shown: list[QWidget] = [self._follow, self._fit, self._more]
+        return [self._go, self._cancel, *shown] if self.console.scenario.permissions.driving else shown
+
+    def focus_target(self) -> QWidget:
+        return self.view
+
+    def sizeHint(self) -> QSize:
+        return QSize(420, 300)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(240, 96)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.tools.arrange()
+        self._place_confirm()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() == Qt.Key.Key_G and not event.modifiers() and self.tools.toggle_goal():
+            return
+        super().keyPressEvent(event)
+
+    # ---- menus
+
+    def choices(self) -> dict[str, Any]:
+        shown = self.view.shown
+        follow = self._follows_on_map if self.tools.by_odometry else self.view.follow
+        return {"follow": follow, "rotate": shown.rotate, "trail": shown.show_trail}
+
+    def use_choices(self, kept: Mapping[str, Any]) -> None:
+        view = self.view
+        for name, use in (("rotate", view.set_rotate), ("follow", self._set_follow), ("trail", view.set_trail_shown)):
+            if isinstance(kept.get(name), bool):
+                use(kept[name])
+
+    def _set_follow(self, follow: bool) -> None:
+        followed, self._follows_on_map = self.view.follow, follow
+        if self.tools.by_odometry:
+            return
+        self.view.set_follow(follow)
+        if followed and not follow:
+            self.view.fit()
+
+    def _on_view_chosen(self, _on: bool) -> None:
+        self.tell_choices()
+
+    def _open_go_menu(self) -> None:
+        menu = self._go_menu
+        menu.clear()
+        if self.tools.goal_speed():
+            menu.addSection(self.tools.goal_speed())
+        for number, place in enumerate(self.state.places.value, start=1):
+            action = menu.addAction(
+                f"{text_formatting.in_menu(place.name)}\t{self.table.key_text(f'place_{number}')}".rstrip("\t")
+            )
+            action.triggered.connect(lambda _checked=False, name=place.name: self.tools.go_to(name))
+        menu.popup(self._go.mapToGlobal(QPoint(0, self._go.height() + 4)))
+
+    def _open_menu(self) -> None:
+        self.fill_menu()
+        self._menu.popup(self._more.mapToGlobal(QPoint(0, self._more.height() + 4)))
+
+    def fill_menu(self) -> QMenu:
+        """Fill the menu: view, trail, places, mapping."""
+        menu, view = self._menu, self.view
+        menu.clear()
+        rotate = menu.addAction("\t".join((tr("Turn with the robot"), "R")))
+        rotate.setCheckable(True)
+        rotate.setChecked(view.shown.rotate)
+        rotate.toggled.connect(view.set_rotate)
+        menu.addAction("\t".join((tr("Closer"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
+        menu.addAction("\t".join((tr("Farther"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
+        menu.addSeparator()
+        trail = menu.addAction(tr("Show where it has driven"))
+        trail.setCheckable(True)
+        trail.setChecked(view.shown.show_trail)
+        trail.toggled.connect(view.set_trail_shown)
+        trail.toggled.connect(self._on_view_chosen)
+        clear = menu.addAction(tr("Forget where it has driven"))
+        clear.setEnabled(len(view.shown.trail) > 0)
+        clear.triggered.connect(lambda _checked=False: view.clear_trail())
+        if not self.tools.may_go:
+            return menu
+        menu.addSeparator()
+        here = menu.addAction(tr("Add a place where the robot is…"))
+        here.setEnabled(self.tools.pose_now() is not None)
+        here.triggered.connect(lambda _checked=False: self.tools.name_robot_place())
+        mapping: MapStatus = self.state.mapping.value
+        if mapping.can_save or mapping.can_load or mapping.can_switch:
+            menu.addSeparator()
+        if mapping.can_save:
+            save = menu.addAction(tr("Save map…"))
+            save.setEnabled(not mapping.busy)
+            save.triggered.connect(lambda _checked=False: self.tools.ask_map_name("save_map"))
+        if mapping.can_load:
+            load = menu.addAction(tr("Load map…"))
+            load.setEnabled(not mapping.busy)
+            load.triggered.connect(lambda _checked=False: self.tools.ask_map_name("load_map"))
+        if mapping.can_switch:
+            for building, text in ((True, tr("Build the map on")), (False, tr("Only find the place in it"))):
+                action = menu.addAction(text)
+                action.setCheckable(True)
+                action.setChecked(mapping.mapping is building)
+                action.setEnabled(not mapping.busy)
+                action.triggered.connect(self._mapping_setter(mapping=building))
+        return menu
+
+    def _mapping_setter(self, *, mapping: bool) -> Callable[[], None]:
+        def set_mapping() -> None:
+            self.console.do(intents.SetMapping(mapping))
+
+        return set_mapping
+
+    def _on_fit_clicked(self) -> None:
+        self._follow.setChecked(False)
+        self.view.fit()
+
+    # ---- state
+
+    def _on_table_rebuilt(self) -> None:
+        self._on_robot_changed(self.state.robot.value)
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        self.view.show_robot(robot.footprint_outline_m if robot is not None else ())
+        self.tools.show_what_can_be()
+        self._on_goal_changed(self.state.goal.value)
+
+    def _on_places_changed(self, places: tuple[Place, ...]) -> None:
+        self.view.show_places(() if self.tools.by_odometry else places)
+        self._on_goal_changed(self.state.goal.value)
+
+    def _on_map_changed(self, grid: OccupancyGrid) -> None:
+        self._draw_by_odometry(False)
+        if self.in_view:
+            self.view.show_map(grid)
+
+    def _on_scan_changed(self, scan: LaserScan) -> None:
+        if self.in_view:
+            self.view.show_scan(scan)
+
+    def _on_pose_changed(self, pose: RobotPose) -> None:
+        self._draw_by_odometry(False)
+        self._show_pose(pose)
+
+    def _show_pose(self, pose: RobotPose) -> None:
+        if self.in_view:
+            self.view.show_pose(pose)
+        else:
+            self.view.shown.trail.add(pose.pose_in_map)
+
+    def _on_odometry_changed(self, odometry: Odometry) -> None:
+        if self.state.pose.value is not None or self.state.map.value is not None:
+            self._odometry_since_ns = None
+            return
+        if self._odometry_since_ns is None:
+            self._odometry_since_ns = odometry.stamp_ns
+        if odometry.stamp_ns - self._odometry_since_ns >= _PLACE_AWAITED_NS:
+            self._draw_by_odometry(True)
+        if self.tools.by_odometry:
+            self._show_pose(RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, odometry.pose_in_odom))
+
+    def _draw_by_odometry(self, by_odometry: bool) -> None:
+        """Switch the frame of reference; items of the other frame are cleared."""
+        if by_odometry == self.tools.by_odometry:
+            return
+        self.tools.by_odometry = by_odometry
+        self._odometry_since_ns = None if not by_odometry else self._odometry_since_ns
+        self.view.show_pose(None)
+        self.view.show_scan(None)
+        self.view.clear_trail()
+        if by_odometry:
+            self._follows_on_map = self.view.follow
+        with self.by_itself():
+            self.view.set_follow(by_odometry or self._follows_on_map)
+        if not self.view.follow:
+            self.view.fit()
+        self._on_places_changed(self.state.places.value)
+        self._on_freshness_changed()
+
+    def _on_path_changed(self, _path: PlannedPath | None = None) -> None:
+        if not self.in_view:
+            return
+        goal: GoalChanged | None = self.state.goal.value
+        path: PlannedPath | None = self.state.path.value
+        under_way = goal is not None and goal.state in text_formatting.UNDER_WAY
+        # The path of an earlier goal stays latched; only a newer path belongs to this goal.
+        belongs = path is not None and under_way and path.stamp_ns >= self._goal_since_ns - _PATH_BEFORE_GOAL_NS
+        self.view.show_path(path.points_in_map if belongs and path is not None else None)
+
+    def _on_people_changed(self, _value: object = None) -> None:
+        if not self.in_view:
+            return
+        people: PeopleInMap | None = self.state.people_in_map.value
+        naming = self.console.scenario.permissions.naming_people
+        rows = {person.person_id: person for person in as_permitted(self.state.persons.value, naming=naming)}
+        shown = []
+        for person in people.people if people is not None else ():
+            row = rows.get(person.person_id)
+            name = text_formatting.person_name(row) if row is not None else tr("Person")
+            shown.append((person, name, row is not None and text_formatting.has_given_name(row)))
+        meant = self.state.selected_person.value
+        self.view.show_people(tuple(shown), self.state.people_in_map.freshness, meant=meant)
+
+    def _on_goal_changed(self, goal: GoalChanged | None) -> None:
+        going = goal is not None and goal.state in text_formatting.UNDER_WAY
+        if goal is not None and goal.goal_id != self._goal_id:
+            self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
+        if not self.in_view:
+            return
+        self.view.show_goal(goal if going else None)
+        self._on_path_changed()
+        show_part(self._cancel, going and self.tools.may_go)
+        show_part(
+            self._go, self.tools.may_go and not going and bool(self.state.places.value) and self.tools.can_navigate()
+        )
+        self._refresh()
+
+    def _on_told(self, text: str, role: str, shown_s: float) -> None:
+        self._ended = (text, role, time.monotonic() + shown_s)
+        self._refresh()
+
+    def _on_event(self, event: object) -> None:
+        if isinstance(event, GoalChanged) and event.state not in text_formatting.UNDER_WAY:
+            told = event_messages.event_sentence(event, str)
+            role = {"reached": "good", "failed": "bad"}.get(event.state, "hint")
+            if told is not None:
+                self._ended = (told[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)
+            self._refresh()
+
+    def _on_drive_changed(self, drive: DriveStatus) -> None:
+        if not self.in_view:
+            return
+        self.view.show_guard(drive.guard, drive.guard_distance_m)
+
+    def _on_freshness_changed(self, _freshness: str = "") -> None:
+        if not self.in_view:
+            return
+        state = self.state
+        if state.map.freshness == "none":
+            self.view.show_map(None)
+        if self.tools.by_odometry and state.odometry.freshness == "none":
+            self._draw_by_odometry(False)
+        if state.pose.freshness == "none" and not self.tools.by_odometry:
+            self.view.show_pose(None)
+        if state.scan.freshness == "none":
+            self.view.show_scan(None)
+        pose = state.odometry if self.tools.by_odometry else state.pose
+        self.view.show_freshness(pose=pose.freshness, scan=state.scan.freshness)
+        self._on_people_changed()
+        self._on_path_changed()
+        self._refresh()
+
+    def _aging_layers(self) -> tuple[tuple[str, LiveStream], ...]:
+        state = self.state
+        position = state.odometry if self.tools.by_odometry else state.pose
+        return ((tr("LIDAR"), state.scan), (tr("Position"), position), (tr("People"), state.people_in_map))
+
+    def _chips(self) -> list[tuple[str, str]]:
+        """Map labels: ages of stale layers, and the outcome of the last goal."""
+        state = self.state
+        chips = [
+            (tr("{layer} {age} old").format(layer=name, age=text_formatting.age(stream.age_s() or 0.0)), "warning")
+            for name, stream in self._aging_layers()
+            if stream.freshness in ("stale", "lost")
+        ]
+        if self.view.shown.unconfirmed:
+            chips.insert(0, (tr("Position not confirmed"), "warning"))
+        if self.tools.by_odometry:
+            chips.append((tr("No map: drawn by odometry"), "hint"))
+        if state.mapping.value.busy:
+            busy = _BUSY.get(state.mapping.value.busy, _WORKS)
+            chips.append((tr(busy), "hint"))
+        if time.monotonic() < self._ended[2] and not self._cancel.isVisibleTo(self):
+            chips.append(self._ended[:2])
+        return chips
+
+    def _told_words(self) -> str:
+        scan = self.state.scan
+        return map_told(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
+
+    def _refresh(self) -> None:
+        if not self.in_view:
+            return
+        state = self.state
+        self.view.show_chips(self._chips())
+        self._told.changed()
+        reachable = state.link.value.state in ("connected", "trouble")
+        waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
+        if not state.present.live:
+            waiting = tr("No map was recorded until this moment")
+        self.view.show_waiting("" if self.tools.by_odometry else waiting)
+        scan_age_s = state.scan.age_s()
+        match state.scan.freshness:
+            case "fresh":
+                text, role = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan)), "dim"
+            case "stale" | "lost" if state.scan.arrives_late:
+                text, role = tr("LIDAR arrives {age} old").format(age=text_formatting.age(scan_age_s or 0.0)), "amber"
+            case "stale" | "lost":
+                text, role = (
+                    tr("LIDAR silent for {age}").format(age=text_formatting.age(state.scan.silent_s() or 0.0)),
+                    "amber",
+                )
+            case _:
+                text, role = tr("no LIDAR yet") if state.present.live else tr("no LIDAR"), "dim"
+        goal: GoalChanged | None = state.goal.value
+        if goal is not None and goal.state in text_formatting.UNDER_WAY:
+            # Requested until the robot accepts the goal.
+            going = tr("going to {place}") if goal.state == "active" else tr("asked to go to {place}")
+            text, role = going.format(place=goal.place or tr("a point")), "green"
+            if goal.distance_left_m is not None:
+                text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
+        elif self.view.follow:
+            text = " · ".join((text, tr("follows robot")))
+        elif state.mapping.value.mapping:
+            text = " · ".join((text, tr("building the map")))
+        self.set_fact(text, role)

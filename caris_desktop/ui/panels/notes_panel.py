@@ -1,0 +1,443 @@
+"""Notes panel: the wizard's notes, each with its time."""
+
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QEvent,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QPoint,
+    QRect,
+    QSize,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QFontMetrics, QKeyEvent, QPainter, QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QLabel,
+    QListView,
+    QPlainTextEdit,
+    QStackedLayout,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QWidget,
+)
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.recording.session.session_marks import FinalMark
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+_TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
+_NOTE_ROLE = int(Qt.ItemDataRole.UserRole)
+_TIME_ROLE = _NOTE_ROLE + 1
+_LONGEST = 1000
+_SHARE_OF_STUDY = 0.5
+_AROUND_STUDY_PX = 56  # margins, frame and scroll bar beside the text
+_MANY_PX = 100_000
+_ROOMY_PX = 220
+_AT_ONCE_UNDONE = 50
+_Index = QModelIndex | QPersistentModelIndex
+
+
+class NotesPanel(Panel):
+    """Notes of the session in chronological order, with a field for the next one.
+
+    A note's time is when its writing began. A click selects it for editing or removal, which can be undone; in a replay
+    it seeks to its time.
+    """
+
+    title = QT_TR_NOOP("Notes")
+    reads = ()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("notes_panel")
+        self._began_ns: int | None = None
+        self._changing = ""  # the note being edited
+        self._undo_with: list[intents.Intent] = []
+        self.model = NotesModel(self.state.present.anchor, self)
+        self.view = NotesView(self.theme, self.model)
+        self.view.setObjectName("notes_list")
+        self.view.setAccessibleName(tr("Notes"))
+        self.view.clicked.connect(self._on_clicked)
+        self.view.activated.connect(self._on_activated)
+        self.view.removal_wanted.connect(self.remove_current)
+        self.view.undo_wanted.connect(self.undo)
+        self._of_study = QPlainTextEdit(readOnly=True, tabChangesFocus=True)
+        self._of_study.setObjectName("notes_of_study")
+        self._of_study.setAccessibleName(tr("What the scenario has for you"))
+        self._of_study.setFrameShape(QFrame.Shape.NoFrame)
+        self._unfolded: bool | None = None  # None: automatic, shown if there is room and no note
+        self._fold = ActionButton(self.theme, tr("Scenario"), height_px=30, text_px=tokens.STATUS_PX + 1)
+        self._fold.setObjectName("notes_fold")
+        self._fold.setToolTip(tr("What the scenario has for you: show or fold"))
+        self._fold.clicked.connect(self._on_fold)
+        self._show_study()
+        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
+        self._empty.setObjectName("notes_empty")
+        self._empty.setContentsMargins(20, 4, 20, 4)
+        self._change = self._small_button("notes_change", tr("Change"), "pencil-simple", self.change_current)
+        self._remove = self._small_button("notes_remove", tr("Remove"), "trash", self.remove_current)
+        self._undo = self._small_button("notes_undo", tr("Undo"), "arrow-u-up-left", self.undo)
+        self._acts = FlowRow(gap_px=6)
+        for button in (self._change, self._remove, self._undo):
+            self._acts.add(button)
+        self.field = SubmitLineEdit()
+        self.field.setObjectName("notes_field")
+        self.field.setMaxLength(_LONGEST)
+        self.field.setFixedHeight(tokens.CONTROL_HEIGHT_PX)
+        self.field.textEdited.connect(self._on_edited)
+        self.field.returnPressed.connect(self._on_entered)
+        self.hold.escape_pressed.connect(self._give_up_changing)
+        holder = QWidget()
+        self._stack = QStackedLayout(holder)
+        self._stack.addWidget(self.view)
+        self._stack.addWidget(self._empty)
+        below = layouts.column(margins_px=(_SIDE_PX, 0, _SIDE_PX, 2), spacing_px=6)
+        below.addWidget(self._acts)
+        below.addWidget(self.field)
+        layout = layouts.column(self, margins_px=(1, 4, 1, 8), spacing_px=4)
+        of_study = layouts.column(margins_px=(_SIDE_PX, 2, _SIDE_PX, 0))
+        of_study.addWidget(self._of_study)
+        layout.addLayout(of_study)
+        layout.addWidget(holder, 1)
+        layout.addLayout(below)
+        self.state.notes.changed.connect(self._on_changed)
+        self.state.recording.changed.connect(self._on_changed)
+        self.view.selectionModel().currentChanged.connect(self._on_changed)
+        self.theme.keep_styled(self.catch_up)
+
+    def _small_button(self, name: str, text: str, icon: str, slot: Any) -> ActionButton:
+        button = ActionButton(self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
+        button.setObjectName(name)
+        button.clicked.connect(slot)
+        return button
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [self._fold]
+
+    def show_scenario(self) -> None:
+        self._show_study()
+        self.catch_up()
+
+    def _show_study(self) -> None:
+        """Show the scenario's notes for the wizard with a button that folds them, if there are any."""
+        text = self.console.scenario.notes.strip()
+        if text != self._of_study.toPlainText():
+            self._of_study.setPlainText(text)
+            self._unfolded = None
+        show_part(self._fold, bool(text))
+
+    def _on_fold(self) -> None:
+        self._unfolded = self._of_study.isHidden()
+        self._fit()
+
+    def _fit(self) -> None:
+        """Size the scenario's notes: as high as needed, at most half of the panel."""
+        text = self._of_study
+        unfolded = self._unfolded
+        if unfolded is None:
+            unfolded = self.height() >= _ROOMY_PX and not self.state.notes.value
+        show_part(text, unfolded and bool(text.toPlainText()))
+        icon = "caret-down" if unfolded else "caret-right"
+        self._fold.set_label(tr("Scenario"), icon=icon)
+        self._fold.setAccessibleName(
+            tr("Fold what the scenario has for you") if unfolded else tr("Show what the scenario has for you")
+        )
+        self.theme.style_text(text, "text", tokens.BODY_PX)
+        room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
+        wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
+        needed = wrapped.height() + _AROUND_STUDY_PX // 2
+        text.setFixedHeight(min(needed, round(self.height() * _SHARE_OF_STUDY)))
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, 240)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(200, 110)
+
+    def focus_target(self) -> QWidget:
+        return self.field if self._may_write else self.view
+
+    @property
+    def _may_write(self) -> bool:
+        return self.state.present.live
+
+    # ---- display
+
+    def catch_up(self) -> None:
+        self._on_changed()
+
+    def _on_changed(self, *_values: object) -> None:
+        if not self.in_view:
+            return
+        self._fit()
+        notes: tuple[FinalMark, ...] = self.state.notes.value
+        if self._changing and all(note.mark_id != self._changing for note in notes):
+            self._give_up_changing()
+        self.model.show_notes(notes)
+        self._stack.setCurrentWidget(self.view if notes else self._empty)
+        recording = self.state.recording.value.state == "recording"
+        self.set_fact(_counted(len(notes)))
+        self._empty.setText(
+            tr("No notes in this session.") if not self._may_write
+            else tr("What you write down stands here with its moment, and in the session.") if recording
+            else tr("Notes are kept while a session is recorded.")
+        )  # fmt: skip
+        self.theme.style_text(self._empty, "dim", tokens.STATUS_PX)
+        chosen = self._current() is not None and not self._changing
+        show_part(self._change, chosen and self._may_write)
+        show_part(self._remove, chosen and self._may_write)
+        show_part(self._undo, bool(self._undo_with) and recording)
+        show_part(self._acts, self._may_write and ((chosen and bool(notes)) or bool(self._undo_with)))
+        show_part(self.field, self._may_write)
+        self.field.setFont(self.theme.font(tokens.BODY_PX))
+        what = tr("Change the note, Enter keeps it") if self._changing else tr("Write a note, Enter adds it")
+        self.field.setPlaceholderText(what)
+        self.field.setAccessibleName(what)
+        self.field.setToolTip(
+            tr("The note is about the moment at which you begin to write. A word like #laughs is a tag.")
+        )
+
+    def _current(self) -> FinalMark | None:
+        return self.model.note(self.view.currentIndex())
+
+    # ---- commands
+
+    def _on_edited(self, text: str) -> None:
+        if not text:
+            self._began_ns = None
+        elif self._began_ns is None:
+            self._began_ns = self.state.present.now_ns()
+
+    def _on_entered(self) -> None:
+        text = " ".join(self.field.text().split())
+        if not text:
+            return
+        if self._changing:
+            note = next((note for note in self.state.notes.value if note.mark_id == self._changing), None)
+            if note is not None and note.note != text:
+                self._do(intents.ChangeNote(note.mark_id, text), intents.ChangeNote(note.mark_id, note.note))
+            self._give_up_changing()
+            return
+        now_ns = self.state.present.now_ns()
+        earlier_s = min(86_400.0, (now_ns - (self._began_ns or now_ns)) / 1e9)
+        added = intents.AddNote(text, earlier_s=earlier_s)
+        if self._do(added, intents.RemoveNote(added.note_id)):
+            self.field.clear()
+            self._began_ns = None
+            self.view.scrollToBottom()
+
+    def change_current(self) -> None:
+        """Edit the selected note in the field."""
+        note = self._current()
+        if note is not None and self._may_write:
+            self._changing = note.mark_id
+            self.field.setText(note.note)
+            self.field.setFocus(Qt.FocusReason.OtherFocusReason)
+            self._on_changed()
+
+    def remove_current(self) -> None:
+        note = self._current()
+        if note is not None and self._may_write:
+            whole = note.kind == "note"
+            back = intents.RestoreNote(note.mark_id) if whole else intents.ChangeNote(note.mark_id, note.note)
+            self._do(intents.RemoveNote(note.mark_id), back)
+
+    def undo(self) -> None:
+        """Undo the last edit in this panel; the record keeps both."""
+        if self._undo_with:
+            self.console.do(self._undo_with.pop())
+            self._on_changed()
+
+    def _do(self, intent: intents.Intent, back: intents.Intent) -> bool:
+        done = not self.console.do(intent)
+        if done:
+            self._undo_with = [*self._undo_with, back][-_AT_ONCE_UNDONE:]
+            self._on_changed()
+        return done
+
+    def _give_up_changing(self) -> None:
+        if self._changing:
+            self._changing = ""
+            self.field.clear()
+            self._on_changed()
+
+    def _on_clicked(self, index: QModelIndex) -> None:
+        note = self.model.note(index)
+        if note is not None and not self._may_write:
+            self.moment_wanted.emit(note.start_ns)
+
+    def _on_activated(self, index: QModelIndex) -> None:
+        if self._may_write:
+            self.change_current()
+        else:
+            self._on_clicked(index)
+
+    def what_lasts(self) -> tuple[str, int | None]:
+        return ("" if self._changing else self.field.text(), self._began_ns)
+
+    def take_over(self, lasting: tuple[str, int | None]) -> None:
+        text, self._began_ns = lasting
+        self.field.setText(text)
+
+
+class NotesModel(QAbstractListModel):
+    def __init__(self, anchor: ClockAnchor, parent: QObject) -> None:
+        super().__init__(parent)
+        self._anchor = anchor
+        self._notes: tuple[FinalMark, ...] = ()
+
+    def show_notes(self, notes: tuple[FinalMark, ...]) -> None:
+        """Update rows in place, so that the selection is kept."""
+        if notes == self._notes:
+            return
+        ids = {note.mark_id for note in notes}
+        for row in reversed(range(len(self._notes))):
+            if self._notes[row].mark_id not in ids:
+                self.beginRemoveRows(QModelIndex(), row, row)
+                self._notes = (*self._notes[:row], *self._notes[row + 1 :])
+                self.endRemoveRows()
+        for row, note in enumerate(notes):
+            if row >= len(self._notes) or self._notes[row].mark_id != note.mark_id:
+                self.beginInsertRows(QModelIndex(), row, row)
+                self._notes = (*self._notes[:row], note, *self._notes[row:])
+                self.endInsertRows()
+        if len(self._notes) != len(notes):  # a time changed past another note's
+            self.beginResetModel()
+            self._notes = notes
+            self.endResetModel()
+        elif self._notes != notes:
+            self._notes = notes
+            self.dataChanged.emit(self.index(0), self.index(len(notes) - 1))
+
+    def note(self, index: _Index) -> FinalMark | None:
+        return self._notes[index.row()] if index.isValid() and index.row() < len(self._notes) else None
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(self._notes)
+
+    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        note = self.note(index)
+        if note is None:
+            return None
+        at = text_formatting.clock_time(note.start_ns, self._anchor)
+        text = f"{note.label}: {note.note}" if note.label else note.note
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return text
+            case Qt.ItemDataRole.AccessibleTextRole:
+                return tr("{time}, {note}").format(time=at, note=f"{text} {changed_words(note)}".strip())
+            case int() if role == _TIME_ROLE:
+                return at
+            case int() if role == _NOTE_ROLE:
+                return note
+        return None
+
+
+def changed_words(note: FinalMark) -> str:
+    """ "changed" for a note that was edited; the session has both versions."""
+    return tr("changed") if note.rewritten else ""
+
+
+class NotesView(QListView):
+    """Rows of variable height. A click does not take the focus, so that it interrupts neither typing nor driving."""
+
+    removal_wanted = Signal()
+    undo_wanted = Signal()
+
+    def __init__(self, theme: Theme, model: NotesModel) -> None:
+        super().__init__()
+        self.setModel(model)
+        self.setItemDelegate(_NoteDelegate(theme, self))
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setResizeMode(QListView.ResizeMode.Adjust)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
+        self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and _of_list(event):
+            event.accept()
+            return True
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        if event.key() == Qt.Key.Key_Delete:
+            self.removal_wanted.emit()
+        elif event.key() == Qt.Key.Key_Z and with_ctrl:
+            self.undo_wanted.emit()
+        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_F2) and self.currentIndex().isValid():
+            self.activated.emit(self.currentIndex())
+        else:
+            super().keyPressEvent(event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if event.size().width() != event.oldSize().width():
+            self.scheduleDelayedItemsLayout()
+
+
+def _of_list(event: QKeyEvent) -> bool:
+    with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+    return event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Delete) or (
+        with_ctrl and event.key() == Qt.Key.Key_Z
+    )
+
+
+class _NoteDelegate(QStyledItemDelegate):
+    """Time on the left with the edit mark below, wrapped text beside it."""
+
+    def __init__(self, theme: Theme, view: QListView) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._view = view
+
+    def sizeHint(self, _option: QStyleOptionViewItem, index: _Index) -> QSize:
+        width = self._view.viewport().width()
+        metrics = QFontMetrics(self._theme.font(tokens.BODY_PX))
+        room = QRect(0, 0, max(40, width - _TIME_PX - 2 * _SIDE_PX), 10_000)
+        height = metrics.boundingRect(room, int(Qt.TextFlag.TextWordWrap), str(index.data())).height()
+        note = index.data(_NOTE_ROLE)
+        lines = 2 if note is not None and note.rewritten else 1
+        least = lines * (QFontMetrics(self._theme.font(tokens.STATUS_PX)).height() + 1)
+        return QSize(max(1, width), max(height, least) + 2 * _ABOVE_PX)
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
+        rect: QRect = option.rect
+        painter.save()
+        if index.row() == self._view.currentIndex().row():
+            painter.fillRect(rect, self._theme.color("raised"))
+        inner = rect.adjusted(_SIDE_PX, _ABOVE_PX, -_SIDE_PX, -_ABOVE_PX)
+        top = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
+        painter.setFont(self._theme.font(tokens.STATUS_PX))
+        painter.setPen(self._theme.color("dim"))
+        aside = QRect(inner.topLeft(), QSize(_TIME_PX - 6, inner.height()))
+        painter.drawText(aside.translated(QPoint(0, 1)), top, str(index.data(_TIME_ROLE)))
+        note = index.data(_NOTE_ROLE)
+        if note is not None and note.rewritten:
+            painter.drawText(aside, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignBottom), changed_words(note))
+        painter.setFont(self._theme.font(tokens.BODY_PX))
+        painter.setPen(self._theme.color("text"))
+        painter.drawText(inner.adjusted(_TIME_PX, 0, 0, 0), top | int(Qt.TextFlag.TextWordWrap), str(index.data()))
+        painter.restore()
+
+
+def _counted(count: int) -> str:
+    return "" if not count else tr("1 note") if count == 1 else tr("%n notes", "", count)

@@ -1,0 +1,465 @@
+"""People panel: people present, former and known, with their names."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.actor import WIZARD
+from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIdentified
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import PerceptionStatus, PersonHistory
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
+from caris_desktop.ui.people.people_list import PeopleList
+from caris_desktop.ui.people.people_model import PeopleModel
+from caris_desktop.ui.people.person_card import PersonCard
+from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
+from caris_desktop.ui.people.undo_bar import UndoBar
+from caris_desktop.ui.widgets.accessible_regions import AccessibleRegions
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+_LATE_S = 1.5
+"""Detection delay in s from which the panel shows it, as recent arrivals are missing."""
+
+
+class PeoplePanel(Panel):
+    """One row per person, with the name edited in place."""
+
+    title = QT_TR_NOOP("People")
+    reads = ()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("people_panel")
+        self._names_people = False
+        self._search_button: ActionButton | None = None
+        self._unfold_button: ActionButton | None = None
+        self._unfolded = False
+        self._shortcuts: list[QShortcut] = []
+        self._search = SubmitLineEdit()
+        self._search.setObjectName("people_search")
+        self._search.setPlaceholderText(tr("Name, group or tag"))
+        self._search.setAccessibleName(tr("Find a person by name, group or tag"))
+        add_clear_button(self._search)
+        self._search.textChanged.connect(self._on_search_changed)
+        self._search.returnPressed.connect(self._pick_first)
+        self._search.hide()
+        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
+        self._empty.setObjectName("people_empty")
+        self._pixmaps = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
+        self.model = PeopleModel(self.state.present, self)
+        self.list = PeopleList(self.theme, self.model, self._pixmaps)
+        self.list.setObjectName("people_list")
+        self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
+        self.list.let_go.connect(self.catch_up)
+        self.list.naming_changed.connect(self.state.named_person.set)
+        self.list.picked.connect(self._on_picked)
+        self.list.asked_for.connect(self._on_asked_for)
+        self._card: PersonCard | None = None
+        self._decided: object = None
+        self._undo = UndoBar(self.theme)
+        self._undo.undone.connect(self._take_back)
+        self.hold.escape_pressed.connect(self._on_escape)
+        holder = QWidget()
+        self._stack = QStackedLayout(holder)
+        centered = QWidget()
+        column = layouts.column(centered, margins_px=(24, 8, 24, 8))
+        column.addWidget(self._empty)
+        self._stack.addWidget(centered)
+        self._stack.addWidget(self.list)
+        self._told = AccessibleRegions(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
+        layout = layouts.column(self, margins_px=(2, 6, 2, 8), spacing_px=4)
+        layout.addWidget(self._search)
+        layout.addWidget(holder, 1)
+        layout.addWidget(self._undo)
+        self._offer_names()
+        self._listen()
+        self.every(1000, self._on_second)
+        self.catch_up()
+
+    def _listen(self) -> None:
+        state = self.state
+        state.persons.changed.connect(self._show_everyone)
+        state.everybody.changed.connect(self._show_everyone)
+        state.camera.changed.connect(self.catch_up)
+        state.perception.changed.connect(self._refresh)
+        state.frame.freshness_changed.connect(self._refresh)
+        state.selected_person.changed.connect(self._show_meant)
+        state.asked_person.changed.connect(self._show_asked)
+        state.going_on.changed.connect(self._show_unconfirmed)
+        state.event_happened.connect(self._on_event)
+        state.person_history.changed.connect(self._on_history_found)
+        self.table.keys_changed.connect(self._show_asked)
+        self.theme.changed.connect(self._refresh)
+
+    def _on_second(self) -> None:
+        """Refresh ages."""
+        self.model.refresh_ages()
+        if self._pixmaps.put_off:
+            self._pixmaps.put_off = False
+            self.list.viewport().update()
+        self._renew_card()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [button for button in (self._unfold_button, self._search_button) if button is not None]
+
+    def show_scenario(self) -> None:
+        if self._card is not None:
+            self._card.close_card()
+            self._card.deleteLater()
+            self._card = None
+        self._offer_names()
+        super().show_scenario()
+
+    def _offer_names(self) -> None:
+        """Offer naming and identity decisions if the scenario permits them."""
+        permitted = self.console.scenario.permissions.naming_people
+        if permitted == self._names_people:
+            return
+        self._names_people = permitted
+        decides = permitted and self.state.present.live
+        self.list.let_decide(decides)
+        for shortcut in self._shortcuts:
+            shortcut.setKey(QKeySequence())  # effective now, not only once the object is deleted
+            shortcut.deleteLater()
+        acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
+        self._shortcuts = [self._new_shortcut(keys, slot) for keys, slot in acts]
+        self._search_button = self._new_search_button() if permitted else None
+        self._unfold_button = self._new_unfold_button() if permitted else None
+        self._undo.put_away()
+        self._search.clear()
+        self._search.hide()
+        self.controls_changed.emit()
+
+    def _new_shortcut(self, keys: str, slot: Callable[[], None]) -> QShortcut:
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        shortcut.activated.connect(slot)
+        return shortcut
+
+    def _new_search_button(self) -> ActionButton:
+        button = ActionButton(self.theme, "", icon="magnifying-glass", look="ghost", height_px=30)
+        button.setObjectName("people_search_button")
+        button.setAccessibleName(tr("Find a person"))
+        button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
+        button.clicked.connect(self._toggle_search)
+        return button
+
+    def _new_unfold_button(self) -> ActionButton:
+        button = ActionButton(self.theme, "", look="ghost", height_px=30, text_px=tokens.STATUS_PX)
+        button.setObjectName("people_unfold")
+        button.setCheckable(True)
+        button.setChecked(self._unfolded)
+        button.toggled.connect(self._on_unfolded)
+        button.hide()
+        return button
+
+    def _on_unfolded(self, unfolded: bool) -> None:
+        self._unfolded = unfolded
+        self._show_everyone()
+
+    def sizeHint(self) -> QSize:
+        return QSize(340, 220)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(220, 68)  # one whole row
+
+    def set_in_view(self, in_view: bool) -> None:
+        super().set_in_view(in_view)
+        if not in_view:
+            self._undo.put_away()
+            if self._card is not None:
+                self._card.close_card()
+
+    def catch_up(self) -> None:
+        self._show_everyone()
+        self._show_meant()
+        self._show_asked()
+        self._show_unconfirmed()
+
+    # ---- rows
+
+    @property
+    def everyone(self) -> tuple[PersonRow, ...]:
+        """People present, former and known; only those present if naming is not permitted."""
+        state = self.state
+        if not self._names_people:
+            return as_permitted(state.persons.value, naming=False)
+        return everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+
+    def _show_everyone(self, _persons: object = None) -> None:
+        if not self.in_view:
+            return
+        persons = with_one_question(self.everyone, self.state.asked_person.value)
+        query = "" if self._search.isHidden() else self._search.text()
+        listed = tuple(person for person in persons if found(person, query) and not self._is_folded(person, query))
+        known = frozenset(person.person_id for person in persons)
+        self.model.show_persons(
+            listed,
+            known=known,
+            held_rows=0 if self._search.hasFocus() else self.list.held_rows,
+            camera=self.state.camera.value,
+        )
+        self._tell_folded(persons)
+        self.list.look_whose_name_it_is()
+        self._renew_card()
+        if not self._undo.isHidden():
+            self._tell_decision()
+        self._refresh()
+
+    def _is_folded(self, person: PersonRow, query: str = "") -> bool:
+        """Whether a nameless former person is only counted: unless expanded, searched for or in use."""
+        if self._unfolded or query.strip() or not is_nameless_past(person):
+            return False
+        card = self._card.person_id if self._card is not None else ""
+        return person.person_id not in (self.list.naming, self.state.selected_person.value, card)
+
+    def _tell_folded(self, persons: Sequence[PersonRow]) -> None:
+        button = self._unfold_button
+        if button is None or button.parent() is None:
+            return
+        count = sum(is_nameless_past(person) for person in persons)
+        button.setVisible(count > 0)
+        button.setText(tr("+ %n left", "", count))
+        if self._unfolded:
+            button.setToolTip(tr("Hide %n who left without a name", "", count))
+        else:
+            button.setToolTip(tr("Show %n who left without a name", "", count))
+        button.setAccessibleName(button.toolTip())
+
+    def _show_meant(self, _person_id: object = None) -> None:
+        if self.in_view:
+            self.list.show_meant(self.state.selected_person.value)
+
+    def _show_asked(self, _asked: object = None) -> None:
+        asked: AskedAbout | None = self.state.asked_person.value
+        if self.in_view:
+            keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
+            self._show_everyone()
+            self.list.show_asked("" if asked is None else asked.person_id, *keys)
+
+    def _show_unconfirmed(self, _status: object = None) -> None:
+        if self.in_view:
+            self.model.show_unconfirmed(frozenset(self.state.going_on.value.unconfirmed_people))
+            self.list.viewport().update()
+
+    def _refresh(self) -> None:
+        if not self.in_view:
+            return
+        persons: tuple[PersonRow, ...] = self.state.persons.value
+        here = [person for person in persons if person.here]
+        elsewhere = sum(bool(seen_elsewhere(person, self.state.camera.value)) for person in here)
+        others = (self.state.frame_of(camera).freshness for camera in self.state.cameras.value)
+        blind = self.state.frame.freshness == "lost" and "fresh" not in others
+        parts = [tr("no picture") if blind else tr("%n here", "", len(here)) if here else tr("nobody here")]
+        if elsewhere:
+            parts.append(tr("%n in another camera", "", elsewhere))
+        known = sum(person.known for person in self.everyone)
+        if known:
+            parts.append(tr("%n known", "", known))
+        late_s = 0.0 if blind else self._late_s()
+        if late_s:
+            parts.append(tr("{seconds} s late").format(seconds=round(late_s)))
+        self.set_fact(" · ".join(parts), "amber" if late_s else "dim")
+        self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
+        if not self.model.rowCount():
+            self._empty.setText(self._why_empty(blind=blind, late_s=late_s))
+            self.theme.color_text(self._empty, "dim")
+
+    def _late_s(self) -> float:
+        """Detection delay in s for the camera on display; zero if negligible."""
+        perception: PerceptionStatus = self.state.perception.value
+        if perception.state != "ready":
+            return 0.0
+        looks_per_s = perception.looks_per_s.get(self.state.camera.value, 0.0)
+        late_s = max((perception.inference_ms or 0.0) / 1e3, 1.0 / looks_per_s if looks_per_s else 0.0)
+        return late_s if late_s >= _LATE_S else 0.0
+
+    def _why_empty(self, *, blind: bool, late_s: float = 0.0) -> str:
+        perception: PerceptionStatus = self.state.perception.value
+        if self.everyone and self._search.text().strip() and not self._search.isHidden():
+            nobody = tr("Nobody’s name, group or tags have “{text}”.")
+            return nobody.format(text=text_formatting.shortened(self._search.text(), 40))
+        match perception.state:
+            case _ if not self.state.present.live:
+                return tr("Nobody was seen at this moment.")
+            case "ready" if blind:
+                return tr("No picture, so nobody can be seen.")
+            case "ready" if late_s:
+                late = tr("Nobody recognised yet.\nPeople are recognised {seconds} s late: this computer is busy.")
+                return late.format(seconds=round(late_s))
+            case "ready":
+                return tr("Nobody in view.\nPeople appear here as soon as the camera sees them.")
+            case "loading":
+                return tr("Getting ready to find people.\nEverything else works meanwhile.")
+            case "failed":
+                return tr("People are not being found.\n{detail}").format(detail=tr(perception.detail))
+            case _:
+                return tr("Finding people is off.")
+
+    # ---- searching
+
+    def _toggle_search(self) -> None:
+        if self._search.isHidden():
+            self._open_search()
+        else:
+            self._close_search()
+
+    def _open_search(self) -> None:
+        self._search.show()
+        focus_widget(self._search)
+        self._search.selectAll()
+
+    def _close_search(self) -> None:
+        if self._search.hasFocus():
+            self.list.setFocus(Qt.FocusReason.OtherFocusReason)
+        self._search.hide()
+        self.catch_up()
+
+    def _on_search_changed(self, _text: str) -> None:
+        self.catch_up()
+        self.list.scrollToTop()
+
+    def _pick_first(self) -> None:
+        """Enter in the search field selects the first result, as in other lists."""
+        if self.model.persons:
+            self._select(self.model.persons[0].person_id)
+
+    # ---- person popup
+
+    def open_card(self, person_id: str) -> None:
+        person = self._find(person_id)
+        if person is None:
+            return
+        window = main_of(window_of(self))  # a floating panel has no room for it and would take it along
+        if self._card is None:
+            self._card = PersonCard(
+                self.theme,
+                window,
+                do=self.console.do,
+                pixmaps=self._pixmaps,
+                everyone=lambda: self.everyone,
+                recognise=self.console.scenario.perception.recognise,
+                recording=lambda: self.state.recording.value.state in ("starting", "recording", "paused"),
+            )
+            self._card.about.history_wanted.connect(
+                lambda person_id, text: self.console.do(intents.LookUpPerson(person_id, text))
+            )
+            self.destroyed.connect(self._card.deleteLater)
+        self._card.about.use_networks(self.state.perception.value.recognises)
+        beside = QRect(window.mapFromGlobal(self.mapToGlobal(QPoint())), self.size())
+        self._card.open_for(person, self.state.present.now_ns(), beside)
+
+    @property
+    def card(self) -> PersonCard | None:
+        """The popup, once opened."""
+        return self._card
+
+    def _find(self, person_id: str) -> PersonRow | None:
+        return next((person for person in self.everyone if person.person_id == person_id), None)
+
+    def _renew_card(self) -> None:
+        card = self._card
+        if card is None or not card.person_id:
+            return
+        person = self._find(card.person_id)
+        if person is not None:
+            card.show_person(person, self.state.present.now_ns())
+
+    def _follow_with_card(self, person_id: str, now_id: str) -> None:
+        """Keep the popup on its person after an identification; close it if the person is gone."""
+        card = self._card
+        if card is None or card.person_id != person_id:
+            return
+        person = self._find(now_id)
+        if person is None:
+            card.close_card()
+        else:
+            card.show_person(person, self.state.present.now_ns())
+
+    def _on_history_found(self, history: PersonHistory | None) -> None:
+        if self._card is not None and history is not None and history.person_id == self._card.person_id:
+            entries = tuple(
+                replace(entry, text=text_formatting.with_names(entry.text, self._name_of)) for entry in history.entries
+            )
+            self._card.show_history(replace(history, entries=entries))
+
+    def _on_escape(self) -> None:
+        self.list.give_up_naming()
+        if self._card is not None:
+            self._card.give_way()
+        if not self._search.isHidden():
+            self._close_search()
+
+    # ---- decisions
+
+    def show_person(self, person_id: str, *, rename: bool = False, card: bool = False) -> None:
+        if self.model.row_of(person_id) is None:
+            self._close_search()
+        self.list.bring_into_view(person_id)
+        if rename:
+            self.list.name(person_id)
+        if card:
+            self.open_card(person_id)
+
+    def _on_picked(self, person_id: str) -> None:
+        """Toggle the selection of a person."""
+        self._select("" if person_id == self.state.selected_person.value else person_id)
+
+    def _select(self, person_id: str) -> None:
+        self.console.do(intents.AttendPerson(person_id))
+
+    def _on_asked_for(self, act: str, person_id: str) -> None:
+        person = self._find(person_id)
+        if act == "card":
+            self.open_card(person_id)
+        if person is None:
+            return
+        suggested = person.suggestion
+        if act == "yes" and suggested is not None:
+            self.console.do(intents.ConfirmPerson(person_id, suggested.person_id))
+        elif act == "no" and suggested is not None:
+            self.console.do(intents.RejectPerson(person_id, suggested.person_id))
+        elif act == "same":
+            self.console.do(intents.ConfirmAsBefore("people", person_id))
+        elif act == "not":
+            self.console.do(intents.RejectPerson(person_id, person_id))
+
+    def _take_back(self) -> None:
+        self._undo.put_away()
+        self.console.do(intents.UndoPeople())
+
+    def _on_event(self, event: object) -> None:
+        """Offer to undo the wizard's decision about a person for a while."""
+        if not self.in_view or not self._names_people or not self.state.present.live:
+            return
+        if isinstance(event, PersonIdentified):
+            self._follow_with_card(event.person_id, event.is_person_id)
+        elif isinstance(event, PersonForgotten):
+            self._follow_with_card(event.person_id, "")
+        if isinstance(event, PeopleUndone):
+            self._undo.put_away()
+        elif isinstance(event, event_messages.DECISIONS_ABOUT_PEOPLE) and event.actor == WIZARD:
+            self._decided = event
+            self._tell_decision()
+            self._undo.offer()
+
+    def _tell_decision(self) -> None:
+        """Describe the decision with the current name: the event precedes the rows that follow from it."""
+        told = event_messages.event_sentence(self._decided, self._name_of)
+        if told is not None:
+            self._undo.say(told[1])
+
+    def _name_of(self, person_id: str) -> str:
+        row = self._find(person_id)
+        return tr("Somebody") if row is None else text_formatting.person_name(row)

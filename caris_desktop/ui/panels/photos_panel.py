@@ -1,0 +1,484 @@
+"""Photos panel: searchable grid, enlarged photo, tags and commands."""
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QRect,
+    QRectF,
+    QSize,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QBoxLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QListView,
+    QStackedLayout,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QWidget,
+)
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.status import PhotoEntry
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
+from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+_TILE = QSize(160, 148)
+_PICTURE_PX = 100
+_EDGE_PX = 6
+_ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
+_Index = QModelIndex | QPersistentModelIndex
+_LOW_PX = 300
+_GRID, _LARGE, _EMPTY = range(3)
+_TO_ASK = QT_TR_NOOP("Ask the assistant about this photo, then Enter")
+_ASKED = QT_TR_NOOP("The answer comes in the Assistant panel. Ask more, then Enter")
+
+
+class PhotosPanel(Panel):
+    """Grid of photos, newest first, or the selected photo enlarged."""
+
+    title = QT_TR_NOOP("Photos")
+    reads = ("permissions.assistant", "assistant.pictures")
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("photos_panel")
+        self._names: dict[str, str] = {}
+        self._open = ""  # file name of the enlarged photo
+        self.search = SubmitLineEdit()
+        self.search.setObjectName("photo_search")
+        self.search.setPlaceholderText(tr("Name, tag, camera or time"))
+        self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
+        add_clear_button(self.search)
+        self.search.textChanged.connect(self._refresh)
+        self.choice = DropDown(self.theme, "photo_filter", tr("Which photos are shown"))
+        self.choice.setMinimumContentsLength(8)
+        self.choice.activated.connect(self._refresh)
+        self._finding = QWidget()
+        finding = layouts.row(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
+        finding.addWidget(self.search, 3)
+        finding.addWidget(self.choice, 2)
+        self.model = PhotosModel(self)
+        self.grid = PhotoGrid(self.theme, self.model)
+        self.grid.chosen.connect(self.open)
+        permissions, assistant = self.console.scenario.permissions, self.console.scenario.assistant
+        self.large = LargePhoto(self.theme, can_ask=permissions.assistant and assistant.pictures)
+        self.large.left.connect(self.close_photo)
+        self.large.tagged.connect(lambda tags: self.console.do(intents.TagPhoto(self._open, tags)))
+        self.large.deleted.connect(lambda: self.console.do(intents.DeletePhoto(self._open)))
+        self.large.restored.connect(lambda: self.console.do(intents.RestorePhoto(self._open)))
+        self.large.asked.connect(lambda question: self.console.do(intents.AskAboutPhoto(self._open, question)))
+        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
+        self._empty.setObjectName("photos_empty")
+        self._empty.setContentsMargins(24, 8, 24, 8)
+        holder = QWidget()
+        self._stack = QStackedLayout(holder)
+        for part in (self.grid, self.large, self._empty):
+            self._stack.addWidget(part)
+        layout = layouts.column(self, margins_px=(2, 0, 2, 8), spacing_px=2)
+        layout.addWidget(self._finding)
+        layout.addWidget(holder, 1)
+        self.hold.escape_pressed.connect(self.close_photo)
+        self.state.photos.changed.connect(self._on_photos_changed)
+        self.state.persons.changed.connect(self._on_persons_changed)
+        self.table.keys_changed.connect(self._refresh)
+        self.theme.changed.connect(self._refresh)
+        self.catch_up()
+
+    def sizeHint(self) -> QSize:
+        return QSize(360, 320)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(220, 160)
+
+    def catch_up(self) -> None:
+        self._on_persons_changed(self.state.persons.value)
+        self._on_photos_changed(self.state.photos.value)
+
+    def open(self, file_name: str) -> None:
+        """Enlarge this photo."""
+        self._open = file_name
+        self._refresh()
+
+    def close_photo(self) -> None:
+        """Return to the grid."""
+        if self._open:
+            self._open = ""
+            self._refresh()
+
+    def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
+        if not self.in_view:
+            return
+        names = {person.person_id: text_formatting.person_name(person) for person in persons}
+        if names != self._names:
+            self._names = names
+            self._refresh()
+
+    def _on_photos_changed(self, _photos: object) -> None:
+        if self.in_view:
+            self._refresh()
+
+    def _refresh(self) -> None:
+        photos: tuple[PhotoEntry, ...] = self.state.photos.value
+        self._offer_choices(photos)
+        chosen = self.choice.currentData()
+        shown = [photo for photo in photos if fits(photo, self.search.text(), chosen, self._names)]
+        self.model.show_photos(shown, self._names)
+        large = next((photo for photo in photos if photo.file_name == self._open), None)
+        if large is None:
+            self._open = ""
+        else:
+            self.large.show_photo(large, self._names)
+        self._finding.setVisible(bool(photos) and large is None)
+        self._stack.setCurrentIndex(_LARGE if large is not None else _GRID if shown else _EMPTY)
+        self._empty.setText(_nothing_words(photos, live=self.state.present.live, key=self.table.key_text("photo")))
+        self.theme.style_text(self._empty, "dim", tokens.BODY_PX)
+        there = sum(not photo.deleted for photo in photos)
+        found = sum(not photo.deleted for photo in shown)
+        part = tr("{found} of %n photos", "", there).format(found=found)
+        self.set_fact(part if found != there else tr("1 photo") if there == 1 else tr("%n photos", "", there), "dim")
+
+    def _offer_choices(self, photos: Iterable[PhotoEntry]) -> None:
+        """Offer filters by person, tag and camera, as far as there are photos."""
+        offered: dict[tuple[str, str], str] = {}
+        for photo in photos:
+            for person_id in photo.person_ids:
+                if person_id in self._names:
+                    offered["person", person_id] = self._names[person_id]
+            for tag in photo.tags:
+                offered["tag", tag] = tr("Tag: {tag}").format(tag=tag)
+            if photo.camera:
+                offered["camera", photo.camera] = text_formatting.camera_title(photo.camera)
+        order = ("person", "tag", "camera")
+        listed = sorted(offered.items(), key=lambda item: (order.index(item[0][0]), item[1].casefold()))
+        wanted = [(None, tr("All photos")), *listed]
+        if wanted == [(self.choice.itemData(row), self.choice.itemText(row)) for row in range(self.choice.count())]:
+            return
+        chosen = self.choice.currentData()
+        self.choice.clear()
+        for data, text in wanted:
+            self.choice.addItem(text, data)
+        self.choice.setCurrentIndex(next((row for row, (data, _) in enumerate(wanted) if data == chosen), 0))
+
+
+def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str:
+    if photos:
+        return tr("No photo fits.\nClear the field, or choose all photos.")
+    if not live:
+        return tr("No photo had been taken at this moment.")
+    how = tr("No photos yet.\n{key} takes one of the picture on show.").format(key=key)
+    return how if key else tr("No photos yet.")
+
+
+def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: dict[str, str]) -> bool:
+    """Whether the photo has every word of ``text`` in its description and matches the filter ``chosen``."""
+    if chosen is not None:
+        kind, what = chosen
+        has = {"person": photo.person_ids, "tag": photo.tags, "camera": (photo.camera,)}[kind]
+        if what not in has:
+            return False
+    told = " ".join((time_of(photo), text_formatting.camera_title(photo.camera), *people_of(photo, names), *photo.tags))
+    return all(word in told.casefold() for word in text.casefold().split())
+
+
+def time_of(photo: PhotoEntry) -> str:
+    """Time of a photo as 14:02:11, with the date if not today."""
+    at = datetime.fromtimestamp(photo.utc_ns / 1e9)
+    return at.strftime("%H:%M:%S" if at.date() == datetime.now().date() else "%Y-%m-%d %H:%M:%S")
+
+
+def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
+    """People in the photo, by current name."""
+    known = [names[person_id] for person_id in photo.person_ids if person_id in names]
+    others = len(photo.person_ids) - len(known)
+    if not others:
+        return known
+    alone = tr("1 person") if others == 1 else tr("%n persons", "", others)
+    return [*known, tr("%n more", "", others) if known else alone]
+
+
+class PhotosModel(QAbstractListModel):
+    """Photos of the grid, in order."""
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._photos: list[PhotoEntry] = []
+        self._names: dict[str, str] = {}
+
+    @property
+    def photos(self) -> Sequence[PhotoEntry]:
+        return self._photos
+
+    @property
+    def names(self) -> dict[str, str]:
+        return self._names
+
+    def show_photos(self, photos: Sequence[PhotoEntry], names: dict[str, str]) -> None:
+        if [photo.file_name for photo in photos] != [photo.file_name for photo in self._photos]:
+            self.beginResetModel()
+            self._photos, self._names = list(photos), names
+            self.endResetModel()
+        elif (list(photos), names) != (self._photos, self._names):
+            self._photos, self._names = list(photos), names
+            self.dataChanged.emit(self.index(0), self.index(len(photos) - 1))
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self._photos)
+
+    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        photo = self._photos[index.row()]
+        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole):
+            said = ", ".join((time_of(photo), *people_of(photo, self._names), *photo.tags))
+            return (tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=said)
+        return photo if role == _ENTRY_ROLE else None
+
+
+class PhotoGrid(QListView):
+    """Grid of equal tiles. A click does not take the focus, so that it interrupts neither typing nor driving."""
+
+    chosen = Signal(str)  # file name
+
+    def __init__(self, theme: Theme, model: PhotosModel) -> None:
+        super().__init__()
+        self.setObjectName("photo_grid")
+        self.setAccessibleName(tr("Photos, newest first"))
+        self.setModel(model)
+        self.setItemDelegate(PhotoDelegate(theme, self))
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setViewMode(QListView.ViewMode.IconMode)
+        self.setMovement(QListView.Movement.Static)
+        self.setResizeMode(QListView.ResizeMode.Adjust)
+        self.setUniformItemSizes(True)
+        self.setGridSize(_TILE)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.clicked.connect(self._on_chosen)
+
+    def keyboardSearch(self, _search: str) -> None:
+        """Disabled: letters are for driving and the search field."""
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.currentIndex().isValid():
+            self._on_chosen(self.currentIndex())
+        else:
+            super().keyPressEvent(event)
+
+    def _on_chosen(self, index: QModelIndex) -> None:
+        photo: PhotoEntry = index.data(_ENTRY_ROLE)
+        self.chosen.emit(photo.file_name)
+
+
+class PhotoDelegate(QStyledItemDelegate):
+    """Tile with thumbnail, time and contents. Thumbnails are decoded when first visible."""
+
+    def __init__(self, theme: Theme, view: PhotoGrid) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._view = view
+        self._pictures: dict[bytes, QImage] = {}
+
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: _Index) -> QSize:
+        return _TILE
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
+        theme, photo = self._theme, index.data(_ENTRY_ROLE)
+        model = self._view.model()
+        names = model.names if isinstance(model, PhotosModel) else {}
+        tile = option.rect.adjusted(_EDGE_PX, _EDGE_PX, -_EDGE_PX, 0)
+        ground = QRect(tile.left(), tile.top(), tile.width(), _PICTURE_PX)
+        painter.save()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(theme.color("video_ground"))
+        painter.drawRoundedRect(QRectF(ground), 6, 6)
+        if photo.deleted:
+            draw_icon(painter, QRectF(ground.center().x() - 14, ground.center().y() - 14, 28, 28), "trash",
+                      theme.color("video_dim"))  # fmt: skip
+        else:
+            picture = self._picture(photo)
+            size = picture.size().scaled(ground.size(), Qt.AspectRatioMode.KeepAspectRatio)
+            left, top = ground.center().x() - size.width() // 2, ground.center().y() - size.height() // 2
+            painter.drawImage(QRect(left, top, size.width(), size.height()), picture)
+        if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
+            painter.setPen(QPen(theme.color("blue"), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(QRectF(ground).adjusted(1, 1, -1, -1), 6, 6)
+        about = ", ".join((*people_of(photo, names), *photo.tags)) or text_formatting.camera_title(photo.camera)
+        lines = (
+            (time_of(photo), theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "dim" if photo.deleted else "text"),
+            (tr("Deleted") if photo.deleted else about, theme.font(tokens.STATUS_PX), "dim"),
+        )
+        for number, (text, font, role) in enumerate(lines):
+            line = QRect(tile.left() + 2, ground.bottom() + 3 + 18 * number, tile.width() - 4, 18)
+            painter.setFont(font)
+            painter.setPen(theme.color(role))
+            cut = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, line.width())
+            painter.drawText(line, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
+        painter.restore()
+
+    def _picture(self, photo: PhotoEntry) -> QImage:
+        picture = self._pictures.get(photo.thumbnail_jpeg)
+        if picture is None:
+            if len(self._pictures) > 400:
+                self._pictures.clear()
+            picture = self._pictures[photo.thumbnail_jpeg] = image_of(photo.thumbnail_jpeg)
+        return picture
+
+
+class LargePhoto(QWidget):
+    """Enlarged photo with description, tags and commands."""
+
+    left = Signal()
+    tagged = Signal(object)  # tuple[str, ...]
+    deleted = Signal()
+    restored = Signal()
+    asked = Signal(str)  # question
+
+    def __init__(self, theme: Theme, *, can_ask: bool) -> None:
+        super().__init__()
+        self._photo: PhotoEntry | None = None
+        self.picture = _Picture(theme)
+        self.about = ElidedLabel()
+        self.about.setObjectName("photo_about")
+        self.tags = SubmitLineEdit()
+        self.tags.setObjectName("photo_tags")
+        self.tags.setPlaceholderText(tr("Tags, with commas between them, then Enter"))
+        self.tags.setAccessibleName(tr("Tags of this photo"))
+        self.tags.setMaxLength(400)
+        self.tags.returnPressed.connect(self._on_tags_entered)
+        self.question = SubmitLineEdit()
+        self.question.setObjectName("photo_question")
+        self.question.setPlaceholderText(tr(_TO_ASK))
+        self.question.setAccessibleName(tr("Question to the assistant about this photo"))
+        self.question.setMaxLength(1000)
+        self.question.returnPressed.connect(self._on_question_entered)
+        self._back = ActionButton(theme, tr("All photos"), icon="arrow-left", look="ghost", height_px=30)
+        self._back.setObjectName("photo_back")
+        self._back.clicked.connect(self.left)
+        self._delete = ActionButton(theme, tr("Delete"), icon="trash", look="ghost", height_px=30)
+        self._delete.setObjectName("photo_delete")
+        self._delete.clicked.connect(self._on_delete)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self._back)
+        buttons.addStretch(1)
+        buttons.addWidget(self._delete)
+        fields = QWidget()
+        beside = layouts.column(fields, margins_px=0, spacing_px=6)
+        for part in (self.about, self.tags, self.question):
+            beside.addWidget(part)
+        beside.addStretch(1)
+        self.question.setHidden(not can_ask)
+        self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
+        self._body.setSpacing(tokens.GRID_PX)
+        self._body.addWidget(self.picture, 1)
+        self._body.addWidget(fields)
+        column = layouts.column(self, margins_px=(10, 6, 10, 2), spacing_px=6)
+        column.addLayout(buttons)
+        column.addLayout(self._body, 1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """In a low panel, put the text beside the picture."""
+        super().resizeEvent(event)
+        low = self.height() < _LOW_PX and self.width() > self.height()
+        self._body.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
+        self._body.setStretch(1, 1 if low else 0)
+
+    def show_photo(self, photo: PhotoEntry, names: dict[str, str]) -> None:
+        before, self._photo = self._photo, photo
+        other = before is None or before.file_name != photo.file_name
+        self.picture.show_jpeg(b"" if photo.deleted else photo.preview_jpeg)
+        pose = photo.pose_in_map
+        where = "" if pose is None else tr("robot at {x:.1f}, {y:.1f} m").format(x=pose.x_m, y=pose.y_m)
+        told = (time_of(photo), text_formatting.camera_title(photo.camera), ", ".join(people_of(photo, names)), where)
+        self.about.setText(" · ".join(part for part in told if part))
+        if other or (before is not None and before.tags != photo.tags):
+            self.tags.setText(", ".join(photo.tags))
+        if other:
+            self.question.clear()
+            self.question.setPlaceholderText(tr(_TO_ASK))
+        show_part(self.tags, (photo.changeable and not photo.deleted) or bool(photo.tags))
+        self.tags.setReadOnly(not photo.changeable or photo.deleted)
+        show_part(self._delete, photo.changeable)
+        self._delete.set_label(
+            tr("Bring it back") if photo.deleted else tr("Delete"),
+            icon="arrow-counter-clockwise" if photo.deleted else "trash",
+        )
+        self.question.setEnabled(not photo.deleted)
+
+    def _on_delete(self) -> None:
+        if self._photo is not None and self._photo.deleted:
+            self.restored.emit()
+        else:
+            self.deleted.emit()
+
+    def _on_tags_entered(self) -> None:
+        if not self.tags.isReadOnly():
+            self.tagged.emit(tuple(tag.strip() for tag in self.tags.text().split(",") if tag.strip()))
+
+    def _on_question_entered(self) -> None:
+        question = self.question.text().strip()
+        if question:
+            self.asked.emit(question)
+            self.question.clear()
+            self.question.setPlaceholderText(tr(_ASKED))
+
+
+class _Picture(QWidget):
+    """Scaled picture, or a note that it was deleted."""
+
+    accessible_role = QAccessible.Role.Graphic
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("photo_large")
+        self.setAccessibleName(tr("The photo"))
+        self._theme = theme
+        self._jpeg = b""
+        self.image = QImage()
+        theme.changed.connect(self.update)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, 60)
+
+    def show_jpeg(self, jpeg: bytes) -> None:
+        """Show a picture; nothing if empty."""
+        if jpeg != self._jpeg:
+            self._jpeg, self.image = jpeg, image_of(jpeg) if jpeg else QImage()
+            self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self.image.isNull():
+            painter.setFont(self._theme.font(tokens.BODY_PX))
+            painter.setPen(self._theme.color("dim"))
+            words_shown = tr("Deleted. It can be brought back until the session ends.")
+            painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), words_shown)
+            return
+        size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
+        left, top = (self.width() - size.width()) // 2, (self.height() - size.height()) // 2
+        painter.drawImage(QRect(left, top, size.width(), size.height()), self.image)

@@ -1,0 +1,364 @@
+"""Speak panel: text field, phrases, current utterance and speech queue."""
+
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QPoint, QSize, Qt, QTimer
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QScrollArea, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.actor import WIZARD
+from caris_desktop.domain.events import UtteranceChanged
+from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.status import AskedGap, SpeechStatus
+from caris_desktop.scenario.phrases import sentences
+from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.action_rows import phrases_on_keys
+from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.panel import Panel, PanelContext
+from caris_desktop.ui.people.shown_people import as_permitted, name_of
+from caris_desktop.ui.speak.phrase_rows import PhraseRows
+from caris_desktop.ui.speak.placeholder_prompt import PlaceholderPrompt
+from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
+from caris_desktop.ui.speak.speak_field import SpeakField
+from caris_desktop.ui.speak.voice_choices import VoiceLine, voice_choices
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.talk_button import TALK, TalkButton
+
+_HINT = QT_TR_NOOP("Type what the robot says…")
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """Size level of the panel. ``low``: phrase groups without a line of their own; ``tight``: no hints."""
+
+    chip_px: int
+    text_px: int
+    gap_px: int
+    queue_rows: int
+    low: bool = False
+    tight: bool = False
+
+
+_SIZES = (
+    _Size(40, tokens.BODY_PX + 1, 8, 4),
+    _Size(32, tokens.BODY_PX, 6, 3),
+    _Size(32, tokens.BODY_PX, 6, 3, low=True),
+    _Size(32, tokens.BODY_PX, 6, 1, low=True),
+    _Size(28, tokens.BODY_PX - 1, 5, 1, low=True, tight=True),
+)
+_ROOMY_PX, _TIGHT_PX = 60, 24
+"""Space for margins, gaps and hints."""
+_IN_FIELD = (("↑", QT_TR_NOOP("earlier lines")), ("Tab", QT_TR_NOOP("complete")))
+_IN_QUEUE = (
+    ("⇧↑", QT_TR_NOOP("earlier")), ("⇧↓", QT_TR_NOOP("later")), ("Enter", QT_TR_NOOP("change")),
+    ("Delete", QT_TR_NOOP("take back")),
+)  # fmt: skip
+_CHANGE_NEXT, _BACK = QT_TR_NOOP("change what is next"), QT_TR_NOOP("back to driving")
+_TICK_MS = 200
+_ENDS = (".", "!", "?", "…")
+_PAUSE_MS = 250
+"""Typing pause in ms after which an unfinished sentence is sent as a draft; a finished one is sent at once."""
+_MANY = 12
+
+
+def _scrolled(inside: QWidget) -> QScrollArea:
+    """Wrap a widget in a scroll area, aligned to the top."""
+    body = QWidget()
+    column = layouts.column(body, margins_px=0, spacing_px=0)
+    column.addWidget(inside)
+    column.addStretch(1)
+    area = QScrollArea(widgetResizable=True)
+    area.setWidget(body)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    return area
+
+
+class SpeakPanel(Panel):
+    """Speak panel. Enter says the line and clears the field; refused text stays."""
+
+    title = QT_TR_NOOP("Speak")
+    reads = ()
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context)
+        self.setObjectName("speak_panel")
+        self._say_instead: Callable[[str], bool] | None = None
+        self._last_typed = ""
+        self._dictation_id = ""
+        self._before_gap: QWidget | None = None
+        self.field = SpeakField(
+            self.theme, self._say, earlier=lambda: self.state.said_before.value, sentences=self._sentences
+        )
+        self.field.setObjectName("speak_field")
+        self.field.setPlaceholderText(tr(_HINT))
+        self.field.textChanged.connect(self._on_text_changed)
+        self._pause = QTimer(self, singleShot=True)
+        self._pause.timeout.connect(self._tell_draft)
+        self._gap = PlaceholderPrompt(self.theme)
+        self._gap.filled.connect(self._fill_gap)
+        self._gap.given_up.connect(lambda: self._fill_gap(""))
+        self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
+        self._silence.setObjectName("silence_button")
+        self._silence.bind(self.table, "silence")
+        self._talk: list[TalkButton] = []
+        self._offer_talking()
+        self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
+        self._voice.setObjectName("voice_button")
+        self._voice.setAccessibleName(tr("Voice"))
+        self._voice.setToolTip(tr("Who speaks, with which voice, how fast and how loud"))
+        self._voice.clicked.connect(self._open_voice_menu)
+        self._voice_menu = QMenu(self)
+        self._voice_menu.setObjectName("voice_menu")
+        self._phrases = PhraseRows(self.theme, self.console, self.table)
+        self._queue = QueueList(self.theme, self.console, self.table)
+        self._queue.left_over.connect(self.field.bring)
+        self._queue.emptied.connect(self.field.setFocus)
+        phrases = _scrolled(self._phrases)
+        queue = self._queue_area = _scrolled(self._queue)
+        queue.setVisible(False)
+        self._queue.row_chosen.connect(lambda row: queue.ensureWidgetVisible(row, 0, 0))
+        self._hints = QWidget()
+        self._hint_row = layouts.row(self._hints, margins_px=0, spacing_px=8)
+        self._hinted: tuple[tuple[str, str], ...] = ()
+        layout = self._column = layouts.column(self, margins_px=(14, 10, 14, 6), spacing_px=8)
+        layout.addWidget(self.field)
+        layout.addWidget(self._gap)
+        layout.addWidget(phrases, 1)
+        layout.addWidget(queue)
+        layout.addWidget(self._hints)
+        self.state.speech.changed.connect(self._on_speech_changed)
+        self.state.selected_person.changed.connect(self._say_to_whom)
+        self.state.persons.changed.connect(self._say_to_whom)
+        self.state.event_happened.connect(self._on_event)
+        self.state.hearing_of(WIZARD_MICROPHONE).changed.connect(self._on_wizard_heard)
+        self.table.keys_changed.connect(self._show_hints)
+        self.table.availability_changed.connect(self._show_hints)
+        self.table.rows_changed.connect(self._fit)
+        self.hold.escape_pressed.connect(self._on_escape)
+        self.theme.changed.connect(self._show_hints)
+        self.every(_TICK_MS, self._tell_time_left)
+        self._on_speech_changed(self.state.speech.value)
+        self._show_hints()
+
+    def _offer_talking(self) -> None:
+        permitted = self.state.present.live and self.table.spec(TALK) is not None
+        if permitted != bool(self._talk):
+            self._talk = [TalkButton(self.theme, self.table, self.hold, self.state)] if permitted else []
+            self.controls_changed.emit()
+
+    def title_widgets(self) -> list[QWidget]:
+        return [*self._talk, self._voice, self._silence] if self.state.present.live else [self._silence]
+
+    def focus_target(self) -> QWidget:
+        return self._gap.field if self._gap.isVisible() else self.field
+
+    def focus_list(self) -> None:
+        if self._queue.isVisible():
+            focus_widget(self._queue)
+
+    def what_lasts(self) -> str:
+        return self.field.toPlainText()
+
+    def take_over(self, lasting: str) -> None:
+        self.field.bring(lasting)
+
+    def show_scenario(self) -> None:
+        self._say_instead = None  # a suggestion of the former scenario becomes ordinary text
+        self._offer_talking()
+        self._phrases.show_scenario()
+        self.catch_up()
+
+    def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
+        self.field.bring(text)
+        self._say_instead = say
+        focus_widget(self.field)
+
+    def sizeHint(self) -> QSize:
+        return QSize(600, 220)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(270, 130)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Choose the largest size level at which all phrases fit without scrolling."""
+        for size in _SIZES:
+            self._phrases.set_size(chip_px=size.chip_px, text_px=size.text_px, gap_px=size.gap_px, low=size.low)
+            self.field.set_line_height(40 if size.tight else 48)
+            self._column.setContentsMargins(14, 7 if size.tight else 10, 14, 4 if size.tight else 6)
+            self._column.setSpacing(6 if size.tight else 8)
+            self._hints.setVisible(not size.tight)
+            queue_px = ROW_PX * min(self._queue.count, size.queue_rows)
+            rest_px = self.field.height() + queue_px + (_TIGHT_PX if size.tight else _ROOMY_PX)
+            if self._phrases.height_for(self.width() - 36) <= self.height() - rest_px:
+                break
+        self._queue_area.setFixedHeight(queue_px)
+        self._queue_area.setVisible(queue_px > 0)
+
+    def _open_voice_menu(self) -> None:
+        self._voice_menu.clear()
+        for group in voice_choices(self.state.voice.value):
+            many = len(group) > _MANY
+            menu = self._voice_menu.addMenu(tr("All voices")) if many else self._voice_menu
+            for choice in group:
+                self._add_choice(menu, choice)
+                if many and choice.chosen:
+                    self._add_choice(self._voice_menu, choice)
+            self._voice_menu.addSeparator()
+        self._voice_menu.popup(self._voice.mapToGlobal(QPoint(0, self._voice.height() + 4)))
+
+    def _add_choice(self, menu: QMenu, choice: VoiceLine) -> None:
+        action = menu.addAction(text_formatting.in_menu(choice.text))
+        action.setCheckable(True)
+        action.setChecked(choice.chosen)
+        action.triggered.connect(lambda: self.console.do(choice.intent))
+
+    # ---- input
+
+    def _say(self, text: str) -> bool:
+        say, self._say_instead = self._say_instead, None
+        if say is not None:
+            if say(text):
+                return True
+            self._say_instead = say
+            return False
+        self._last_typed = text
+        return not self.console.do(intents.Say(text, "dictated" if self.field.was_dictated else "typed"))
+
+    def _on_wizard_heard(self, hearing: Hearing) -> None:
+        """Insert dictation, which may continue after the key was released; speech sent to the robot as audio is not
+        inserted.
+        """
+        if self.state.sound.value.talking == "dictation":
+            self._dictation_id = hearing.utterance_id
+        if hearing.utterance_id and hearing.utterance_id == self._dictation_id:
+            self.field.dictate(hearing.utterance_id, hearing.committed, hearing.tentative)
+
+    def _on_text_changed(self) -> None:
+        if not self.field.toPlainText():
+            self._say_instead = None  # the edited suggestion was deleted
+            self._pause.stop()
+        elif self.state.present.live:
+            self._pause.start(0 if self.field.toPlainText().endswith(_ENDS) else _PAUSE_MS)
+
+    def _tell_draft(self) -> None:
+        """Send a draft, so that synthesis finishes by the time Enter is pressed."""
+        self.console.do(intents.DraftSpeech(self.field.toPlainText()))
+
+    def _sentences(self) -> Sequence[str]:
+        """Candidates for completion: phrases of the selected group first, then all others."""
+        scenario = self.console.scenario
+        chosen = (phrase.say for phrase in phrases_on_keys(scenario, self.state.phrase_group.value))
+        return [*chosen, *sentences(scenario.phrases), *scenario.every_filler, *reversed(self.state.said_before.value)]
+
+    def _on_event(self, event: object) -> None:
+        """Restore typed text whose utterance failed, if the field is empty."""
+        match event:
+            case UtteranceChanged(state="failed", origin="typed" | "dictated", actor=actor) if actor == WIZARD:
+                if self.state.present.live and self._last_typed and not self.field.toPlainText():
+                    self.field.bring(self._last_typed)
+                self._last_typed = ""
+
+    # ---- questions
+
+    def _ask_for_gap(self, asked: AskedGap | None) -> None:
+        if asked is None:
+            if self._gap.isVisible():
+                back = self._before_gap if self._gap.field.hasFocus() else None
+                self._gap.hide()
+                if back is not None:
+                    focus_widget(back, Qt.FocusReason.OtherFocusReason)
+            return
+        if not self._gap.isVisible():
+            self._before_gap = QApplication.focusWidget()
+        self._gap.ask(asked)
+        # Keep the focus on driving while a bare drive key is held.
+        if not (self.hold.held and self.table.driving_focus):
+            focus_widget(self._gap.field)
+
+    def _fill_gap(self, said: str) -> None:
+        asked: AskedGap | None = self.state.speech.value.gap
+        self.console.do(intents.FillGap(said))
+        if not said and asked is not None and asked.text == self._last_typed and not self.field.toPlainText():
+            self.field.bring(asked.text)
+
+    def _on_escape(self) -> None:
+        self._queue.give_up_edit()
+        if self._gap.isVisible():
+            self._fill_gap("")
+
+    # ---- display
+
+    def catch_up(self) -> None:
+        self._on_speech_changed(self.state.speech.value)
+        self._say_to_whom()
+        self._show_hints()
+
+    def _say_to_whom(self, _value: object = None) -> None:
+        """Name the selected person in the placeholder: the utterance is added to their history."""
+        if self.in_view:
+            meant = self.state.selected_person.value
+            naming = self.console.scenario.permissions.naming_people
+            persons = as_permitted(self.state.persons.value, naming=naming)
+            name = next((text_formatting.person_name(row) for row in persons if row.person_id == meant), "")
+            to_name = tr("Type what the robot says to {name}…").format(name=name)
+            self.field.setPlaceholderText(to_name if name else tr(_HINT))
+
+    def _on_speech_changed(self, speech: SpeechStatus) -> None:
+        if not self.in_view:
+            return
+        self._ask_for_gap(speech.gap)
+        self._tell_time_left()
+        self._queue.show_waiting(speech.waiting)
+        self._fit()
+
+    def _tell_time_left(self) -> None:
+        speech: SpeechStatus = self.state.speech.value
+        if speech.now is not None:
+            said = text_formatting.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
+            self.set_fact(self._saying(text_formatting.shortened(said, 48), speech), "blue")
+        elif not speech.ready and self.state.present.live:
+            self.set_fact(tr(speech.detail) or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
+        else:
+            self.set_fact(tr("quiet"))
+
+    def _saying(self, said: str, speech: SpeechStatus) -> str:
+        left_s = 0.0 if speech.ends_ns is None else (speech.ends_ns - self.state.present.now_ns()) / 1e9
+        if left_s <= 0:
+            return tr("now saying “{said}”").format(said=said)
+        return tr("now saying “{said}” {left:.1f} s left").format(said=said, left=left_s)
+
+    def _show_hints(self) -> None:
+        if not self.in_view:
+            return
+        hints: tuple[tuple[str, str], ...]
+        if self.table.available("queued_edit"):
+            hints = _IN_QUEUE
+        elif self.table.available("focus_queue"):
+            hints = (*_IN_FIELD, (self.table.key_text("focus_queue"), _CHANGE_NEXT))
+        else:
+            hints = _IN_FIELD
+        if self.table.spec("focus_driving") is not None:
+            hints = (*hints, (self.table.key_text("focus_driving"), _BACK))
+        if hints != self._hinted:
+            self._hinted = hints
+            while (item := self._hint_row.takeAt(0)) is not None:
+                if (widget := item.widget()) is not None:
+                    widget.deleteLater()
+            for cap, text in hints:
+                label = QLabel(tr(text))
+                label.setFont(self.theme.font(tokens.STATUS_PX + 1))
+                self._hint_row.addWidget(KeyCap(self.theme, cap))
+                self._hint_row.addWidget(label)
+                self._hint_row.addSpacing(8)
+            self._hint_row.addStretch(1)
+        for label in self._hints.findChildren(QLabel):
+            self.theme.color_text(label, "dim")

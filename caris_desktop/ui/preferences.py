@@ -1,0 +1,299 @@
+"""Preferences saved per wizard, most of them per scenario, and restored at the next start."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, get_args
+from urllib.parse import quote
+
+from PySide6.QtCore import QObject, QTimer
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import AssistedFunction, VoiceOutput
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.state import LiveValue
+from caris_desktop.live.status import VoiceStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.scenario.phrases import phrase_groups
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel_manager import PanelManager
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+_LEAST_SPEED = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """One preference. ``read`` returns the current value as JSON data, or None; it changes with one of ``values``.
+    ``file`` returns the part of the scenario file that the preference overrides or selects from.
+
+    ``use`` restores the saved value, silently if that is no longer possible. It returns False while its prerequisites
+    are missing, and is then retried.
+    """
+
+    name: str
+    values: tuple[LiveValue, ...]
+    read: Callable[[], Any]
+    use: Callable[[Any], bool]
+    file: Callable[[Scenario], Any]
+
+
+class Preferences(QObject):
+    """Restores preferences at ``begin`` and saves them from then on.
+
+    The scenario file applies until the wizard chooses otherwise; then the wizard's choice applies, as long as the
+    scenario permits and contains it, and until that part of the file changes. Values set by the console when another
+    scenario opens are not preferences.
+    """
+
+    def __init__(self, console: WizardConsole, wizards: WizardProfiles, board: PanelManager, parent: QObject) -> None:
+        super().__init__(parent)
+        self._console = console
+        self._wizards = wizards
+        self._board = board
+        self._scenario: Scenario = console.scenario
+        state = console.state
+        setup = state.assistant_setup
+        self._choices = (
+            _Choice("speed", (state.drive,), self._speed, self._use_speed, lambda file: file.driving),
+            _Choice("voice", (state.voice,), self._voice, self._use_voice, lambda file: (file.voice, file.speech)),
+            _Choice(
+                "model", (setup,), lambda: setup.value.model, self._use_model,
+                lambda file: (file.assistant.model, file.assistant.models),
+            ),
+            _Choice(
+                "role", (setup,), lambda: setup.value.role, self._use_role,
+                lambda file: _names(file.assistant.roles),
+            ),
+            _Choice(
+                "style", (setup,), lambda: setup.value.style, self._use_style,
+                lambda file: _names(file.assistant.styles),
+            ),
+            _Choice("levels", (state.levels,), self._levels, self._use_levels, lambda file: file.assistance),
+            _Choice(
+                "phrases", (state.phrase_group,), lambda: state.phrase_group.value, self._use_phrases,
+                lambda file: [group.title for group in phrase_groups(file.phrases)],
+            ),
+            _Choice(
+                "camera", (state.camera, state.cameras), lambda: state.chosen_camera or None, self._use_camera,
+                lambda file: (_names(file.cameras), file.panels.video.camera),
+            ),
+        )  # fmt: skip
+        self._last: dict[str, Any] = {}
+        self._waiting: dict[str, Any] = {}
+        self._changed: dict[str, Any] = {}
+        self._soon = QTimer(self, singleShot=True, interval=0)
+        self._soon.timeout.connect(self._keep)
+        self._anew = QTimer(self, singleShot=True, interval=0)
+        self._anew.timeout.connect(self._use_kept)
+
+    def begin(self) -> None:
+        for choice in self._choices:
+            for value in choice.values:
+                value.changed.connect(lambda _value, choice=choice: self._on_changed(choice))
+        self._console.state.scenario.changed.connect(self._on_scenario_changed)
+        self._console.state.robot.changed.connect(self._on_robot_changed)
+        self._wizards.changed.connect(self._anew.start)
+        self._wizards.changed.connect(self._use_in_panels)
+        self._board.made.connect(self._on_panel_made)
+        self._board.opened.connect(self._use_in_panel)
+        for name, panel in self._board.made_so_far.items():
+            self._on_panel_made(name, panel)
+        self._use_in_panels()
+        self._use_kept()
+
+    @property
+    def robot_of_last_time(self) -> str:
+        """Profile name that this wizard last used with this scenario; empty if none."""
+        kept = _from_json(self._wizards.value(self._place("robot")))
+        return kept if isinstance(kept, str) else ""
+
+    # Saving
+
+    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+        if self._console.state.practice.value.state in ("preparing", "running"):
+            return  # the wizard did not choose the practice robot
+        if robot is not None and robot.name:
+            self._wizards.set_value(self._place("robot"), json.dumps(robot.name))
+
+    def _on_changed(self, choice: _Choice) -> None:
+        if self._anew.isActive():
+            return
+        chosen = choice.read()
+        if chosen is not None and chosen != self._last.get(choice.name):
+            # Deferred: this may come from the next scenario, whose change signal follows.
+            self._last[choice.name] = self._changed[choice.name] = chosen
+            self._waiting.pop(choice.name, None)
+            self._soon.start()
+        elif choice.name in self._waiting and choice.use(self._waiting[choice.name]):
+            self._waiting.pop(choice.name, None)
+
+    def _keep(self) -> None:
+        for choice in self._choices:
+            if choice.name in self._changed:
+                self._wizards.set_value(
+                    self._place(choice.name), _kept_text(self._changed[choice.name], choice.file(self._scenario))
+                )
+        self._changed.clear()
+
+    def _on_scenario_changed(self, _scenario: object) -> None:
+        self._changed.clear()
+        self._soon.stop()
+        self._anew.start()
+
+    def _place(self, name: str) -> str:
+        return f"choices/{_stem(self._scenario)}/{name}"
+
+    # Restoring
+
+    def _use_kept(self) -> None:
+        self._scenario = self._console.scenario
+        self._waiting.clear()
+        for choice in self._choices:
+            self._last[choice.name] = choice.read()
+        for choice in self._choices:
+            kept = _kept_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
+            if kept is not None and kept != self._last[choice.name] and not choice.use(kept):
+                self._waiting[choice.name] = kept
+
+    def _speed(self) -> float:
+        return round(float(self._console.state.drive.value.speed_fraction), 3)
+
+    def _use_speed(self, kept: Any) -> bool:
+        fits = isinstance(kept, int | float) and not isinstance(kept, bool) and _LEAST_SPEED <= kept <= 1.0
+        if fits and self._scenario.permissions.driving:
+            self._console.do(intents.SetSpeed(float(kept)))
+        return True
+
+    def _voice(self) -> list[Any]:
+        voice: VoiceStatus = self._console.state.voice.value
+        return [voice.output, voice.name, voice.language, voice.rate, voice.volume]
+
+    def _use_voice(self, kept: Any) -> bool:
+        voice: VoiceStatus = self._console.state.voice.value
+        if not (isinstance(kept, list) and len(kept) == 5 and self._scenario.permissions.speech):
+            return True
+        output, name, language, rate, volume = kept
+        texts = isinstance(name, str) and isinstance(language, str) and output in get_args(VoiceOutput)
+        numbers = all(isinstance(each, int | float) and not isinstance(each, bool) for each in (rate, volume))
+        if not (texts and numbers and 0.5 <= rate <= 2.0 and 0.0 <= volume <= 1.0):
+            return True
+        if name and name != voice.name and name not in (choice for choice, _language in voice.choices):
+            return False
+        self._console.do(intents.SetVoice(output, name, language, float(rate), float(volume)))
+        return True
+
+    def _use_model(self, kept: Any) -> bool:
+        if not (isinstance(kept, str) and self._scenario.permissions.assistant):
+            return True
+        if kept not in (choice.model for choice in self._console.state.assistant_setup.value.models):
+            return False
+        self._console.do(intents.ChooseModel(kept))
+        return True
+
+    def _use_role(self, kept: Any) -> bool:
+        roles = {"", *(role.name for role in self._console.state.assistant_setup.value.roles)}
+        if isinstance(kept, str) and kept in roles and self._scenario.permissions.assistant:
+            self._console.do(intents.ChoosePrompt("role", kept))
+        return True
+
+    def _use_style(self, kept: Any) -> bool:
+        styles = {"", *(style.name for style in self._console.state.assistant_setup.value.styles)}
+        if isinstance(kept, str) and kept in styles and self._scenario.permissions.assistant:
+            self._console.do(intents.ChoosePrompt("style", kept))
+        return True
+
+    def _levels(self) -> dict[str, str]:
+        levels = self._console.state.levels.value
+        return {function: getattr(levels, function) for function in get_args(AssistedFunction)}
+
+    def _use_levels(self, kept: Any) -> bool:
+        """Restore lowered levels; a level is never raised."""
+        now = self._levels()
+        for function in get_args(AssistedFunction):
+            wanted = kept.get(function) if isinstance(kept, dict) else None
+            if wanted != now[function] and wanted in levels_up_to(now[function]):  # type: ignore[arg-type]
+                self._console.do(intents.SetLevel(function, wanted))
+        return True
+
+    def _use_phrases(self, kept: Any) -> bool:
+        number = isinstance(kept, int) and not isinstance(kept, bool)
+        if number and 0 <= kept < len(phrase_groups(self._scenario.phrases)):
+            self._console.state.choose_phrases(kept)
+        return True
+
+    def _use_camera(self, kept: Any) -> bool:
+        if kept not in self._console.state.cameras.value:
+            return not isinstance(kept, str)
+        self._console.state.choose_camera(kept)
+        return True
+
+    # Panels
+
+    def _on_panel_made(self, name: str, panel: Panel) -> None:
+        def keep() -> None:
+            self._wizards.set_value(self._place_of_panel(name), _kept_text(panel.choices(), self._file_of_panel(name)))
+
+        panel.choices_changed.connect(keep)
+
+    def _use_in_panels(self) -> None:
+        for name, panel in self._board.made_so_far.items():
+            self._use_in_panel(name, panel)
+
+    def _use_in_panel(self, name: str, panel: Panel) -> None:
+        kept = _kept_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
+        if isinstance(kept, dict):
+            with panel.by_itself():
+                panel.use_choices(kept)
+
+    def _file_of_panel(self, name: str) -> Any:
+        return getattr(self._console.scenario.panels, name, None)
+
+    def _place_of_panel(self, name: str) -> str:
+        return f"choices/{_stem(self._console.scenario)}/panels/{name}"
+
+
+def _stem(scenario: Scenario) -> str:
+    return quote(scenario.path.stem if scenario.path is not None else "", safe="")
+
+
+def _names(entries: Iterable[Any]) -> list[str]:
+    return [entry.name for entry in entries]
+
+
+def _kept_text(chosen: Any, file: Any) -> str:
+    return json.dumps({"chosen": chosen, "file": _mark_of(file)})
+
+
+def _kept_value(text: Any, file: Any) -> Any:
+    """The saved value; None if there is none, or if the file has changed since."""
+    kept = _from_json(text)
+    if not (isinstance(kept, dict) and kept.keys() == {"chosen", "file"}):
+        return kept  # saved by a version without the file's hash
+    return kept["chosen"] if kept["file"] == _mark_of(file) else None
+
+
+def _mark_of(file: Any) -> str:
+    """Hash of a part of the file, to detect changes; independent of keys added by newer program versions."""
+    return hashlib.sha256(repr(_said(file)).encode()).hexdigest()[:12]
+
+
+def _said(part: Any) -> Any:
+    if is_dataclass(part) and not isinstance(part, type):
+        return [
+            (each.name, _said(getattr(part, each.name)))
+            for each in fields(part)
+            if getattr(part, each.name) != (each.default if each.default_factory is MISSING else each.default_factory())
+        ]
+    return [_said(each) for each in part] if isinstance(part, tuple) else part
+
+
+def _from_json(text: Any) -> Any:
+    try:
+        return json.loads(text) if isinstance(text, str) else None
+    except (ValueError, RecursionError):
+        return None

@@ -1,0 +1,87 @@
+"""Quit guard: confirms before closing the window ends something, and reports why the window stays open."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QObject
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.events import Problem
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.banners import QuestionBanner
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.problems import ProblemCards
+from caris_desktop.ui.robot_choice import motion_that_ends
+
+
+class QuitGuard(QObject):
+    """Quit guard of the main window; closes ``overlays``, which would cover the question."""
+
+    def __init__(
+        self,
+        window: QWidget,
+        console: WizardConsole,
+        question: QuestionBanner,
+        problems: ProblemCards,
+        overlays: Sequence[Overlay],
+    ) -> None:
+        super().__init__(window)
+        self._window = window
+        self._console = console
+        self._question = question
+        self._problems = problems
+        self._overlays = overlays
+        self._replay = self._wished = self._agreed = False
+
+    def use_replay(self) -> None:
+        """Switch to a replay, where closing ends nothing."""
+        self._replay = True
+
+    def asks_first(self, event: QCloseEvent) -> bool:
+        """Whether a person closes the window and is now asked to confirm what ends with it."""
+        ends = self.what_ends() if self.by_a_person(event) and not self._agreed else []
+        if ends:
+            self._ask(ends)
+        return bool(ends)
+
+    def by_a_person(self, event: QCloseEvent) -> bool:
+        return event.spontaneous() or self._wished
+
+    def close_window(self) -> None:
+        """Close by command, with the same confirmation as the window's close button."""
+        self._wished = True
+        self._window.close()
+        self._wished = False
+
+    def what_ends(self) -> list[str]:
+        if self._replay:
+            return []
+        saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
+        return [*([tr("The recording ends and is saved.")] if saved else []), *motion_that_ends(self._console.state)]
+
+    def _ask(self, ends: list[str]) -> None:
+        for overlay in self._overlays:
+            overlay.close_overlay()
+        if self._window.isMinimized():
+            self._window.showNormal()
+        question = " ".join((tr("Close the console?"), *ends))
+        self._question.ask(question, tr("Close the console"), lambda: self._on_agreed(ends))
+
+    def _on_agreed(self, asked: list[str]) -> None:
+        ends = self.what_ends()
+        if set(ends) <= set(asked):
+            self._agreed = True
+            self.close_window()
+            self._agreed = False
+        else:
+            self._ask(ends)
+
+    def tell_refused(self) -> None:
+        """Report that the window stays open because the robot is being driven."""
+        self._problems.show_problem(
+            Problem(
+                self._console.state.present.now_ns(), "info", tr("The window stays open while you drive."), "",
+                tr("Let go of the drive keys and of Alt, then close it."),
+            )
+        )  # fmt: skip

@@ -1,0 +1,370 @@
+"""Timeline commands by key and mouse: code, split, move and name annotations, and go to the next one."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QPoint, QPointF, QRectF, Qt, Signal
+from PySide6.QtWidgets import QWidget
+
+from caris_desktop.domain.translation import tr, tr_filled
+from caris_desktop.live.status import PlaybackStatus
+from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
+from caris_desktop.ui.replay.label_card import LabelCard
+from caris_desktop.ui.replay.seek_preview import WordsBubble
+from caris_desktop.ui.replay.seek_throttle import SeekThrottle
+from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
+from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
+from caris_desktop.ui.replay.timeline_model import Track, exact_text, vocabulary_named
+from caris_desktop.ui.replay.timeline_overlay import OpenInterval
+from caris_desktop.ui.theme import Theme
+
+NEW_MS = 1000
+NUDGE_MS = 50
+_ZOOM_STEP = 1.5
+
+
+class TimelineCommands(QObject):
+    """Callbacks of the timeline's rows in the action table. A refusal is shown at its place.
+
+    ``view``: the whole timeline; ``canvas``: its painted part.
+    """
+
+    timeline_wanted = Signal()  # open the drawer
+    open_changed = Signal()  # a label was begun or ended
+
+    def __init__(self, theme: Theme, replay: ReplayControls, canvas: TimelineCanvas, view: QWidget) -> None:
+        super().__init__(view)
+        self._theme = theme
+        self._replay = replay
+        self._canvas = canvas
+        self._view = view
+        self._bubble = WordsBubble(theme, canvas)
+        self._card: LabelCard | None = None
+        self._named = ""
+        self.open: OpenInterval | None = None
+        self._seeks = SeekThrottle(self)
+        self._seeks.due.connect(self._on_seek_due)
+        canvas.seek_wanted.connect(self._on_seek_wanted)
+        canvas.create_wanted.connect(self._on_create_wanted)
+        canvas.move_wanted.connect(self._on_move_wanted)
+        canvas.rename_wanted.connect(self._rename)
+        canvas.view_changed.connect(self._bubble.hide)
+
+    @property
+    def document(self) -> AnnotationDocument:
+        """Annotations of all coders."""
+        document: AnnotationDocument = self._replay.coding.value
+        return document
+
+    @property
+    def position_ms(self) -> int:
+        """Current time in whole milliseconds of the session."""
+        return round(self.ms_of(self._replay.playback.value.position_ns))
+
+    @property
+    def words(self) -> str:
+        """Refusal on display."""
+        return self._bubble.text
+
+    def ms_of(self, at_ns: int) -> float:
+        return (at_ns - self._replay.session.started_ns) / 1e6
+
+    def duration_ms(self) -> float:
+        playback: PlaybackStatus = self._replay.playback.value
+        return max(self.ms_of(playback.end_ns), float(self.document.duration_ms), 1.0)
+
+    def focus_timeline(self) -> None:
+        if not self._canvas.isVisible():
+            self.timeline_wanted.emit()
+        self._canvas.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    def undo(self) -> None:
+        if not self._replay.undo():
+            self.say(tr("There is nothing to undo."))
+
+    def redo(self) -> None:
+        if not self._replay.redo():
+            self.say(tr("There is nothing to redo."))
+
+    def zoom(self, direction: int) -> None:
+        self._canvas.zoom(_ZOOM_STEP**direction)
+
+    def fit(self) -> None:
+        self._canvas.fit()
+
+    def seek_by(self, seconds: float) -> None:
+        self._seek(self.position_ms + 1000 * seconds)
+
+    def select_tier(self, direction: int) -> None:
+        """Select the coder's next (1) or previous (-1) tier."""
+        tiers = [row.key for row in self._canvas.rows if row.own]
+        active = self._canvas.active
+        if not tiers:
+            return
+        index = tiers.index(active.key) + direction if active is not None and active.key in tiers else 0
+        key = tiers[min(max(0, index), len(tiers) - 1)]
+        self._canvas.activate(key)
+        self._canvas.select("")
+        self._canvas.show_row(key)
+
+    def select_next(self, direction: int) -> None:
+        """Select the next (1) or previous (-1) annotation of the tier."""
+        active, selected = self._canvas.active, self._canvas.selected
+        if active is None:
+            return
+        from_ms = self.position_ms if selected is None else selected.start_ms
+        found = self._canvas.shown.track_of(active).beside(from_ms, direction)
+        if found is None:
+            none = tr("No later annotation on {tier}.") if direction > 0 else tr("No earlier annotation on {tier}.")
+            self.say(none.format(tier=active.name))
+            return
+        self._canvas.select(found.annotation_id)
+        self._canvas.show_stretch(found.start_ms, found.end_ms)
+        self._seek(found.start_ms)
+
+    def code(self, number: int) -> None:
+        """Label key: rename the selected annotation, else begin or end the label at the playhead."""
+        tier = self._own_tier(tr("Add a tier to code on first."))
+        if tier is None:
+            return
+        vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
+        if vocabulary is None:
+            self.say(
+                tr("{tier} holds free text. Choose labels for it to code by keys.").format(tier=tr_filled(tier.title))
+            )
+            return
+        if number > len(vocabulary.entries):
+            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=tr_filled(tier.title)))
+            return
+        value = vocabulary.entries[number - 1].value
+        selected = self._canvas.selected
+        if self.open is None and selected is not None and selected.tier_id == tier.tier_id and not self._playing:
+            self.edit(_renaming(selected.annotation_id, value), selected)
+            return
+        ended = self.open
+        if ended is not None and not self._end_open():
+            return
+        if ended is None or ended.value != value or ended.tier_id != tier.tier_id:
+            taken = annotation_editing.annotation_at(self.document, tier.tier_id, self.position_ms)
+            if taken is not None:
+                self._say_taken(taken)
+                return
+            self._canvas.select("")
+            self.set_open(OpenInterval(tier.tier_id, value, self.position_ms))
+
+    @property
+    def _playing(self) -> bool:
+        return bool(self._replay.playback.value.playing)
+
+    def _end_open(self) -> bool:
+        """End the open label at the playhead, or at the next annotation."""
+        stretch = self.open
+        if stretch is None:
+            return True
+        self.set_open(None)
+        end_ms = self.position_ms
+        following = self._own_track(stretch.tier_id).beside(stretch.start_ms, 1)
+        if following is not None:
+            end_ms = min(end_ms, following.start_ms)
+        if end_ms <= stretch.start_ms:
+            self.say(tr("“{label}” was begun later than here. It was dropped.").format(label=stretch.value))
+            return False
+        return self.edit(
+            lambda document: annotation_editing.add_annotation(
+                document, stretch.tier_id, stretch.start_ms, end_ms, stretch.value
+            )
+        )
+
+    def set_open(self, stretch: OpenInterval | None) -> None:
+        self.open = stretch
+        self._canvas.show_open(stretch)
+        self.open_changed.emit()
+
+    def add_at_playhead(self) -> None:
+        """Add an annotation of a second, or of the free time if shorter."""
+        tier = self._own_tier(tr("Add a tier to code on first."))
+        if tier is None:
+            return
+        start_ms = self.position_ms
+        taken = annotation_editing.annotation_at(self.document, tier.tier_id, start_ms)
+        if taken is not None:
+            self._say_taken(taken)
+            return
+        free = annotation_editing.free_stretch(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
+        end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
+        self._on_create_wanted(tier.tier_id, start_ms, end_ms)
+
+    def split_at_playhead(self) -> None:
+        item = self._chosen()
+        if item is not None:
+            at_ms = self.position_ms
+            tier = annotation_editing.tier_of(self.document, item.tier_id)
+            second = annotation_editing.next_annotation_id(self.document, tier.coder)
+            if self.edit(
+                lambda document: annotation_editing.split_annotation(document, item.annotation_id, at_ms), item
+            ):
+                self._canvas.select(second)
+
+    def rename_selected(self) -> None:
+        item = self._chosen()
+        if item is not None:
+            self._rename(item.annotation_id)
+
+    def remove_selected(self) -> None:
+        if self.open is not None:
+            self.set_open(None)
+            return
+        item = self._canvas.selected
+        if item is None:
+            self.say(tr("Select an annotation first."))
+        elif self._is_own(item):
+            self.edit(lambda document: annotation_editing.remove_annotation(document, item.annotation_id), item)
+
+    def begin_at_playhead(self) -> None:
+        item = self._chosen()
+        if item is not None:
+            self._on_move_wanted(item.annotation_id, self.position_ms, item.end_ms, item.tier_id)
+
+    def end_at_playhead(self) -> None:
+        item = self._chosen()
+        if item is not None:
+            self._on_move_wanted(item.annotation_id, item.start_ms, self.position_ms, item.tier_id)
+
+    def nudge(self, direction: int) -> None:
+        """Move the annotation a little later (1) or earlier (-1)."""
+        item = self._chosen()
+        if item is not None:
+            by_ms = direction * NUDGE_MS
+            self._on_move_wanted(item.annotation_id, item.start_ms + by_ms, item.end_ms + by_ms, item.tier_id)
+
+    def give_up(self) -> None:
+        """Esc: cancel the current operation. The window connects it to ``escape_pressed``."""
+        self._bubble.hide()
+        if self._card is not None and self._card.give_up():
+            return
+        if self._canvas.give_up():
+            return
+        if self.open is not None:
+            self.set_open(None)
+        else:
+            self._canvas.select("")
+
+    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument], near: Annotation | None = None) -> bool:
+        """Apply an edit, or show the refusal at ``near``."""
+        refusal = self._replay.edit(edit)
+        if refusal:
+            self.say(refusal, near)
+        else:
+            self._bubble.hide()
+        return not refusal
+
+    def say(self, words: str, near: Annotation | None = None) -> None:
+        place = None if near is None else self._canvas.places.rect_of(near)
+        if place is None:
+            active = self._canvas.active
+            index = None if active is None else self._canvas.places.index_of(active.key)
+            top = RULER_PX if index is None or active is None else self._canvas.shown.row_top(index)
+            x = NAMES_PX + min(max(0.0, self._canvas.scale.to_px(self.position_ms)), self._canvas.room_px)
+            place = QRectF(x, top, 2, 0 if active is None else active.height_px)
+        self._bubble.say(words, place)
+
+    def _own_tier(self, otherwise: str) -> Tier | None:
+        """The coder's active tier; shows ``otherwise`` if there is none."""
+        active = self._canvas.active
+        if active is None or not active.own or active.tier is None:
+            self.say(otherwise)
+            return None
+        return active.tier
+
+    def _chosen(self) -> Annotation | None:
+        """The selected annotation, else the one at the playhead on the active tier."""
+        item = self._canvas.selected
+        if item is None:
+            tier = self._own_tier(tr("Select an annotation first."))
+            if tier is None:
+                return None
+            item = annotation_editing.annotation_at(self.document, tier.tier_id, self.position_ms)
+            if item is None:
+                self.say(tr("Nothing is here. Select an annotation first."))
+                return None
+        return item if self._is_own(item) else None
+
+    def _is_own(self, item: Annotation) -> bool:
+        """Whether a coder made the annotation; shows a refusal for a recorded one."""
+        own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
+        if not own:
+            self.say(tr("This comes from the record and stays as it is. Code it on a tier of your own."), item)
+        return own
+
+    def _on_create_wanted(self, tier_id: str, start_ms: int, end_ms: int) -> None:
+        try:
+            tier = annotation_editing.tier_of(self.document, tier_id)
+        except AnnotationError as gone:
+            why = str(gone)
+            self.say(tr(why))
+            return
+        new = annotation_editing.next_annotation_id(self.document, tier.coder)
+        if self.edit(lambda document: annotation_editing.add_annotation(document, tier_id, start_ms, end_ms)):
+            self._canvas.select(new)
+            self._rename(new)
+
+    def _on_move_wanted(self, annotation_id: str, start_ms: int, end_ms: int, tier_id: str) -> None:
+        item = self._canvas.selected
+        self.edit(
+            lambda document: annotation_editing.move_annotation(document, annotation_id, start_ms, end_ms, tier_id),
+            item,
+        )
+
+    def _rename(self, annotation_id: str) -> None:
+        """Ask for the label next to the annotation."""
+        self._canvas.select(annotation_id)
+        item = self._canvas.selected
+        if item is None:
+            return
+        self._bubble.hide()
+        rect = self._canvas.places.rect_of(item)
+        tier = next((tier for tier in self.document.tiers if tier.tier_id == item.tier_id), None)
+        if rect is None or tier is None:
+            self._is_own(item)
+            return
+        window = self._view.window()
+        if self._card is None or self._card.parent() is not window:
+            self._card = LabelCard(self._theme, window)
+            self._card.chosen.connect(self._on_label_chosen)
+            self._card.closed.connect(self._on_card_closed)
+        self._named = annotation_id
+        vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
+        left = min(max(NAMES_PX + 120.0, rect.left() + 120), self._canvas.width() - 20.0)
+        at = self._canvas.mapTo(window, QPoint(round(left), round(rect.bottom()) - 12))
+        self._card.ask(QPointF(at), item.value, None if vocabulary is None else vocabulary.entries)
+
+    def _on_label_chosen(self, value: str) -> None:
+        named = self._named
+        item = self._canvas.selected
+        self.edit(_renaming(named, value), item)
+
+    def _on_card_closed(self) -> None:
+        self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_seek_wanted(self, at_ms: float) -> None:
+        self._seeks.want(self._replay.session.started_ns + round(at_ms * 1e6))
+
+    def _on_seek_due(self, at_ns: int) -> None:
+        self._replay.seek(at_ns)
+
+    def _seek(self, at_ms: float) -> None:
+        at_ms = min(max(0.0, at_ms), self.duration_ms())
+        self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
+
+    def _say_taken(self, taken: Annotation) -> None:
+        words = tr("“{label}” lies here already, until {time}.")
+        self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
+
+    def _own_track(self, tier_id: str) -> Track:
+        return self._canvas.shown.tracks.get(f"tier {tier_id}", Track(()))
+
+
+def _renaming(annotation_id: str, value: str) -> Callable[[AnnotationDocument], AnnotationDocument]:
+    return lambda document: annotation_editing.rename_annotation(document, annotation_id, value)

@@ -1,0 +1,189 @@
+"""Popup to resume a trial after a crash: offers the trial, then confirms each condition that may have changed."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QAccessible, QPaintEvent
+from PySide6.QtWidgets import QLabel, QWidget
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.intents import AsBefore
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.trial_details import TrialDetails
+from caris_desktop.live.status import CrashRecoveryStatus
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import event_messages, layouts, tokens
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.check_box import CheckBox
+
+_WIDTH_PX, _FROM_EDGE_PX = 520, 20
+_FROM_TOP_PX = 82
+"""Below the tabs and title bars of the top panels, so that these stay usable."""
+_ASKED: dict[AsBefore, str] = {
+    "map": QT_TR_NOOP("The robot stands where the map shows it"),
+    "people": QT_TR_NOOP("People are who the list says"),
+    "permissions": QT_TR_NOOP("The recording is as wanted. {kept}"),
+    "consent": QT_TR_NOOP(
+        "The participant agrees to go on being recorded, and the consents that People had noted hold"
+    ),
+}
+
+
+def trial_in_words(details: TrialDetails) -> str:
+    """Trial name as shown to the wizard."""
+    if details.participant and details.trial:
+        return tr("{participant}, trial {trial}").format(participant=details.participant, trial=details.trial)
+    return details.participant or (tr("trial {trial}").format(trial=details.trial) if details.trial else tr("a trial"))
+
+
+def permissions_in_words(console: WizardConsole) -> str:
+    """Sentences on what a recording will contain and what the language model may do, with the current settings."""
+    from caris_desktop.ui.start_dialog import kept_words
+
+    scenario = console.scenario
+    permissions, levels = scenario.permissions, console.state.levels.value
+    sentences = [
+        kept_words(permissions, console.microphone, scenario.blur),
+        tr("What participants say is turned into text.") if permissions.transcription
+        else tr("What participants say is not turned into text."),
+    ]  # fmt: skip
+    if not permissions.assistant:
+        sentences.append(tr("No language model."))
+    elif permissions.cloud_models:
+        sentences.append(tr("Language models may be asked, on other computers too."))
+    else:
+        sentences.append(tr("Language models are asked on this computer only."))
+    for function, title in event_messages.FUNCTIONS.items():
+        if getattr(scenario.assistance, function) != "off":
+            level = tr(event_messages.LEVELS[getattr(levels, function)])
+            sentences.append(tr("{function}: {level}.").format(function=tr(title), level=level))
+    return " ".join(sentences)
+
+
+class ResumeTrialCard(QWidget):
+    """Popup over the upper middle of the docks. Not a dialog: the stop and everything else stay usable.
+
+    ``start_recording`` starts the next part of the trial.
+    """
+
+    accessible_role = QAccessible.Role.Dialog
+
+    def __init__(
+        self, theme: Theme, over: QWidget, console: WizardConsole, start_recording: Callable[[], None]
+    ) -> None:
+        super().__init__(over)
+        self.setObjectName("going_on_card")
+        self._theme = theme
+        self._over = over
+        self._console = console
+        self._heading = QLabel()
+        self._heading.setObjectName("going_on_heading")
+        self._text = QLabel()
+        self._text.setObjectName("going_on_text")
+        for label in (self._heading, self._text):
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.TextFormat.PlainText)
+        self._boxes: dict[AsBefore, CheckBox] = {}
+        column = self._column = layouts.column(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
+        column.addWidget(self._heading)
+        column.addWidget(self._text)
+        for what, asked in _ASKED.items():
+            box = self._boxes[what] = CheckBox(theme, tr(asked), wraps=True)
+            box.setObjectName(f"going_on_{what}")
+            box.clicked.connect(self._confirmer(what))
+            column.addWidget(box)
+        self._yes = ActionButton(theme, tr("Go on with the trial"), look="primary", height_px=38)
+        self._yes.setObjectName("going_on_yes")
+        self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
+        self._start = ActionButton(theme, tr("Record the next part"), icon="record", look="primary", height_px=38)
+        self._start.setObjectName("going_on_start")
+        self._start.clicked.connect(start_recording)
+        self._no = ActionButton(theme, tr("Do not go on"), look="ghost", height_px=38)
+        self._no.setObjectName("going_on_no")
+        self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
+        buttons = layouts.row(spacing_px=tokens.GRID_PX)
+        buttons.addWidget(self._no)
+        buttons.addStretch(1)
+        buttons.addWidget(self._start)
+        buttons.addWidget(self._yes)
+        column.addSpacing(4)
+        column.addLayout(buttons)
+        over.installEventFilter(self)
+        theme.changed.connect(self._style)
+        self.hide()
+        self._style()
+        console.state.going_on.changed.connect(self._show)
+        for value in (console.state.scenario, console.state.levels, console.state.microphone):
+            value.changed.connect(self._show_permissions)
+        self._show(console.state.going_on.value)
+
+    def _confirmer(self, what: AsBefore) -> Callable[[bool], None]:
+        def confirm(_checked: bool) -> None:
+            self._console.do(intents.ConfirmAsBefore(what))
+            self._show(self._console.state.going_on.value)  # a confirmation cannot be withdrawn
+
+        return confirm
+
+    def _show(self, status: CrashRecoveryStatus) -> None:
+        if not status.state:
+            self.hide()
+            return
+        offered, trial = status.state == "offered", trial_in_words(status.details)
+        if offered:
+            self._heading.setText(tr("The program ended in the midst of a recording."))
+            self._text.setText(
+                tr(
+                    "{trial} was being recorded. What was recorded until then is safe. You can go on with the same "
+                    "participant: the robot is then held by the emergency stop until you release it."
+                ).format(trial=trial)
+            )
+        else:
+            self._heading.setText(tr("Going on with {trial}").format(trial=trial))
+            self._text.setText(
+                tr("Look at what may have changed meanwhile. The robot is held until you release the emergency stop.")
+            )
+        for what, box in self._boxes.items():
+            box.setVisible(not offered)
+            box.setChecked(what not in status.unconfirmed)
+            box.setEnabled(what in status.unconfirmed)
+        self._show_permissions()
+        self._yes.setVisible(offered)
+        self._start.setVisible(not offered)
+        self._start.setEnabled(status.state == "confirmed")
+        self._start.setToolTip("" if status.state == "confirmed" else tr("Tick what you have looked at first"))
+        self.setAccessibleName(f"{self._heading.text()} {self._text.text()}")
+        self.show()
+        self._place()
+
+    def _show_permissions(self, _changed: object = None) -> None:
+        if self._console.state.going_on.value.state not in ("unconfirmed", "confirmed"):
+            return
+        box, text = self._boxes["permissions"], tr(_ASKED["permissions"])
+        text = text.format(kept=permissions_in_words(self._console))
+        if text != box.text():
+            box.setText(text)
+            self._place()
+
+    def _place(self) -> None:
+        self.setFixedWidth(min(_WIDTH_PX, self._over.width() - 2 * _FROM_EDGE_PX))
+        self.resize(self.width(), self._column.heightForWidth(self.width()))
+        self.move((self._over.width() - self.width()) // 2, _FROM_TOP_PX)
+        self.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._over and event.type() == QEvent.Type.Resize and not self.isHidden():
+            self._place()
+        return False
+
+    def _style(self) -> None:
+        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._theme.style_text(self._text, "dim", tokens.BODY_PX)
+        for box in self._boxes.values():
+            box.setFont(self._theme.font(tokens.BODY_PX))
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        self._theme.paint_box(
+            self, ground="panel", line="amber", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.4, inset_px=(1, 1)
+        )

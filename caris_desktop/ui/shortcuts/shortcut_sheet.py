@@ -1,0 +1,328 @@
+"""Shortcut sheet: all key bindings of the action table, each editable."""
+
+from collections import deque
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.key_bindings import PressedKey
+from caris_desktop.ui.key_choices import Keys, changed, owners, refusal
+from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.shortcuts.sheet_rows import KeyCell, ShortcutGroup, ShortcutRow
+from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+
+_WIDTH_PX = 1120
+_BESIDE_FROM_PX = 900
+
+
+@dataclass(slots=True)
+class _Asked:
+    """Line and column that wait for a key; ``keys``: a choice that awaits confirmation because other rows have it."""
+
+    row: ShortcutRow
+    cell: KeyCell
+    keys: Keys | None = None
+
+
+class ShortcutSheet(Overlay):
+    """Shortcut sheet of this scenario. Click a key, then press the new one; conflicts are reported at once."""
+
+    def __init__(
+        self, theme: Theme, window: QWidget, actions: Actions, keys: WizardKeys, hold: DriveInputFilter
+    ) -> None:
+        super().__init__(theme, window, width_px=_WIDTH_PX)
+        self.setObjectName("shortcut_sheet")
+        self._actions = actions
+        self._keys = keys
+        self._hold = hold
+        self._asked: _Asked | None = None
+        self._rows: dict[str, ShortcutRow] = {}
+        self._groups: list[ShortcutGroup] = []
+        self._columns = QHBoxLayout()
+        self._sides: tuple[QWidget, ...] = ()
+        self._turned = False
+        self._ids: list[str] = []
+        self._letters = actions.letters
+        self._to_build: deque[tuple[QVBoxLayout, str, list[ActionSpec]]] = deque()
+        self._building = QTimer(self, interval=0)
+        self._building.timeout.connect(self._build_next)
+        self._heading = QLabel()
+        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self.search = QLineEdit(placeholderText=tr("Find an act or a key"))
+        self.search.setObjectName("shortcut_search")
+        self.search.setAccessibleName(tr("Find an act or a key"))
+        self.search.setFixedWidth(260)
+        self.search.textChanged.connect(self._show_found)
+        self._reset_all = self._button("shortcut_reset_all", tr("Usual keys for all"), self._on_reset_all)
+        top = layouts.row(spacing_px=12)
+        top.addWidget(self._heading, 1)
+        top.addWidget(self._reset_all)
+        top.addWidget(self.search)
+        self._clashes = self._line("shortcut_clashes")
+        self._nothing = self._line("shortcut_nothing")
+        self._nothing.setText(tr("Nothing is called that here."))
+        self._scroll = QScrollArea(widgetResizable=True)
+        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._says = self._line("shortcut_says")
+        self._says.setFont(theme.font(tokens.BODY_PX))
+        self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_over)
+        self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
+        self._leave = self._button("shortcut_leave", tr("Leave it"), self.stop_asking)
+        below = layouts.row(spacing_px=8)
+        below.addWidget(self._says, 1)
+        for button in (self._take_over, self._remove, self._leave):
+            below.addWidget(button)
+        column = layouts.column(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
+        column.addLayout(top)
+        column.addWidget(self._clashes)
+        column.addWidget(self._nothing)
+        column.addWidget(self._scroll, 1)
+        column.addLayout(below)
+        keys.changed.connect(self._on_changed)
+        actions.rows_changed.connect(self._on_changed)
+        actions.rebuilt.connect(self._on_changed)
+        actions.keys_changed.connect(self._on_keys_changed)
+        theme.keep_styled(self._style)
+
+    def open(self) -> None:
+        self.search.clear()
+        self.stop_asking()
+        self._build()
+        super().open()
+        self.search.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def give_way(self) -> None:
+        """Esc: cancel a key choice first, then close the sheet."""
+        if self._asked is not None:
+            self.stop_asking()
+        else:
+            self.close_overlay()
+
+    def close_overlay(self) -> None:
+        self.stop_asking()
+        self._building.stop()
+        self._to_build.clear()
+        super().close_overlay()
+
+    def _place(self) -> None:
+        super()._place()
+        self._arrange_sides()
+
+    def card_height_px(self) -> int:
+        return self._window.height()  # all there is; Overlay keeps a margin
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if self._asked is None:
+            super().mousePressEvent(event)
+        else:
+            self.stop_asking()
+
+    # ---- rows
+
+    def _build(self) -> None:
+        """Rebuild the rows, one group per turn: all at once would block driving for too long."""
+        specs = self._actions.specs
+        self._ids = [spec.id for spec in specs]
+        groups: dict[str, list[ActionSpec]] = {}
+        for spec in specs:
+            groups.setdefault(spec.group, []).append(spec)
+        inner = QWidget()
+        sides = self._columns = layouts.row(inner, margins_px=(0, 0, 8, 0), spacing_px=32)
+        self._sides = (QWidget(), QWidget())
+        left, right = (QVBoxLayout(side) for side in self._sides)
+        for side, column in zip(self._sides, (left, right), strict=True):
+            column.setContentsMargins(0, 0, 0, 0)
+            column.setSpacing(0)
+            column.addStretch(1)
+            sides.addWidget(side, 1)
+        self._rows, self._groups = {}, []
+        self._to_build.clear()
+        half, used = (len(specs) + len(groups)) / 2, 0
+        for name, group in groups.items():
+            self._to_build.append((left if used + len(group) / 2 <= half else right, name, group))
+            used += len(group) + 1
+        self._scroll.setWidget(inner)
+        self._show_rows()
+        self._building.start()
+
+    def _build_next(self) -> None:
+        if not self._to_build:
+            self._building.stop()
+            return
+        side, name, specs = self._to_build.popleft()
+        bound = {spec.id: spec for spec in self._actions.all_specs}
+        rows = []
+        for spec in specs:
+            row = self._rows[spec.id] = ShortcutRow(self._theme, spec)
+            row.show_spec(bound.get(spec.id, spec), spec.text, self._actions, self._keys)
+            row.wanted.connect(lambda cell, wanted=row: self.ask_for(wanted, cell))
+            row.put_back.connect(lambda wanted=row: self._keys.reset(wanted.spec))
+            rows.append(row)
+        group = ShortcutGroup(self._theme, tr(name), rows)
+        self._groups.append(group)
+        side.insertWidget(side.count() - 1, group)
+        self._show_found()
+
+    @property
+    def is_built(self) -> bool:
+        return not self._to_build
+
+    def _on_changed(self) -> None:
+        if not self.isVisible():
+            return
+        if [spec.id for spec in self._actions.specs] == self._ids:
+            self._show_rows()
+        else:
+            self.stop_asking()
+            self._build()
+
+    def _on_keys_changed(self) -> None:
+        """Only a changed keyboard layout matters: the sheet shows the keys of every focus."""
+        if self._actions.letters != self._letters:
+            self._letters = self._actions.letters
+            self._on_changed()
+
+    def _show_rows(self) -> None:
+        bound = {spec.id: spec for spec in self._actions.all_specs}
+        for spec in self._actions.specs:
+            if spec.id in self._rows:
+                self._rows[spec.id].show_spec(bound[spec.id], spec.text, self._actions, self._keys)
+        wizard = self._keys.wizard
+        self._heading.setText(tr("All shortcuts of {wizard}").format(wizard=wizard) if wizard else tr("All shortcuts"))
+        self._reset_all.setVisible(self._keys.any_changed)
+        self._clashes.setText(
+            "\n".join(
+                tr("“{what}” is not on {key}: “{act}” has it. Give one of the two another key.").format(
+                    what=phrase.text, key=self._actions.caps(phrase, phrase.keys)[0], act=other.text
+                )
+                for phrase, other in self._actions.settled.clashes
+            )
+        )
+        self._clashes.setVisible(bool(self._clashes.text()))
+        self._show_found()
+
+    def _show_found(self, _text: str = "") -> None:
+        found = sum([group.show_found(self.search.text()) for group in self._groups])
+        # Move the column with results to the left, where users look first.
+        left = any(not group.isHidden() for group in self._groups if group.parentWidget() is self._sides[0])
+        self._turned = bool(found) and not left
+        self._arrange_sides()
+        self._nothing.setVisible(not found and self.is_built)
+
+    def _arrange_sides(self) -> None:
+        """Columns side by side, or stacked in a narrow window."""
+        if self.card.width() < _BESIDE_FROM_PX:
+            self._columns.setDirection(QHBoxLayout.Direction.TopToBottom)
+        else:
+            beside = QHBoxLayout.Direction.RightToLeft if self._turned else QHBoxLayout.Direction.LeftToRight
+            self._columns.setDirection(beside)
+
+    # ---- choosing a key
+
+    def ask_for(self, row: ShortcutRow, cell: KeyCell) -> None:
+        """Wait for the new key of this row."""
+        self.stop_asking()
+        self._asked = _Asked(row, cell)
+        cell.set_asks(True)
+        self._say(
+            tr("Press the new key for “{act}”. Esc leaves it as it is.").format(act=row.spec.text),
+            remove=bool(getattr(row.spec, cell.column)),
+        )
+        self._hold.release_all(QT_TR_NOOP("A key is being chosen"))
+        self._hold.captures = self._on_pressed
+
+    def stop_asking(self) -> None:
+        if self._asked is not None:
+            self._asked.cell.set_asks(False)
+            self._asked = None
+        self._hold.captures = None
+        self._say(tr("Click a key to change it. “Driving” is while Drive, Video or Map has the focus."), waits=False)
+
+    def _on_pressed(self, pressed: PressedKey) -> None:
+        asked = self._asked
+        if asked is None:
+            return
+        spec, column, key = asked.row.spec, asked.cell.column, pressed.key
+        if asked.keys is not None and key == "Return":
+            self._on_take_over()
+            return
+        asked.keys = None
+        if spec.by_position and key.removeprefix("Alt+").count("+") == 0:
+            key = pressed.position or key.removeprefix("Alt+")
+        rows = self._actions.all_specs
+        why = refusal(spec, column, key, rows, position=pressed.position) if key else tr("That key has no name.")
+        if why:
+            self._say(tr("{why} Press another one.").format(why=why), wrong=True)
+            return
+        keys = changed(spec, column, key)
+        others = {other.id: other for _key, other in owners(rows, spec, keys)}
+        safe = [other for other in others.values() if other.kind == "safety"]
+        if safe:
+            self._say(tr("This key stops the robot. Press another one."), wrong=True)
+        elif others:
+            asked.keys = keys
+            names = tr(", ", "between names of acts").join(f"“{other.text}”" for other in others.values())
+            cap = self._actions.caps(spec, [key])[0]
+            self._say(
+                tr("{key} is the key of {acts}, which would be left without it.").format(key=cap, acts=names),
+                wrong=True, take_over=True,
+            )  # fmt: skip
+        else:
+            self._choose(spec, keys)
+
+    def _on_take_over(self) -> None:
+        if self._asked is not None and self._asked.keys is not None:
+            self._choose(self._asked.row.spec, self._asked.keys)
+
+    def _on_remove(self) -> None:
+        if self._asked is not None:
+            spec, column = self._asked.row.spec, self._asked.cell.column
+            emptied = {"keys": (), "driving_keys": ()} if spec.by_position else {column: ()}
+            self._choose(spec, Keys(**({"keys": spec.keys, "driving_keys": spec.driving_keys} | emptied)))
+
+    def _choose(self, spec: ActionSpec, keys: Keys) -> None:
+        self.stop_asking()
+        self._keys.choose(spec, keys)
+
+    def _on_reset_all(self) -> None:
+        self.stop_asking()
+        self._keys.reset_all()
+
+    # ---- messages
+
+    def _say(
+        self, text: str, *, waits: bool = True, wrong: bool = False, take_over: bool = False, remove: bool = False
+    ) -> None:
+        self._says.setText(text)
+        self._theme.color_text(self._says, "amber" if wrong else "text" if waits else "dim")
+        self._take_over.setVisible(take_over)
+        self._take_over.set_key("Enter" if take_over else "")
+        self._remove.setVisible(remove)
+        self._leave.setVisible(waits)
+
+    def _line(self, name: str) -> QLabel:
+        label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        label.setObjectName(name)
+        label.setFont(self._theme.font(tokens.STATUS_PX))
+        return label
+
+    def _button(self, name: str, text: str, do: object) -> ActionButton:
+        button = ActionButton(self._theme, text, height_px=32)
+        button.setObjectName(name)
+        button.clicked.connect(do)
+        return button
+
+    def _style(self) -> None:
+        self._theme.color_text(self._clashes, "amber")
+        self._theme.color_text(self._nothing, "dim")
+        self.stop_asking()

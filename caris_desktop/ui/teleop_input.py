@@ -1,0 +1,216 @@
+"""Teleoperation input: held keys, on-screen arrows and sticks, and the gamepad, summed to one command."""
+
+from collections.abc import Callable, Iterable
+
+from PySide6.QtCore import QObject, Signal
+
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import CommandSource
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.teleop_command import AT_REST, TeleopCommand, merged
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.action_bindings import Actions
+
+WISHES: dict[str, TeleopCommand] = {
+    "drive_forward": TeleopCommand(forward=1.0), "drive_back": TeleopCommand(forward=-1.0),
+    "strafe_left": TeleopCommand(left=1.0), "strafe_right": TeleopCommand(left=-1.0),
+    "turn_left": TeleopCommand(turn=1.0), "turn_right": TeleopCommand(turn=-1.0),
+    "look_left": TeleopCommand(pan=1.0), "look_right": TeleopCommand(pan=-1.0),
+    "look_up": TeleopCommand(tilt=-1.0), "look_down": TeleopCommand(tilt=1.0),
+}  # fmt: skip
+
+
+def wish_of(action_ids: Iterable[str]) -> TeleopCommand:
+    """Sum of the held directions; opposite ones cancel."""
+    return merged(WISHES[action_id] for action_id in set(action_ids))
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A pressed key and its action."""
+
+    action_id: str
+    bare: bool  # pressed without a modifier, so it counts only while a driving panel has the focus
+
+
+class TeleopInput(QObject):
+    """Sends drive and head commands on each change, and releases all of them at once.
+
+    After a forced release a key must be pressed again, and a stick must return to centre. ``takes_keys`` says whether
+    keys and sticks reach driving now.
+    """
+
+    held_changed = Signal(object)  # frozenset of action ids
+
+    def __init__(
+        self, console: WizardConsole, actions: Actions, takes_keys: Callable[[], bool], parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._console = console
+        self._actions = actions
+        self._takes_keys = takes_keys
+        self._keys: dict[int, Hold] = {}
+        self._arrows: set[str] = set()
+        self._resting_arrows: set[str] = set()
+        self._sticks: dict[str, TeleopCommand] = {}
+        self._resting_sticks: set[str] = set()
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._sent = AT_REST
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Directions held on the keyboard and by on-screen arrows."""
+        return frozenset(hold.action_id for hold in self._keys.values()) | self._arrows
+
+    @property
+    def must_rest(self) -> bool:
+        """Whether an arrow or stick is held that moves nothing because the motion was ended."""
+        return self._pad_must_rest or bool(self._resting_arrows or self._resting_sticks)
+
+    @property
+    def moving(self) -> bool:
+        """Whether the last command sent moves something."""
+        return self._sent.moving
+
+    @property
+    def wish(self) -> TeleopCommand:
+        """Sum of all input sources."""
+        robot = self._console.state.robot.value
+        total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
+        return total.limited_to(
+            sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
+        )
+
+    # ---- keys
+
+    def moves_by(self, key: int) -> bool:
+        """Whether this key moves the robot now."""
+        return key in self._keys
+
+    def press(self, key: int, hold: Hold) -> None:
+        if self._may_drive():
+            self._keys[key] = hold
+            self._send("keyboard")
+
+    def let_go(self, key: int) -> None:
+        if self._keys.pop(key, None) is not None:
+            self._send("keyboard")
+        else:
+            self._tell()
+
+    def end_bare_keys(self, reason: str) -> None:
+        """Release bare keys: the driving panels lost the focus."""
+        if not any(hold.bare for hold in self._keys.values()):
+            return
+        kept = {key: hold for key, hold in self._keys.items() if not hold.bare}
+        if kept or self._arrows or self._sticks or self._pad.moving:
+            self._keys = kept
+            self._send("keyboard")
+        else:
+            self.release_all(reason)
+
+    # ---- on-screen controls and gamepad
+
+    def hold_onscreen(self, action_id: str) -> None:
+        """Press an on-screen arrow."""
+        if self._actions.spec(action_id) is not None and self._may_drive():
+            self._arrows.add(action_id)
+            self._send("onscreen")
+        else:
+            self._resting_arrows.add(action_id)
+
+    def let_go_onscreen(self, action_id: str) -> None:
+        if action_id in self._arrows:
+            self._arrows.discard(action_id)
+            self._send("onscreen")
+        elif action_id in self._resting_arrows:
+            self._resting_arrows.discard(action_id)
+            self._tell()
+
+    def push_onscreen(self, stick: str, wish: TeleopCommand) -> None:
+        """Set an on-screen stick. After a forced release it must return to centre first."""
+        if not wish.moving:
+            self._resting_sticks.discard(stick)
+            self._sticks.pop(stick, None)
+        elif stick not in self._resting_sticks and self._may_drive():
+            self._sticks[stick] = wish
+        else:
+            self._resting_sticks.add(stick)
+            self._sticks.pop(stick, None)
+        self._send("onscreen")
+
+    def push_gamepad(self, wish: TeleopCommand) -> None:
+        """Set the gamepad's sticks. After a forced release they must return to centre first."""
+        free = self._may_drive() and self._takes_keys()
+        self._pad_must_rest = wish.moving and (self._pad_must_rest or not free)
+        self._pad = AT_REST if self._pad_must_rest else wish
+        self._send("gamepad")
+
+    def lose_gamepad(self, reason: str) -> None:
+        if self._pad.moving and not (self._keys or self._arrows or self._sticks):
+            self.release_all(reason)  # for the reason in the record
+        self._pad, self._pad_must_rest = AT_REST, False
+        self._send("gamepad")
+
+    # ---- release
+
+    def release_all(self, reason: str) -> None:
+        """End teleoperation now. Keys still held drive again only after a new press, sticks after they were centred."""
+        if self._forget_held():
+            sent, self._sent = self._sent, AT_REST
+            if sent.base != AT_REST.base:
+                self._console.do(intents.ReleaseDrive(reason))
+            if sent.head != AT_REST.head:
+                self._console.do(intents.TurnHead(0.0, 0.0))
+            self._tell()
+
+    def end_held(self) -> None:
+        """Clear held input after the console stopped the base, so that it does not move again."""
+        if self._forget_held():
+            if self._sent.head != AT_REST.head:
+                self._console.do(intents.TurnHead(0.0, 0.0))
+            self._sent = AT_REST
+            self._tell()
+
+    def _forget_held(self) -> bool:
+        """Clear all held input; False if there was none."""
+        was_held = bool(self._keys or self._arrows or self._sticks) or self._pad.moving
+        self._keys.clear()
+        self._resting_arrows.update(self._arrows)
+        self._arrows.clear()
+        self._resting_sticks.update(self._sticks)
+        self._sticks.clear()
+        self._pad_must_rest = self._pad_must_rest or self._pad.moving
+        self._pad = AT_REST
+        return was_held
+
+    def _may_drive(self) -> bool:
+        # Input that is refused now must not move the robot later, when driving is allowed again.
+        drive: DriveStatus = self._console.state.drive.value
+        return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
+
+    def _send(self, source: CommandSource) -> None:
+        wish = self.wish
+        sent, self._sent = self._sent, wish
+        if wish.base != sent.base:
+            if wish.base == AT_REST.base:
+                self._console.do(intents.ReleaseDrive())
+            else:
+                forward, left, turn = wish.base
+                self._console.do(intents.Drive(forward, left, turn, self._moving_source(source)))
+        if wish.head != sent.head:
+            self._console.do(intents.TurnHead(wish.pan, wish.tilt))
+        self._tell()
+
+    def _moving_source(self, changed: CommandSource) -> CommandSource:
+        """Source of the motion: the one that changed, or another one that is still active after its release."""
+        moving: dict[CommandSource, bool] = {
+            "keyboard": wish_of(hold.action_id for hold in self._keys.values()).base != AT_REST.base,
+            "gamepad": self._pad.base != AT_REST.base,
+            "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
+        }
+        return changed if moving[changed] else next((source for source, moves in moving.items() if moves), changed)
+
+    def _tell(self) -> None:
+        self.held_changed.emit(self.held)

@@ -1,0 +1,477 @@
+"""Widgets of robot controls, one per kind: button, switch, slider, choice, text, readout."""
+
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen, QWheelEvent
+from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
+
+from caris_desktop.domain.control_definitions import Choice, ControlValue, RobotControl
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.control_messages import value_words
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+
+SEND_EVERY_MS = 100
+_SETTLE_S = 1.5  # maximum delay until a robot reports a value that was just set
+_SLIDER_STEPS = 200
+_CHOICES_SIDE_BY_SIDE = 4
+_TITLE_PX = 92
+
+
+class ControlWidget(QWidget):
+    """Widget of one kind of control."""
+
+    tip = ""
+
+    def __init__(self, theme: Theme, control: RobotControl) -> None:
+        super().__init__()
+        self.theme = theme
+        self.control = control
+        self.value_text = ""
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        """Show the reported value; None if unknown."""
+
+    def show_state(self, state: str) -> None:
+        """Show the state: ``requested``, ``succeeded``, ``failed`` or empty."""
+
+    def forget_choice(self) -> None:
+        """Discard the wizard's choice and show the actual value."""
+
+    def set_narrow(self, narrow: bool) -> None:
+        """Switch to the layout for a narrow panel."""
+
+
+_STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warning"}
+
+
+class _TitledFace(ControlWidget):
+    """Title with the value beside it, or below it in a narrow dock."""
+
+    def __init__(self, theme: Theme, control: RobotControl) -> None:
+        super().__init__(theme, control)
+        self._title = QLabel(control.title)
+        self._title.setToolTip(control.title)
+        self.parts = layouts.row(spacing_px=8)
+        self._row = layouts.row(self, margins_px=0)
+        self._row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
+        self._row.addLayout(self.parts, 1)
+        self.set_narrow(False)
+
+    def set_narrow(self, narrow: bool) -> None:
+        self._row.setDirection(row_direction(narrow=narrow))
+        self._row.setSpacing(2 if narrow else 8)
+        # A long title is elided instead of pushing the control out of the dock; its tooltip has it.
+        self._title.setMinimumWidth(40 if narrow else _TITLE_PX)
+        self._title.setMinimumHeight(0 if narrow else tokens.CONTROL_HEIGHT_PX)
+
+
+def row_direction(*, narrow: bool) -> QBoxLayout.Direction:
+    return QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+
+
+class _ButtonFace(ControlWidget):
+    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
+        super().__init__(theme, control)
+        self._button = ActionButton(theme, control.title, may_shrink=True)
+        self._button.setObjectName(f"control_{control.id}_button")
+        self._button.clicked.connect(lambda: use(True))
+        self._value = QLabel()
+        self._value.hide()
+        row = layouts.row(self, margins_px=0)
+        row.addWidget(self._button)
+        row.addWidget(self._value)
+        theme.keep_styled(self._style)
+
+    def _style(self) -> None:
+        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        if self.control.reading is not None:
+            self.value_text = "" if value is None else value_words(self.control, value)
+            self._value.setText(self.value_text)
+            self._value.setVisible(bool(self.value_text))
+
+    def show_state(self, state: str) -> None:
+        self._button.set_label(
+            self.control.title, icon=_STATE_ICONS.get(state, ""), look="amber" if state == "failed" else "plain"
+        )
+
+
+class _ToggleFace(ControlWidget):
+    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
+        super().__init__(theme, control)
+        self._use = use
+        self._told: bool | None = None
+        self._asked: bool | None = None
+        self._asked_at_s = float("-inf")
+        self._switch = Switch(theme, control.title)
+        self._switch.setObjectName(f"control_{control.id}_switch")
+        self._switch.clicked.connect(self._on_clicked)
+        self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
+        self._settle.timeout.connect(self._refresh)
+        row = layouts.row(self, margins_px=0)
+        row.addWidget(self._switch)
+        self._refresh()
+
+    def _shown(self) -> bool | None:
+        asked_lately = time.monotonic() - self._asked_at_s < _SETTLE_S
+        if self._asked is not None and (asked_lately or self.control.reading is None):
+            return self._asked
+        return self._told
+
+    def _on_clicked(self) -> None:
+        wanted = not self._shown()
+        self._asked, self._asked_at_s = wanted, time.monotonic()
+        self._settle.start()
+        self._use(wanted)
+        self._refresh()
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        self._told = None if value is None else bool(value)
+        self._refresh()
+
+    def show_state(self, state: str) -> None:
+        self._switch.show_state(state)
+        if state == "failed":
+            self.forget_choice()
+
+    def forget_choice(self) -> None:
+        self._asked = None
+        self._refresh()
+
+    def _refresh(self) -> None:
+        shown = self._shown()
+        self.value_text = tr("unknown") if shown is None else tr("on") if shown else tr("off")
+        self._switch.show_value(shown)
+
+
+def _word_width(metrics: QFontMetrics) -> int:
+    """Width of the switch's state text."""
+    return max(metrics.horizontalAdvance(word) for word in (tr("on"), tr("off")))
+
+
+class Switch(QAbstractButton):
+    """Toggle switch with name and state (on, off, unknown). A click does not take the focus."""
+
+    def __init__(self, theme: Theme, title: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self._title = title
+        self._value: bool | None = None
+        self._state = ""
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
+        theme.changed.connect(self.update)
+
+    def show_value(self, value: bool | None) -> None:
+        self._value = value
+        self.setAccessibleName(f"{self._title}: {self._word()}")
+        self.update()
+
+    def show_state(self, state: str) -> None:
+        self._state = state
+        self.update()
+
+    def _word(self) -> str:
+        return "?" if self._value is None else tr("on") if self._value else tr("off")
+
+    def sizeHint(self) -> QSize:
+        metrics = self.fontMetrics()
+        return QSize(64 + metrics.horizontalAdvance(self._title) + 8 + _word_width(metrics) + 12,
+                     tokens.CONTROL_HEIGHT_PX)  # fmt: skip
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(110, tokens.CONTROL_HEIGHT_PX)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        theme, painter = self._theme, QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        if not self.isEnabled():
+            painter.setOpacity(0.75)
+        painter.setPen(QPen(theme.color("blue" if self.hasFocus() else "line"), 2 if self.hasFocus() else 1))
+        hover = self.underMouse() and self.isEnabled()
+        painter.setBrush(theme.color("raised_hover" if hover else "raised"))
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        track = QRectF(10, self.height() / 2 - 9, 34, 18)
+        on = bool(self._value)
+        dashed = self._value is None or self._state == "requested"
+        pen = QPen(theme.color("blue" if on else "dim"), 1.4, Qt.PenStyle.DotLine if dashed else Qt.PenStyle.SolidLine)
+        painter.setPen(pen)
+        painter.setBrush(theme.color("blue") if on and self._state != "requested" else Qt.BrushStyle.NoBrush)
+        painter.drawRoundedRect(track, 9, 9)
+        left = track.center().x() - 6 if self._value is None else track.right() - 15 if on else track.left() + 3
+        painter.setPen(Qt.PenStyle.NoPen)
+        solid = on and self._state != "requested"
+        painter.setBrush(theme.color("on_blue" if solid else "blue" if on else "dim"))
+        painter.drawEllipse(QRectF(left, track.center().y() - 6, 12, 12))
+        painter.setFont(theme.font())
+        painter.setPen(theme.color("text" if self.isEnabled() else "dim"))
+        word_width = _word_width(self.fontMetrics())
+        text = QRectF(54, 0, self.width() - 54 - word_width - 20, self.height())
+        shown = self.fontMetrics().elidedText(self._title, Qt.TextElideMode.ElideRight, int(text.width()) + 1)
+        painter.drawText(text, int(Qt.AlignmentFlag.AlignVCenter), shown)
+        painter.setPen(theme.color("amber" if self._state == "failed" else "dim"))
+        painter.drawText(
+            QRectF(self.width() - word_width - 12, 0, word_width + 4, self.height()),
+            int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), self._word(),
+        )  # fmt: skip
+
+
+class _SliderFace(_TitledFace):
+    """Slider that sends at most ten values per second while dragged, and always the final one."""
+
+    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
+        super().__init__(theme, control)
+        self._use = use
+        self._steps = _SLIDER_STEPS
+        if control.step > 0:
+            self._steps = max(1, round((control.highest - control.lowest) / control.step))
+        self._told: float | None = None
+        self._set: float | None = None
+        self._sent: float | None = None
+        self._last_use_s = float("-inf")
+        self._value = QLabel()
+        self._value.setObjectName("control_value")
+        self._slider = _CalmSlider(Qt.Orientation.Horizontal)
+        self._slider.setObjectName(f"control_{control.id}_slider")
+        self._slider.setAccessibleName(control.title)
+        self._slider.setRange(0, self._steps)
+        self._slider.setSingleStep(1 if control.step > 0 else 4)
+        self._slider.setPageStep(max(1, self._steps // 10))
+        self._slider.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self._slider.valueChanged.connect(self._on_value_changed)
+        self._slider.sliderReleased.connect(self._on_released)
+        self._throttle = QTimer(self, singleShot=True, interval=SEND_EVERY_MS)
+        self._throttle.timeout.connect(self._send)
+        self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
+        self._settle.timeout.connect(self._follow)
+        self._value.setMinimumWidth(64)
+        self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.parts.addWidget(self._slider, 1)
+        self.parts.addWidget(self._value)
+        self._slider.setMaximumWidth(420)
+        self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        theme.keep_styled(self._style)
+        self._follow()
+
+    def _style(self) -> None:
+        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
+
+    def _chosen(self) -> float:
+        control = self.control
+        value = control.lowest + (control.highest - control.lowest) * self._slider.value() / self._steps
+        return round(value, 6)
+
+    def _on_value_changed(self, _position: int) -> None:
+        self._set = self._chosen()
+        self._last_use_s = time.monotonic()
+        self._settle.start()
+        self._refresh()
+        if self.control.confirm and self._slider.isSliderDown():
+            return
+        if not self._throttle.isActive():
+            self._send()
+
+    def _on_released(self) -> None:
+        if self.control.confirm and self._set is not None:
+            self._send()
+
+    def _send(self) -> None:
+        if self._set is not None and self._set != self._sent:
+            self._sent = self._set
+            self._throttle.start()
+            self._use(self._set)
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        self._told = None if value is None or isinstance(value, str) else float(value)
+        self._follow()
+
+    def show_state(self, state: str) -> None:
+        if state == "failed":
+            self._sent = None  # allow sending the same value again
+
+    def forget_choice(self) -> None:
+        self._set = self._sent = None
+        self._last_use_s = float("-inf")
+        self._follow()
+
+    def _follow(self) -> None:
+        """Follow the reported value, unless the wizard has just moved the slider."""
+        lately = time.monotonic() - self._last_use_s < _SETTLE_S or self._slider.isSliderDown()
+        shown = self._set if lately or self._told is None else self._told
+        if shown is not None and not lately:
+            control = self.control
+            share = (shown - control.lowest) / (control.highest - control.lowest or 1.0)
+            with QSignalBlocker(self._slider):
+                self._slider.setValue(round(min(1.0, max(0.0, share)) * self._steps))
+            self._sent = self._set = None if self._told is not None else self._set
+        self._refresh()
+
+    def _refresh(self) -> None:
+        shown = self._set if self._set is not None else self._told
+        self.value_text = tr("not set yet") if shown is None else value_words(self.control, shown)
+        self._value.setText(self.value_text)
+
+
+class _CalmSlider(QSlider):
+    """Slider that ignores the wheel: scrolling the panel must not change the robot's volume."""
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        event.ignore()
+
+
+class _ChoiceFace(_TitledFace):
+    """Few choices as buttons, more as a list."""
+
+    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
+        super().__init__(theme, control)
+        self._use = use
+        self._chosen: ControlValue | None = None
+        self._told: ControlValue | None = None
+        self._buttons: list[tuple[Choice, ActionButton]] = []
+        self._list: DropDown | None = None
+        if len(control.choices) <= _CHOICES_SIDE_BY_SIDE:
+            flow = FlowRow(gap_px=6)
+            for number, choice in enumerate(control.choices):
+                button = ActionButton(theme, choice.title, may_shrink=True)
+                button.setObjectName(f"control_{control.id}_choice_{number}")
+                button.setAccessibleName(f"{control.title}: {choice.title}")
+                button.setCheckable(True)
+                button.clicked.connect(self._chooser(choice))
+                self._buttons.append((choice, button))
+                flow.add(button)
+            self.parts.addWidget(flow, 1)
+        else:
+            box = self._list = DropDown(theme, f"control_{control.id}_list", control.title)
+            box.setPlaceholderText(tr("Choose…"))
+            box.addItems([choice.title for choice in control.choices])
+            box.activated.connect(lambda index: self._choose(control.choices[index]))
+            self.parts.addWidget(box, 1)
+        self._refresh()
+
+    def _chooser(self, choice: Choice) -> Callable[[], None]:
+        return lambda: self._choose(choice)
+
+    def _choose(self, choice: Choice) -> None:
+        self._chosen = choice.value
+        self._use(choice.value)
+        self._refresh()
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        if value != self._told:
+            self._told = value
+            self._chosen = None
+        self._refresh()
+
+    def show_state(self, state: str) -> None:
+        if state == "failed":
+            self.forget_choice()
+
+    def forget_choice(self) -> None:
+        self._chosen = None
+        self._refresh()
+
+    def _refresh(self) -> None:
+        value = self._chosen if self._chosen is not None else self._told
+        index = next((at for at, choice in enumerate(self.control.choices) if choice.value == value), -1)
+        self.value_text = self.control.choices[index].title if index >= 0 else ""
+        for at, (_choice, button) in enumerate(self._buttons):
+            button.setChecked(at == index)
+            button.set_label(button.text(), icon="check" if at == index else "")
+        if self._list is not None:
+            self._list.setCurrentIndex(index)
+
+
+class _TextFace(_TitledFace):
+    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
+        super().__init__(theme, control)
+        self._use = use
+        self._now = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._field = SubmitLineEdit()
+        self._field.setObjectName(f"control_{control.id}_field")
+        self._field.setAccessibleName(control.title)
+        self._field.setMaxLength(500)
+        self._field.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        self._field.returnPressed.connect(self._on_send)
+        send = ActionButton(theme, tr("Send"), icon="paper-plane-right")
+        send.setObjectName(f"control_{control.id}_send")
+        send.setAccessibleName(tr("{control}: send").format(control=control.title))
+        send.clicked.connect(self._on_send)
+        self.parts.addWidget(self._field, 1)
+        self.parts.addWidget(send)
+        self.parts.addWidget(self._now)
+        theme.keep_styled(self._style)
+
+    def _style(self) -> None:
+        self.theme.style_text(self._now, "dim", tokens.STATUS_PX)
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        self.value_text = "" if value is None else value_words(self.control, value)
+        self._now.setText(self._now.fontMetrics().elidedText(self.value_text, Qt.TextElideMode.ElideRight, 160))
+
+    def _on_send(self) -> None:
+        self._use(self._field.text())
+        self._field.selectAll()
+
+
+class _ReadoutFace(ControlWidget):
+    def __init__(self, theme: Theme, control: RobotControl) -> None:
+        super().__init__(theme, control)
+        self._title = QLabel(control.title)
+        self._title.setMinimumWidth(40)
+        self._value = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._value.setObjectName("control_value")
+        row = layouts.row(self, margins_px=(10, 4, 10, 4), spacing_px=8)
+        row.addWidget(self._title)
+        row.addWidget(self._value)
+        self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        theme.changed.connect(self._style)
+        self.show_reading(None)
+        self._style()
+
+    def _style(self) -> None:
+        self._title.setFont(self.theme.font(tokens.STATUS_PX))
+        self._value.setFont(self.theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self.theme.color_text(self._title, "dim")
+        self.theme.color_text(self._value, "text" if self.value_text else "dim")
+        self.update()
+
+    def show_reading(self, value: ControlValue | None) -> None:
+        self.value_text = "" if value is None else value_words(self.control, value)
+        shown = self.value_text or tr("not told yet")
+        self._value.setText(shown if len(shown) <= 40 else shown[:39] + "…")
+        self.tip = "" if value is None else f"{self.control.title}: {value}"
+        self.setToolTip(self.tip)
+        self._style()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self.theme.color("line"), 1))
+        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+
+
+def create_control_widget(theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> ControlWidget:
+    match control.kind:
+        case "button":
+            return _ButtonFace(theme, control, use)
+        case "toggle":
+            return _ToggleFace(theme, control, use)
+        case "slider":
+            return _SliderFace(theme, control, use)
+        case "choice":
+            return _ChoiceFace(theme, control, use)
+        case "text":
+            return _TextFace(theme, control, use)
+        case "readout":
+            return _ReadoutFace(theme, control)

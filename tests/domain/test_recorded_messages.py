@@ -1,0 +1,56 @@
+"""What is plain English in the record is said in the language of whoever watches the replay."""
+
+import json
+import re
+
+import pytest
+
+from caris_desktop.domain.recorded_messages import TEXTS_PATH, retranslate
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized, tr
+
+TEXTS: list[str] = json.loads(TEXTS_PATH.read_text("utf-8"))
+VALUES = ("7A", "B8", "9C", "D6", "5E", "F4", "3G", "H2")
+
+
+def names_in(text: str) -> list[str]:
+    return list(dict.fromkeys(part.partition("}")[0] for part in text.split("{")[1:]))
+
+
+def recorded(text: str) -> LocalizedText:
+    """The text as a process tells it, with a value in each place."""
+    values = dict(zip(names_in(text), VALUES, strict=False))
+    return LocalizedText(text, {**({"%n": "5"} if "%n" in text else {}), **values})
+
+
+def test_in_english_it_stays_what_it_is() -> None:
+    assert type(retranslate("no fresh LIDAR for 1.5 s")) is str
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_a_reason_is_said_with_its_values_and_they_too_where_they_are_texts() -> None:
+    why = localized(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
+    kept = str.__str__(json.loads(json.dumps(why)))
+    assert tr(retranslate(kept)) == tr(why) != kept
+
+
+@pytest.mark.usefixtures("trial_language")
+@pytest.mark.parametrize("words", ["", "Ana wrote this by hand", "7.5", "/cmd_vel", "Ana. " * 200 + "broke off."])
+def test_what_is_no_text_of_the_program_stays(words: str) -> None:
+    assert type(retranslate(words)) is str
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_every_text_is_found_again() -> None:
+    lost = []
+    for text in TEXTS:
+        if names_in(text) or "%n" in text:
+            why = recorded(text)
+            again = retranslate(str.__str__(json.loads(json.dumps(why))))
+            if _shape(again) != _shape(why):
+                lost.append(text)
+    assert lost == []
+
+
+def _shape(why: str) -> str:
+    """The text with places that have no names: two that differ in them alone read alike."""
+    return re.sub(r"\{\w+\}", "{}", why.template) if isinstance(why, LocalizedText) else ""

@@ -1,0 +1,272 @@
+"""What the assistant is asked with: model, words, pictures and what goes along."""
+
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QObject
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.app.composition import find_scenario
+from caris_desktop.conversation.conversation_transcript import Turn
+from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
+from caris_desktop.domain import intents
+from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.intents import Along
+from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.services.assistant_service import AssistantParts, AssistantService
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ProtocolStatus
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.scenario.assistant_settings import AssistantSettings, NamedText
+
+SETTINGS = AssistantSettings(
+    model="ollama:small",
+    models=("openai:large",),
+    system_prompt="You are a guide.",
+    roles=(NamedText("Expert", "You know every robot."),),
+    styles=(NamedText("Short", "Use ten words."), NamedText("Formal", "Be formal.")),
+    notes="The arm is being repaired.",
+    people="names",
+)
+NOBODY: Any = None
+
+
+class Desk:
+    """The service with a model that answers at once and says what it was asked."""
+
+    def __init__(self, asyncio_thread: AsyncioThread, settings: AssistantSettings, **permissions: bool) -> None:
+        self.owner = QObject()
+        self.state = LiveState(self.owner)
+        self.state.close()
+        self.asked: list[tuple[ModelEndpoint, Sequence[ChatMessage], dict[str, Any]]] = []
+        self.published: list[Any] = []
+        self.listed: tuple[str, ...] = ("ollama:found", "ollama:passed-on:cloud")
+        bus = Bus(self.state, self.owner)
+        bus.publish = self.published.append  # type: ignore[method-assign,assignment]
+        tour = find_scenario("tour-guide")
+        self.scenario = replace(tour, assistant=settings, permissions=replace(tour.permissions, **permissions))
+        parts = AssistantParts(NOBODY, self._stream, lambda model, url: resolve_endpoint(
+            model, embedded_url=url, environment={}
+        ), self._list)  # fmt: skip
+        self.service = AssistantService(
+            self.state, bus, NOBODY, parts, asyncio_thread=asyncio_thread, speech=NOBODY, scenario=self.scenario,
+            parent=self.owner,
+        )  # fmt: skip
+        self.service.client._ask_version = _no_version
+
+    async def _stream(
+        self, endpoint: ModelEndpoint, messages: Sequence[ChatMessage], **given: Any
+    ) -> AsyncIterator[str]:
+        self.asked.append((endpoint, messages, given))
+        yield "Well."
+
+    async def _list(self) -> tuple[str, ...]:
+        return self.listed
+
+    def do(self, intent: Any) -> None:
+        self.service.handlers()[type(intent)](intent)
+
+    @property
+    def setup(self) -> AssistantSetup:
+        setup: AssistantSetup = self.state.assistant_setup.value
+        return setup
+
+    @property
+    def rows(self) -> tuple[ExchangeStatus, ...]:
+        status: AssistantStatus = self.state.assistant.value
+        return status.exchanges
+
+    @property
+    def prompt(self) -> str:
+        """All that the model was told last."""
+        return "\n".join(f"{message.role}: {message.content}" for message in self.asked[-1][1])
+
+
+async def _no_version(_endpoint: ModelEndpoint, *, local_only: bool) -> str:
+    return ""
+
+
+@pytest.fixture
+def new_desk(qtbot: QtBot) -> Iterator[Callable[..., Desk]]:
+    thread = AsyncioThread()
+    desks: list[Desk] = []
+
+    def new(settings: AssistantSettings = SETTINGS, **permissions: bool) -> Desk:
+        desks.append(Desk(thread, settings, **permissions))
+        desks[-1].service.start()
+        return desks[-1]
+
+    yield new
+    for desk in desks:
+        desk.service.stop()
+    thread.stop()
+
+
+def answered(desk: Desk, qtbot: QtBot, asked: intents.Ask) -> LlmExchange:
+    desk.do(asked)
+    qtbot.waitUntil(lambda: not desk.rows[0].under_way)
+    exchange = desk.published[-1]
+    assert isinstance(exchange, LlmExchange)
+    return exchange
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (AssistantSettings(model="embedded", pictures=True), "of this program cannot see pictures"),
+        (AssistantSettings(model="openai:m"), "gives no pictures to a language model"),
+        (AssistantSettings(model="ollama:m"), "gives no pictures to a language model"),
+    ],
+)
+def test_a_picture_goes_to_no_model_that_cannot_or_may_not_see_it(
+    qtbot: QtBot, settings: AssistantSettings, expected: str
+) -> None:
+    desk = Desk(NOBODY, settings)
+    with pytest.raises(UserFacingError, match=expected):
+        desk.do(intents.Ask("What is this?", pictures=("camera robot",)))
+    assert desk.rows == ()
+
+
+def test_pictures_are_read_and_go_along(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk(replace(SETTINGS, pictures=True))
+    read: list[Sequence[str]] = []
+
+    def read_pictures(names: Sequence[str], done: Callable[[list[bytes]], None], _failed: object) -> None:
+        read.append(names)
+        done([b"one", b"two"])
+
+    desk.service.use_pictures(read_pictures)
+    exchange = answered(desk, qtbot, intents.Ask("What is this?", pictures=("camera robot", "photos/1.png")))
+    assert read == [("camera robot", "photos/1.png")]
+    assert desk.asked[-1][2]["jpegs"] == (b"one", b"two")
+    assert exchange.photo == "camera robot, photos/1.png"
+
+
+def test_a_picture_that_cannot_be_read_leaves_the_question_with_the_reason(
+    new_desk: Callable[..., Desk], qtbot: QtBot
+) -> None:
+    desk = new_desk(replace(SETTINGS, pictures=True))
+
+    def gone(_names: object, _done: object, failed: Callable[[UserFacingError], None]) -> None:
+        failed(UserFacingError("There is no such photo.", "It was deleted.", "Choose another one."))
+
+    desk.service.use_pictures(gone)
+    desk.do(intents.Ask("What is this?", pictures=("photos/1.png",)))
+    assert (desk.rows[0].question, desk.rows[0].state) == ("What is this?", "failed")
+    assert "no such photo" in desk.rows[0].detail
+    assert desk.asked == []
+
+
+def test_the_wizards_words_hold_for_the_session_and_are_put_back(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk()
+    desk.do(intents.ChoosePrompt("role", "Expert"))
+    desk.do(intents.ChoosePrompt("style", "Short", actor="wizard:b"))
+    desk.do(intents.EditPrompt("style", "Use five words.", "Short"))
+    desk.do(intents.EditPrompt("notes", "The arm works again."))
+    answered(desk, qtbot, intents.Ask("Where?"))
+    assert "system: You are a guide.\n\nYou know every robot.\n\nUse five words." in desk.prompt
+    assert 'Notes: "The arm works again."' in desk.prompt
+    assert (desk.setup.edited, desk.setup.style, desk.setup.styles[0].text) == (True, "Short", "Use five words.")
+    told = [event for event in desk.published if isinstance(event, AssistantChanged)]
+    assert [(event.setting, event.name, event.actor) for event in told] == [
+        ("role", "Expert", "wizard"), ("style", "Short", "wizard:b"), ("style", "Short", "wizard"),
+        ("notes", "", "wizard"),
+    ]  # fmt: skip
+    desk.service.use_scenario(replace(desk.scenario, title="A place was saved"))
+    assert desk.setup.edited, "the scenario says the same of the assistant"
+    desk.do(intents.ResetPrompts())
+    assert (desk.setup.edited, desk.setup.role, desk.setup.notes) == (False, "", "The arm is being repaired.")
+    with pytest.raises(UserFacingError, match="no role of that name"):
+        desk.do(intents.ChoosePrompt("role", "Pirate"))
+    with pytest.raises(UserFacingError, match="characters too long"):
+        desk.do(intents.EditPrompt("notes", "x" * 5000))
+
+
+def test_the_models_to_choose_from_are_the_scenarios_and_what_is_found_here(
+    new_desk: Callable[..., Desk], qtbot: QtBot
+) -> None:
+    desk = new_desk()
+    desk.service._lists._look()
+    qtbot.waitUntil(lambda: len(desk.setup.models) > 3)
+    assert [(choice.model, choice.where) for choice in desk.setup.models] == [
+        ("ollama:small", "on this computer"), ("openai:large", "api.openai.com"), ("embedded", "on this computer"),
+        ("ollama:found", "on this computer"), ("ollama:passed-on:cloud", "127.0.0.1:11434"),
+    ]  # fmt: skip
+    desk.do(intents.ChooseModel("ollama:found"))
+    exchange = answered(desk, qtbot, intents.Ask("Where?"))
+    assert (exchange.model, exchange.provider) == ("found", "ollama")
+    with pytest.raises(UserFacingError, match="cannot be chosen"):
+        desk.do(intents.ChooseModel("openai:somewhere-else"))
+
+
+def test_with_local_models_only_no_other_is_offered_or_asked(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk(cloud_models=False)
+    desk.service._lists._look()
+    qtbot.waitUntil(lambda: len(desk.setup.models) > 2)
+    assert [choice.model for choice in desk.setup.models] == ["ollama:small", "embedded", "ollama:found"]
+    with pytest.raises(UserFacingError, match="cannot be chosen"):
+        desk.do(intents.ChooseModel("openai:large"))
+    answered(desk, qtbot, intents.Ask("Where?"))
+    assert desk.asked[-1][2]["local_only"] is True
+    elsewhere = new_desk(replace(SETTINGS, model="gemini:large"), cloud_models=False)
+    assert "permits only models that are" in elsewhere.state.assistant.value.detail
+    with pytest.raises(UserFacingError, match="kept in the field"):
+        elsewhere.do(intents.Ask("Where?"))
+
+
+def gather(desk: Desk) -> None:
+    desk.state.transcript.set((
+        Turn("u-1", "robot", "Hello, {p-1}.", "typed", "finished", 1, 2),
+        Turn("u-2", "participant", "Where is the arm?", "heard", "finished", 3, 4),
+    ))  # fmt: skip
+    desk.state.persons.set((PersonRow("p-1", 1, "Ada", True, 1, 2, number=7, known=True),))
+    desk.state.protocol.set(ProtocolStatus("robot-arm", "Robot arm", 3, 6))
+    desk.service.follows()[Marked](Marked(5, "Laughs", mark_id="m-1", note="She likes the arm"))
+
+
+def test_what_goes_along_is_counted_and_can_be_left_out(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk()
+    gather(desk)
+    desk.service._show_setup()
+    assert [(part.kind, part.count) for part in desk.setup.parts] == [
+        ("conversation", 2), ("step", 1), ("people", 1), ("notes", 2),
+    ]  # fmt: skip
+    assert all(part.words > 0 for part in desk.setup.parts)
+    exchange = answered(desk, qtbot, intents.Ask("Where?"))
+    assert "assistant: Hello, Ada." in desk.prompt and '"Where is the arm?"' in desk.prompt
+    assert 'Step of the study now: "Robot arm".' in desk.prompt
+    assert 'People here now: "Ada".' in desk.prompt and '"Laughs: She likes the arm"' in desk.prompt
+    recorded = " ".join(message.content for message in exchange.messages)
+    assert "Ada" not in recorded and "Hello, person 7." in recorded, "names never enter the record"
+    everything: tuple[Along, ...] = ("conversation", "step", "people", "history", "things", "notes")
+    answered(desk, qtbot, intents.Ask("Where?", leave_out=everything))
+    assert desk.prompt == "system: You are a guide.\nuser: Where?"
+
+
+def test_nothing_of_one_participant_is_told_about_the_next(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk()
+    gather(desk)
+    desk.service.forget(conversation=True)
+    answered(desk, qtbot, intents.Ask("Where?", leave_out=("people",)))
+    assert "arm?" not in desk.prompt and "likes" not in desk.prompt
+    desk.service.follows()[Marked](Marked(6, "", mark_id="m-2", note="New here"))
+    answered(desk, qtbot, intents.Ask("Where?"))
+    assert '"New here"' in desk.prompt
+    desk.service.follows()[Marked](Marked(7, "", mark_id="m-2", note="New here", state="withdrawn"))
+    answered(desk, qtbot, intents.Ask("Where?"))
+    assert "New here" not in desk.prompt
+
+
+def test_several_questions_are_asked_beside_one_another(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = new_desk()
+    for number in range(3):
+        desk.do(intents.Ask(f"Question {number}?"))
+    qtbot.waitUntil(lambda: not any(row.under_way for row in desk.rows))
+    assert [(row.question, row.answer) for row in desk.rows] == [
+        (f"Question {number}?", "Well.") for number in (2, 1, 0)
+    ]
+    assert len({exchange.exchange_id for exchange in desk.published}) == 3

@@ -1,0 +1,63 @@
+"""Whom to forget is found by id or name, with all that the database knows of them."""
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.people.people_store import About, PeopleStore, StoredLooks
+from caris_desktop.people.person_erasure import erase, look_up
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Path:
+    """Ada, whom a second id was found to be, and two called Ben."""
+    path = tmp_path / "people.sqlite"
+    with closing(PeopleStore(path)) as store:
+        ada, again, *bens = (store.add().person_id for _ in range(4))
+        store.describe(ada, About(name="Ada  Quill", note="Likes trains"))
+        for ben in bens:
+            store.describe(ben, About(name="Ben"))
+        store.keep_portrait(again, b"a picture", 0.9)
+        vectors = np.eye(2, 8, dtype=np.float32)
+        store.keep_looks(StoredLooks(ada, "clothing", "osnet", "2026-11-22", vectors), expires_utc_ns=None)
+        store.link(again, ada)
+    return path
+
+
+def test_somebody_is_found_by_name_or_any_id_with_all_that_is_known(database: Path) -> None:
+    by_name = look_up(database, "ada quill")
+    assert by_name is not None
+    assert by_name.names == ("Ada  Quill",)
+    assert len(by_name.person_ids) == 2
+    assert b"a picture" in by_name.pictures
+    assert len(by_name.pictures) == 3
+    assert all(look_up(database, each) == by_name for each in by_name.person_ids)
+    assert look_up(database, "Nobody") is None
+    assert look_up(database.with_name("absent.sqlite"), "Ada Quill") is None
+
+
+def test_of_two_with_one_name_nobody_is_chosen(database: Path) -> None:
+    with pytest.raises(UserFacingError, match=r"2 people of this study are called Ben\..*by id: p-\w+, last seen"):
+        look_up(database, "Ben")
+
+
+def test_who_is_erased_is_gone_and_may_be_erased_again(database: Path) -> None:
+    ada = look_up(database, "Ada Quill")
+    assert ada is not None
+    for _ in range(2):
+        erase(database, ada.person_ids)
+    assert look_up(database, "Ada Quill") is None
+    with closing(PeopleStore(database)) as store:
+        assert [person.name for person in store.everybody()] == ["Ben", "Ben"]
+
+
+@pytest.mark.logs("could not be opened")
+def test_a_database_of_something_else_is_told_and_left(tmp_path: Path) -> None:
+    path = tmp_path / "people.sqlite"
+    path.write_bytes(b"no database" * 100)
+    with pytest.raises(UserFacingError, match="Nobody was forgotten"):
+        look_up(path, "Ada")
+    assert path.read_bytes() == b"no database" * 100
