@@ -10,11 +10,11 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     # Late imports: the window must not wait for what only another command needs, nor a child process for any of it.
     from caris_desktop.app import command_table
-    from caris_desktop.domain.private_files import keep_new_files_private
+    from caris_desktop.domain.private_files import make_new_files_private
     from caris_desktop.domain.process_title import title_process
 
     if arguments is None:  # the whole process is this program
-        keep_new_files_private()
+        make_new_files_private()
         title_process(words[0] if words and words[0] in command_table.COMMANDS else "console")
     return command_table.run(words)
 

@@ -131,9 +131,9 @@ def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.
     ],
 )
 def test_what_has_no_advice_is_seen(call: str) -> None:
-    (found,) = [told(node, {"UserFacingError"}) for node in ast.walk(ast.parse(call)) if told_here(node)]
+    (found,) = [told(node, {"UserFacingError"}) for node in ast.walk(ast.parse(call)) if reported_here(node)]
     assert found is not None and found[0] != "info" and may_be_empty(found[1])
 
 
-def told_here(node: ast.AST) -> bool:
+def reported_here(node: ast.AST) -> bool:
     return isinstance(node, ast.Call) and told(node, {"UserFacingError"}) is not None

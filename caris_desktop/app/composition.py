@@ -181,7 +181,7 @@ def parts(
         people=PeopleParts(
             inference=ProcessSpec("inference", process_entry_points.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
-            as_told=_inference_as_told,
+            as_told=_inference_as_configured,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantParts(
@@ -413,7 +413,7 @@ def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
     return resolve_endpoint(model, embedded_url=embedded_url)
 
 
-def _inference_as_told(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
+def _inference_as_configured(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
     (settings,) = body.arguments
     detector = detector_settings(scenario)
     return replace(body, arguments=(replace(settings, detector=detector, tracker=scenario.perception.tracker),))

@@ -92,11 +92,11 @@ class ConsoleRun:
             study=study,
             cameras=arguments.camera,
             address_of=self._address_of,
-            microphone=composition.microphones(self._kept_microphone, self._keep_microphone),
+            microphone=composition.microphones(self._stored_microphone, self._store_microphone),
         )
         practice = replace(parts.practice, robot=self._use_simulated_robot, cut_link=self._cut_link)
         robots = replace(parts.robots, simulated=self._use_simulated_robot)
-        of_scenario = replace(parts.scenario, layouts=OwnLayoutFiles(self.settings, self._keep_scenario))
+        of_scenario = replace(parts.scenario, layouts=OwnLayoutFiles(self.settings, self._store_scenario))
         self.console = Console(replace(parts, practice=practice, robots=robots, scenario=of_scenario), scenario)
         self.settings.failed.connect(self._on_settings_failed)
         self.host = RobotConnections(self.console, composition.live_consoles_dir(), self.console)
@@ -124,7 +124,7 @@ class ConsoleRun:
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
         self.console.gamepads.use_mappings_text(str(self.settings.value(_GAMEPADS_KEY, "")))
-        self.console.gamepads.mappings_changed.connect(self._keep_gamepads)
+        self.console.gamepads.mappings_changed.connect(self._store_gamepads)
         self.console.state.scenario.changed.connect(self._on_scenario_changed)
         self.console.state.link.changed.connect(self._on_link_changed)
 
@@ -168,8 +168,8 @@ class ConsoleRun:
         gc.freeze()
         self._garbage = GarbageCollector(self.console)
         self._to_start.extend((
-            self.console.start, self.host.start, self.begin_first_use, self.tell_of_settings, self.tell_of_narrowed,
-            self.tell_of_scenario,
+            self.console.start, self.host.start, self.begin_first_use, self.report_settings, self.report_narrowed,
+            self.report_scenario,
             self._ask_or_connect,
         ))  # fmt: skip
         self._start_next()
@@ -185,7 +185,7 @@ class ConsoleRun:
             self._connect_first_robot()
             return
         self.console.state.file_question.changed.connect(self._on_file_question)
-        self.console.state.file_question.set_anew(self._to_confirm.question)
+        self.console.state.file_question.reset_value(self._to_confirm.question)
 
     def _on_file_question(self, question: object) -> None:
         """Handle the answer: after a yes, the scenario opens a moment later, and its robot is connected."""
@@ -216,12 +216,12 @@ class ConsoleRun:
         if self._make_demo_robot in (None, DemoRobot) and self._arguments.robot is None:
             self.window.first_use.begin(with_simulated_robot=self._arguments.demo)
 
-    def tell_of_settings(self) -> None:
+    def report_settings(self) -> None:
         """Report settings of the last run that could not be loaded."""
         if self._settings_trouble is not None:
             self._on_settings_failed(said_now(self._settings_trouble))
 
-    def tell_of_narrowed(self) -> None:
+    def report_narrowed(self) -> None:
         """Report files that were open to other users of this computer."""
         if self._narrowed:
             self.console.problem(
@@ -231,7 +231,7 @@ class ConsoleRun:
                 tr("To share a study with your group, start with {variable}=1.").format(variable=SHARE_VARIABLE),
             )
 
-    def tell_of_scenario(self) -> None:
+    def report_scenario(self) -> None:
         """Report that another scenario than that of the last run is open."""
         if self._refused_scenario:
             self.console.problem(
@@ -294,15 +294,15 @@ class ConsoleRun:
                 raise
             return composition.find_scenario("tour-guide"), last_time
 
-    def _kept_microphone(self, role: Role) -> str | None:
+    def _stored_microphone(self, role: Role) -> str | None:
         """Stored microphone; empty for the system's default, None if switched off."""
         kept = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
         return None if kept == _NO_MICROPHONE else kept
 
-    def _keep_microphone(self, role: Role, name: str | None) -> None:
+    def _store_microphone(self, role: Role, name: str | None) -> None:
         self.settings.setValue(_MICROPHONE_KEYS[role], _NO_MICROPHONE if name is None else name)
 
-    def _keep_gamepads(self, mappings: str) -> None:
+    def _store_gamepads(self, mappings: str) -> None:
         self.settings.setValue(_GAMEPADS_KEY, mappings)
 
     def _on_link_changed(self, link: LinkStatus) -> None:
@@ -315,9 +315,9 @@ class ConsoleRun:
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         practising = self.console.state.practice.value.state in ("preparing", "running")
         if scenario.path is not None and not practising:
-            self._keep_scenario(scenario.path)
+            self._store_scenario(scenario.path)
 
-    def _keep_scenario(self, path: Path) -> None:
+    def _store_scenario(self, path: Path) -> None:
         """Store the scenario for the next start."""
         self.settings.setValue(_SCENARIO_KEY, str(path))
 
@@ -347,7 +347,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(console_run: ConsoleRun) -> int:
-    end_when_told(console_run)
+    end_on_request(console_run)
     console_run.show()
     try:
         return console_run.application.exec()
@@ -356,7 +356,7 @@ def _run(console_run: ConsoleRun) -> int:
         forget_screen()
 
 
-def end_when_told(console_run: ConsoleRun) -> None:
+def end_on_request(console_run: ConsoleRun) -> None:
     """End in order on Ctrl+C, when the terminal is closed, and at shutdown or logout; at once when
     the screen is lost.
     """

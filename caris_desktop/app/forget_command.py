@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("\nStopped in the middle. Nothing is lost; the same command goes on where it stopped.", file=sys.stderr)
         return _CANCELLED
-    _tell(outcome, study, person.person_ids[0])
+    _notify(outcome, study, person.person_ids[0])
     return 0 if outcome.complete else 1
 
 
@@ -99,7 +99,7 @@ def _agreed(asked: ForgettingAsked, names: tuple[str, ...]) -> bool:
     return input(f"Type {_YES} to go on: ").strip() == _YES
 
 
-def _tell(outcome: Forgotten, study: Path, person_id: str) -> None:
+def _notify(outcome: Forgotten, study: Path, person_id: str) -> None:
     if not outcome.complete:
         print("Incomplete: the person may still be named, shown or heard.", file=sys.stderr)
     print(receipt_words(outcome.receipt))

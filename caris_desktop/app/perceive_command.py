@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
         )
         if own is not None and own.suffix.lower() == ".pt":
-            _tell(
+            _notify(
                 tr("{name} may bring code of its maker, which runs here because you name the file.").format(
                     name=own.name
                 )
@@ -88,11 +88,11 @@ def run(arguments: argparse.Namespace) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         async with serving(
-            chosen.detector, chosen.people, host=arguments.host, port=arguments.port, token=token, tls=tls, note=_tell
+            chosen.detector, chosen.people, host=arguments.host, port=arguments.port, token=token, tls=tls, note=_notify
         ) as server:
             host, port = server.sockets[0].getsockname()[:2]
             scheme = "ws" if tls is None else "wss"
-            _tell(f"{chosen.detector.label} answers at {scheme}://{before_port(host)}:{port}; Ctrl+C ends it.")
+            _notify(f"{chosen.detector.label} answers at {scheme}://{before_port(host)}:{port}; Ctrl+C ends it.")
             await stop.wait()
 
     try:
@@ -124,5 +124,5 @@ def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None
         )
 
 
-def _tell(words: str) -> None:
+def _notify(words: str) -> None:
     print(words, flush=True)

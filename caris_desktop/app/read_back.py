@@ -28,7 +28,12 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
     try:
         session = open_session(folder)
         read = Counter(spec.name for spec, _ in session.values())
-        problems += [*session.notices, *session.told_losses(), *_missing(session, read), *_not_replayed(session, read)]
+        problems += [
+            *session.notices,
+            *session.recorded_losses(),
+            *_missing(session, read),
+            *_not_replayed(session, read),
+        ]
     except SessionError as error:
         return ReadBack((), (str(error),))
     found.append(f"{read.total()} values of {len(read)} streams read back, {session.duration_s:.0f} s replayed.")

@@ -15,13 +15,13 @@ class RehearsedParticipant:
 
     def prepare(self, texts: Sequence[str]) -> None:
         """Synthesise these texts in advance, so that speech starts without delay."""
-        self._tell(simulator_calls.PREPARE, texts)
+        self._notify(simulator_calls.PREPARE, texts)
 
     def say(self, text: str) -> None:
         """Say a text. Returns at once; a failure shows only in that nothing is heard."""
-        self._tell(simulator_calls.SAY, (text,))
+        self._notify(simulator_calls.SAY, (text,))
 
-    def _tell(self, service: str, texts: Sequence[str]) -> None:
+    def _notify(self, service: str, texts: Sequence[str]) -> None:
         address = self._address()
         if address is not None:
             self._asyncio.submit(simulator_calls.call(address, service, [{"text": text} for text in texts]))

@@ -36,7 +36,7 @@ from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore
-from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
+from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
@@ -217,7 +217,7 @@ def _session_folder(path: Path) -> Path:
     """Session at ``path``; a bag is first converted, in the user's cache. Raises SessionError."""
     if not path.exists():
         raise SessionError(localized(QT_TR_NOOP("There is no {path}."), path=path))
-    if is_session(path) or not looks_like_bag(path):
+    if is_session(path) or not is_probably_bag(path):
         return path
     return _imported(path)
 

@@ -62,7 +62,7 @@ def _list() -> int:
 
 def _explore(address: str, title: str | None) -> int:
     found = asyncio.run(explore_robot(address, on_progress=lambda words: print(f"{words} ...", flush=True)))
-    _tell(found)
+    _notify(found)
     if title is None:
         return 0
     path: Path = user_robots_dir() / profile_file_name(title)
@@ -76,7 +76,7 @@ def _explore(address: str, title: str | None) -> int:
     return 0
 
 
-def _tell(found: Exploration) -> None:
+def _notify(found: Exploration) -> None:
     offer = found.offer
     ros = f"ROS {offer.dialect.value}" if offer.dialect else "an unknown ROS"
     print(

@@ -49,11 +49,11 @@ class SavedLayouts:
         """Note that ``saved`` was written to ``path``; ``replaced`` is the scenario as it was open before."""
         before = own_layout(self.as_before(replaced), kind)
         entry = {"before": None if before is None else layout_data(before), "saved": layout_data(saved)}
-        self._keep(self._all() | {_name(path, kind): entry})
+        self._persist(self._all() | {_name(path, kind): entry})
 
     def forget(self, path: Path) -> None:
         names = {_name(path, kind) for kind in _KINDS}
-        self._keep({known: layouts for known, layouts in self._all().items() if known not in names})
+        self._persist({known: layouts for known, layouts in self._all().items() if known not in names})
 
     def _all(self) -> dict[str, Any]:
         try:
@@ -62,7 +62,7 @@ class SavedLayouts:
             known = None
         return known if isinstance(known, dict) else {}
 
-    def _keep(self, known: dict[str, Any]) -> None:
+    def _persist(self, known: dict[str, Any]) -> None:
         self._settings.setValue(_KEY, json.dumps(known))
 
 
@@ -79,7 +79,7 @@ class OwnLayoutFiles:
 
     def save(self, scenario: Scenario, asked: SaveLayout) -> Path:
         changed = with_layout(scenario, asked.size_class, _tree_of(asked))
-        return _written_anew(replace(changed, title=asked.title)) if asked.title else _written(changed)
+        return _rewritten(replace(changed, title=asked.title)) if asked.title else _written(changed)
 
     def note_saved(self, path: Path, asked: SaveLayout, *, replaced: Scenario) -> None:
         if not asked.title:
@@ -121,7 +121,7 @@ def _written(scenario: Scenario) -> Path:
     return path
 
 
-def _written_anew(scenario: Scenario) -> Path:
+def _rewritten(scenario: Scenario) -> Path:
     """Write the scenario to a new file named by its title; existing files are not overwritten. Raises UserFacingError."""
     first = path = own_file_called(scenario.title)
     try:

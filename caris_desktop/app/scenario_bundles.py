@@ -41,7 +41,7 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
     stem = scenario.path.stem if scenario.path is not None else scenario.title
     own = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
     try:
-        write_bundle(Bundle(own, tuple(_beside(scenario))), path)
+        write_bundle(Bundle(own, tuple(_next_to(scenario))), path)
     except (BundleError, ProfileError, OSError) as error:
         raise UserFacingError(
             tr("The scenario was not written as one file."), str(error), tr("Choose another folder or another name.")
@@ -86,7 +86,7 @@ def _told() -> Iterator[None]:
         ) from error
 
 
-def _beside(scenario: Scenario) -> list[BundledFile]:
+def _next_to(scenario: Scenario) -> list[BundledFile]:
     """Robot and face of the scenario, if they are the user's own. A profile's text contains no secrets."""
     parts = []
     if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():

@@ -65,9 +65,9 @@ def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
         )
     version = _version(settings)
     if settings.status() != QSettings.Status.NoError or version is None:
-        return _begin_anew(settings, QT_TR_NOOP("Your settings could not be read."))
+        return _restart(settings, QT_TR_NOOP("Your settings could not be read."))
     if version > VERSION:
-        return _begin_anew(settings, QT_TR_NOOP("Your settings are of a newer version of this program."))
+        return _restart(settings, QT_TR_NOOP("Your settings are of a newer version of this program."))
     for number in range(version, VERSION):
         _MIGRATIONS[number](settings)
     if version < VERSION:
@@ -95,7 +95,7 @@ def _version(settings: QSettings) -> int | None:
     return version if version >= 0 else None
 
 
-def _begin_anew(settings: QSettings, what: str) -> UserFacingError:
+def _restart(settings: QSettings, what: str) -> UserFacingError:
     try:
         copy = _copy_aside(settings)
     except OSError as error:

@@ -103,7 +103,7 @@ def context_lines(along: ContextPart) -> dict[str, str]:
 
 def conversation_words(conversation: Sequence[Turn]) -> tuple[int, int]:
     """Number of turns that the model gets, and their words."""
-    turns = _told_turns(conversation)
+    turns = _reported_turns(conversation)
     return len(turns), sum(len(text.split()) for _, text in turns)
 
 
@@ -122,7 +122,7 @@ def _newest_turns(along: ContextPart) -> list[ChatMessage]:
         return along.label_of(person_id) or "somebody"
 
     messages: list[ChatMessage] = []
-    for turn, told in _told_turns(along.conversation):
+    for turn, told in _reported_turns(along.conversation):
         text = person_marks.with_names(told, name_of)
         robot = turn.speaker == "robot"
         said = _one_line(text) if robot else quoted(text, MAX_TURN_CHARACTERS)
@@ -130,7 +130,7 @@ def _newest_turns(along: ContextPart) -> list[ChatMessage]:
     return messages
 
 
-def _told_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
+def _reported_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
     told: list[tuple[Turn, str]] = []
     left = MAX_CONVERSATION_CHARACTERS
     for turn in reversed(turns):

@@ -307,7 +307,7 @@ class _Synthesis:
                 self._fail_voice(detail)
             case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
                 self._voice = voice
-                self._tell_instead(why_not)
+                self._report_instead(why_not)
                 if self._looks:
                     self._enter("looking", self._deadlines.look_s)
                 else:
@@ -317,7 +317,7 @@ class _Synthesis:
                 if self._phase == "looking":
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
-                self._tell_cut_off(clock.now_ns())
+                self._report_cut_off(clock.now_ns())
                 why_not = localized(QT_TR_NOOP("it could not be turned into sound ({why})"), why=detail)
                 self._end("failed", clock.now_ns(), why_not)
             case {"event": "voices", "voices": list(voices)}:
@@ -326,13 +326,13 @@ class _Synthesis:
                 _log.debug("a part of what was silenced came late")
             case {"event": "part", "sound": bytes(pcm), "at": int(at), "rate_hz": int(rate_hz)}:
                 self._heard.add(at, pcm, rate_hz)
-                self._tell_played()
+                self._report_played()
                 if self._phase == "rendering":
                     self._enter("opening", self._deadlines.open_s)
             case {"event": "started", "at_ns": int(at_ns)}:
                 self._heard.started_ns = at_ns
                 self._report_started(at_ns)
-                self._tell_played()
+                self._report_played()
                 # Two engine threads report the first part and the start, in either order.
                 if self._phase in ("rendering", "opening"):
                     self._enter("playing", self._deadlines.heartbeat_s)
@@ -342,7 +342,7 @@ class _Synthesis:
                 if self._phase == "playing":
                     self._enter("playing", self._deadlines.heartbeat_s)
             case {"event": "inaudible", "played_s": float(played_s)}:
-                self._tell_cut_off(clock.now_ns())
+                self._report_cut_off(clock.now_ns())
                 self._played_s = played_s
                 self._pace()
             case {"event": "finished", "at_ns": int(at_ns)}:
@@ -359,11 +359,11 @@ class _Synthesis:
         for chunk in self._heard.recorded(until_s):
             self._send(chunk)
 
-    def _tell_played(self) -> None:
+    def _report_played(self) -> None:
         for sound in self._heard.played():
             self._send(sound)
 
-    def _tell_cut_off(self, at_ns: int) -> None:
+    def _report_cut_off(self, at_ns: int) -> None:
         if self._now is not None and self._heard.started_ns:
             self._send(PlayedSoundEnded(at_ns, self._now.utterance_id))
             self._heard.started_ns = 0
@@ -381,7 +381,7 @@ class _Synthesis:
         elif phase == "rendering":
             self._end("failed", clock.now_ns(), detail)
         elif phase in ("opening", "playing"):
-            self._tell_cut_off(clock.now_ns())
+            self._report_cut_off(clock.now_ns())
             self._set_audible(False, detail)
             self._pace()
         elif phase == "silencing":
@@ -432,7 +432,7 @@ class _Synthesis:
             )
         )
 
-    def _tell_instead(self, why_not: str) -> None:
+    def _report_instead(self, why_not: str) -> None:
         """Report that another voice than the requested one is used."""
         if why_not:
             self._send(
@@ -468,7 +468,7 @@ class _Synthesis:
 
     def _end(self, state: UtteranceState, at_ns: int, detail: str = "") -> None:
         if state == "interrupted":
-            self._tell_cut_off(at_ns)
+            self._report_cut_off(at_ns)
         ended, self._now = self._now, None
         self._enter("idle" if self._engine is not None else "off", None)
         if ended is not None:

@@ -51,7 +51,7 @@ class _Engine:
             voice, why_not = open_voice(choice, folder)
         except Exception as error:
             traceback.print_exc()
-            self._tell("broken", detail=words_of(error))
+            self._notify("broken", detail=words_of(error))
             return
         rendering = self._rendering = Rendering(voice)
         threading.Thread(target=rendering.run, name="rendering", daemon=True).start()
@@ -59,20 +59,20 @@ class _Engine:
         rendering.draft(self._draft)
         if self._tuned is not None:
             rendering.tune(*self._tuned)
-        self._tell("ready", voice=voice.name, why_not=why_not)
+        self._notify("ready", voice=voice.name, why_not=why_not)
         loudspeaker = Loudspeaker(settings["device"], awake=settings["at_hand"])
         if settings["look"]:
             trouble = loudspeaker.look()
             # Before the console relies on it: a hanging sound server blocks this, too.
             loudspeaker.stay_awake()
-            self._tell_device(trouble)
+            self._report_device(trouble)
         if settings["at_hand"]:
             # In a thread: speech must not wait for the system's voice list.
-            threading.Thread(target=self._tell_voices, args=(choice, voice), name="voices", daemon=True).start()
+            threading.Thread(target=self._report_voices, args=(choice, voice), name="voices", daemon=True).start()
         while True:
             text, number = self._commands.get()
             sound = StreamingBuffer(voice.rate_hz, self._woken.set)
-            rendering.say(text, sound, functools.partial(self._tell_part, voice.rate_hz, number))
+            rendering.say(text, sound, functools.partial(self._report_part, voice.rate_hz, number))
             self._say(sound, rendering, loudspeaker)
             loudspeaker.stay_awake()
 
@@ -110,7 +110,7 @@ class _Engine:
                 self._woken.wait()
                 self._woken.clear()
             if not sound.begun and not self._silenced.is_set():
-                self._tell("unrendered", detail=sound.trouble)
+                self._notify("unrendered", detail=sound.trouble)
             else:
                 self._play(sound, loudspeaker)
         finally:
@@ -118,20 +118,22 @@ class _Engine:
 
     def _play(self, sound: StreamingBuffer, loudspeaker: Loudspeaker) -> None:
         if not loudspeaker.audible and not self._silenced.is_set():
-            self._tell_device(loudspeaker.look())
+            self._report_device(loudspeaker.look())
         for attempt in (1, 2):
             if self._silenced.is_set():
-                self._tell("silenced", at_ns=time.monotonic_ns())
+                self._notify("silenced", at_ns=time.monotonic_ns())
                 return
             if not loudspeaker.audible:
-                self._tell_inaudible(sound, played_s=0.0)
+                self._report_inaudible(sound, played_s=0.0)
                 return
             try:
-                ended_ns = loudspeaker.play(sound, silenced=self._silenced, woken=self._woken, tell=self._tell_playing)
+                ended_ns = loudspeaker.play(
+                    sound, silenced=self._silenced, woken=self._woken, tell=self._report_playing
+                )
             except DeviceTroubleError as trouble:
                 if trouble.hung:
-                    self._tell_device(str(trouble))
-                    self._tell_inaudible(sound, played_s=trouble.played_s)
+                    self._report_device(str(trouble))
+                    self._report_inaudible(sound, played_s=trouble.played_s)
                     # Closing the stream may hang as well; only a new process helps.
                     os._exit(3)
                 reason = loudspeaker.look()
@@ -139,43 +141,43 @@ class _Engine:
                     sound.rewind()
                     continue
                 loudspeaker.audible = False
-                self._tell_device(reason or str(trouble))
-                self._tell_inaudible(sound, played_s=trouble.played_s)
+                self._report_device(reason or str(trouble))
+                self._report_inaudible(sound, played_s=trouble.played_s)
                 return
             if self._silenced.is_set():
-                self._tell("silenced", at_ns=ended_ns)
+                self._notify("silenced", at_ns=ended_ns)
             elif sound.trouble:
-                self._tell("unrendered", detail=sound.trouble)
+                self._notify("unrendered", detail=sound.trouble)
             else:
-                self._tell("finished", at_ns=ended_ns)
+                self._notify("finished", at_ns=ended_ns)
             return
 
-    def _tell_voices(self, choice: VoiceChoice, voice: Voice) -> None:
+    def _report_voices(self, choice: VoiceChoice, voice: Voice) -> None:
         try:
-            self._tell("voices", voices=every_voice(choice, voice))
+            self._notify("voices", voices=every_voice(choice, voice))
         except Exception:
             traceback.print_exc()
 
-    def _tell_inaudible(self, sound: StreamingBuffer, *, played_s: float) -> None:
+    def _report_inaudible(self, sound: StreamingBuffer, *, played_s: float) -> None:
         """Report the duration of an inaudible utterance once it is synthesised."""
         while not (sound.complete or self._silenced.is_set()):
             self._woken.wait()
             self._woken.clear()
-        self._tell("inaudible", played_s=played_s)
+        self._notify("inaudible", played_s=played_s)
 
-    def _tell_part(self, rate_hz: int, number: int, at: int, part: Samples) -> None:
-        self._tell("part", sound=part.astype("<i2").tobytes(), at=at, rate_hz=rate_hz, number=number)
+    def _report_part(self, rate_hz: int, number: int, at: int, part: Samples) -> None:
+        self._notify("part", sound=part.astype("<i2").tobytes(), at=at, rate_hz=rate_hz, number=number)
 
-    def _tell_playing(self, event: str, value: float) -> None:
+    def _report_playing(self, event: str, value: float) -> None:
         if event == "started":
-            self._tell("started", at_ns=value)
+            self._notify("started", at_ns=value)
         else:
-            self._tell("playing", played_s=value)
+            self._notify("playing", played_s=value)
 
-    def _tell_device(self, trouble: str) -> None:
-        self._tell("device", audible=not trouble, detail=trouble)
+    def _report_device(self, trouble: str) -> None:
+        self._notify("device", audible=not trouble, detail=trouble)
 
-    def _tell(self, event: str, *, sound: bytes = b"", **values: Any) -> None:
+    def _notify(self, event: str, *, sound: bytes = b"", **values: Any) -> None:
         line = json.dumps({"event": event, "bytes": len(sound), **values}).encode() + b"\n"
         # If the parent is gone, the command thread cleans up and exits.
         with self._telling, contextlib.suppress(BrokenPipeError):

@@ -41,10 +41,10 @@ def replace_file(
     OSError
         If the file cannot be written, or whatever ``data`` raises.
     """
-    descriptor, beside = _opened_beside(path)
+    descriptor, beside = _opened_alongside(path)
     try:
         try:
-            _keep_permissions(descriptor, path)
+            _store_permissions(descriptor, path)
             for part in (data,) if isinstance(data, bytes) else data:
                 _write_all(descriptor, part, on_full)
             if durable:
@@ -75,7 +75,7 @@ def bring_to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def _opened_beside(path: Path) -> tuple[int, Path]:
+def _opened_alongside(path: Path) -> tuple[int, Path]:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     while True:
         beside = path.with_name(f".{path.name[:SHOWN_CHARACTERS]}.{secrets.token_hex(4)}.part")
@@ -83,7 +83,7 @@ def _opened_beside(path: Path) -> tuple[int, Path]:
             return os.open(beside, flags, 0o666), beside
 
 
-def _keep_permissions(descriptor: int, path: Path) -> None:
+def _store_permissions(descriptor: int, path: Path) -> None:
     """Copy the permissions before the content is written: a private file is never readable by
     others, not even briefly.
     """

@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 SHARE_VARIABLE = "CARIS_SHARE_WITH_GROUP"
 
 
-def keep_new_files_private() -> None:
+def make_new_files_private() -> None:
     """Set the umask of this process and its children, which covers files of libraries, such as a
     database and its log.
     """

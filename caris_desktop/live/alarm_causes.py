@@ -113,7 +113,7 @@ class AlarmBook:
         if under is not None and under.cause != cause:
             self._fold(under.cause, problem.what, now_ns)
         elif under is not None:
-            self._tell_again(problem, now_ns)
+            self._report_again(problem, now_ns)
         elif cause in FOLLOWS_FROM:
             self._held.append((now_ns + HOLD_NS, problem))
         else:
@@ -122,7 +122,7 @@ class AlarmBook:
     def look(self, conditions: Sequence[Condition], ends: frozenset[ProblemEnd], now_ns: int) -> None:
         """Evaluate the current conditions: raise those that lasted long enough, end those that are over."""
         self._ends = ends
-        self._look_at_conditions(conditions, now_ns)
+        self._check_conditions(conditions, now_ns)
         due = [problem for due_ns, problem in self._held if due_ns <= now_ns]
         self._held = [(due_ns, problem) for due_ns, problem in self._held if due_ns > now_ns]
         for problem in due:
@@ -138,7 +138,7 @@ class AlarmBook:
                 self._raise(_alarm_of(problem, now_ns), now_ns)
         true_now = {condition.cause for condition in conditions}
         for standing in tuple(self._standing.values()):
-            self._look_for_end(standing, true_now, now_ns)
+            self._find_end(standing, true_now, now_ns)
 
     def dismiss(self, alarm_id: str, actor: Actor, now_ns: int) -> bool:
         """Dismiss an alarm; False if only the state can end it, or if it is over."""
@@ -153,10 +153,10 @@ class AlarmBook:
         for standing in [each for cause, each in self._standing.items() if cause in causes]:
             self._end(standing, now_ns)
 
-    def tell_all(self, now_ns: int) -> None:
+    def report_all(self, now_ns: int) -> None:
         """Report all alarms again at the start of a recording."""
         for standing in self._standing.values():
-            self._tell("raised", standing, now_ns)
+            self._notify("raised", standing, now_ns)
 
     def wait_s(self, now_ns: int) -> float | None:
         """Time until the next evaluation in s without a change; None for never."""
@@ -169,7 +169,7 @@ class AlarmBook:
                 due_ns.append(standing.told_ns + LAPSE_NS)
         return max(0.0, (min(due_ns) - now_ns) / 1e9) if due_ns else None
 
-    def _look_at_conditions(self, conditions: Sequence[Condition], now_ns: int) -> None:
+    def _check_conditions(self, conditions: Sequence[Condition], now_ns: int) -> None:
         pending: dict[str, tuple[int, int]] = {}
         for condition in conditions:
             standing = self._standing.get(condition.cause)
@@ -190,7 +190,7 @@ class AlarmBook:
                 self._standing[condition.cause].prevails = condition.prevails
         self._pending = pending
 
-    def _look_for_end(self, standing: _Standing, true_now: Collection[str], now_ns: int) -> None:
+    def _find_end(self, standing: _Standing, true_now: Collection[str], now_ns: int) -> None:
         alarm = standing.alarm
         if alarm.until and alarm.until != "quiet":
             there = alarm.until in self._ends
@@ -222,14 +222,14 @@ class AlarmBook:
                 self._end(following, now_ns)
         there = alarm.until in self._ends
         self._standing[alarm.cause] = _Standing(alarm, now_ns, by_condition, was_not_over=not there)
-        self._tell("raised", self._standing[alarm.cause], now_ns)
+        self._notify("raised", self._standing[alarm.cause], now_ns)
 
     def _end(self, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
         del self._standing[standing.alarm.cause]
         self._ended[standing.alarm.cause] = (standing.alarm, now_ns)
-        self._tell("ended", standing, now_ns, actor)
+        self._notify("ended", standing, now_ns, actor)
 
-    def _tell(self, state: AlarmState, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
+    def _notify(self, state: AlarmState, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
         alarm = standing.alarm
         self._changes.append(
             AlarmChanged(
@@ -244,7 +244,7 @@ class AlarmBook:
         asked_ns = now_ns if asked else alarm.asked_ns
         standing.alarm = replace(alarm, folded=_with_line(alarm.folded, what), asked_ns=asked_ns)
 
-    def _tell_again(self, problem: Problem, now_ns: int) -> None:
+    def _report_again(self, problem: Problem, now_ns: int) -> None:
         """Merge a recurrence: the most severe text wins, of equal ones the newest; others become details."""
         standing = self._standing[cause_of(problem)]
         alarm = standing.alarm

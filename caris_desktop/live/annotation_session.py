@@ -14,7 +14,12 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.state import LiveValue
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError, coders_of, take_over, tiers_of_coder
+from caris_desktop.recording.annotation.annotation_editing import (
+    AnnotationError,
+    coders_of,
+    restore_state,
+    tiers_of_coder,
+)
 from caris_desktop.recording.annotation.annotation_history import EditHistory
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
@@ -103,7 +108,7 @@ class AnnotationSession(QObject):
         folder = self._session.folder
         lost = tr("The last annotations could not be saved in {folder}.").format(folder=folder)
         try:
-            copy = self._keep_copy(document, saved)
+            copy = self._store_copy(document, saved)
         except (AnnotationError, OSError):
             _log.exception("not even a copy of the annotations could be kept")
             copy = None
@@ -115,7 +120,7 @@ class AnnotationSession(QObject):
         _log.error(lost)
         return lost
 
-    def _keep_copy(self, document: AnnotationDocument, saved: AnnotationDocument) -> Path | None:
+    def _store_copy(self, document: AnnotationDocument, saved: AnnotationDocument) -> Path | None:
         if self._unsaved_dir is None:
             return None
         folder = self._unsaved_dir / f"{self._session.folder.absolute().name} {datetime.now():%Y-%m-%d %H%M%S}"
@@ -155,7 +160,7 @@ class AnnotationSession(QObject):
                 return tr(why)
 
         def take(found: AnnotationDocument | str) -> None:
-            refused = found if isinstance(found, str) else self.edit(lambda document: take_over(document, found))
+            refused = found if isinstance(found, str) else self.edit(lambda document: restore_state(document, found))
             if not refused and skipped:
                 refused = " ".join([tr("The annotations were taken over."), *map(tr, skipped)])
             told(refused)

@@ -22,7 +22,7 @@ During = Callable[[str, Callable[[], None]], None]
 Outcome = Callable[[], None]
 
 
-def do_beside(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
+def do_in_parallel(work: Callable[[], None], meanwhile: Callable[[], None]) -> None:
     """Run ``work``, which must not use Qt, in a thread; returns or raises with it.
 
     Meanwhile ``meanwhile`` is called repeatedly in the calling thread.
@@ -61,7 +61,7 @@ class BackgroundWorker(QObject):
         self._outcomes: deque[Outcome] = deque()
         self._closed = False
         self._thread: threading.Thread | None = None
-        self._done.connect(self._tell, Qt.ConnectionType.QueuedConnection)
+        self._done.connect(self._notify, Qt.ConnectionType.QueuedConnection)
 
     def do(self, work: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None]) -> None:
         """Run ``work``, then call ``done`` with its result or ``failed`` with its exception. Returns at once."""
@@ -85,7 +85,7 @@ class BackgroundWorker(QObject):
         while (self._undone or self._outcomes) and time.monotonic() < until_s:
             if self._undone:
                 during(tr("What was asked last is being written to disk."), partial(self._wait, until_s))
-            self._tell()
+            self._notify()
         with self._changed:
             self._closed = True
             self._pieces.clear()
@@ -99,7 +99,7 @@ class BackgroundWorker(QObject):
         with self._changed:
             self._changed.wait_for(lambda: not self._undone, timeout=max(0.0, until_s - time.monotonic()))
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         while self._outcomes:
             self._outcomes.popleft()()
 

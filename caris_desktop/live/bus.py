@@ -94,7 +94,7 @@ class Bus(QObject):
         question instead.
         """
         if isinstance(failure, ConfirmationNeededError):
-            self._state.file_question.set_anew(failure.question)
+            self._state.file_question.reset_value(failure.question)
             return
         cause = "" if until else ANSWER
         self.problem(failure.severity, failure.what, failure.meaning, failure.advice, until=until, cause=cause)

@@ -221,7 +221,7 @@ def scenario_references(scenario: Scenario) -> tuple[FileReference, ...]:
         reference
         for external, value, place in externals_in(Scenario, data)
         for reference in _references(external, value, place)
-        if not _lies_beside(reference, scenario.path)
+        if not _lies_next_to(reference, scenario.path)
     ]
     robot = NO_NAMES
     with contextlib.suppress(ProfileError):
@@ -319,7 +319,7 @@ def _shown(address: str) -> str:
     return without_credentials(address) or address.rpartition("@")[2]
 
 
-def _lies_beside(reference: FileReference, path: Path | None) -> bool:
+def _lies_next_to(reference: FileReference, path: Path | None) -> bool:
     """Whether a camera's file is in the scenario's folder, also through links."""
     if path is None or reference.kind != "path" or reference.place != "cameras.source":
         return False

@@ -199,8 +199,8 @@ class Console(QObject):
         """Folder of the current session, or of the last one."""
         return self._recording.session_folder
 
-    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        self._session.look_before(told)
+    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+        self._session.check_before(told)
 
     def read_aside(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None

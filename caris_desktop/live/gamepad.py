@@ -23,7 +23,7 @@ from caris_desktop.live.gamepad_mapping import (
     mappings_from_text,
     mappings_text,
     pressed_actions,
-    stick_wish,
+    stick_command,
 )
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
@@ -162,7 +162,7 @@ class Gamepads(QObject):
         self._mapping = mapping
         self._mappings[self._device.device] = mapping
         # A button still down was pressed under its old binding.
-        self._keep_down(pressed_actions(mapping, self._newest.raw))
+        self._hold_down(pressed_actions(mapping, self._newest.raw))
         self._lose(QT_TR_NOOP("The gamepad was set up differently"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
@@ -209,13 +209,13 @@ class Gamepads(QObject):
     def _take_buttons(self, sample: GamepadSample) -> None:
         down = pressed_actions(self._mapping, sample.raw)
         new = down - self._down
-        self._keep_down(down)
+        self._hold_down(down)
         # Stops come first, whatever else was pressed.
         for action in sorted(new, key=lambda name: (name not in ("emergency_stop", "stop"), name)):
             if not self._learning or action in ("stop", "emergency_stop"):
                 self.pressed.emit(action)
 
-    def _keep_down(self, down: frozenset[str]) -> None:
+    def _hold_down(self, down: frozenset[str]) -> None:
         up, self._down = self._down - down, down
         for action in sorted(up):
             self.released.emit(action)
@@ -224,7 +224,7 @@ class Gamepads(QObject):
         self._newest = sample
         self._take_buttons(sample)
         self.sampled.emit(sample)
-        wish = stick_wish(self._mapping, sample.raw)
+        wish = stick_command(self._mapping, sample.raw)
         if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
             self._blocked = self._blocked and wish.moving
             wish = AT_REST
@@ -243,14 +243,14 @@ class Gamepads(QObject):
     def _lose(self, reason: str) -> None:
         """Release all input; sticks work again after they were centred."""
         self._watch.stop()
-        self._blocked = stick_wish(self._mapping, self._newest.raw).moving
+        self._blocked = stick_command(self._mapping, self._newest.raw).moving
         if self._wish.moving:
             self._wish = AT_REST
             self.lost.emit(reason)
 
     def _on_plugged(self, device: GamepadDevice | None) -> None:
         former, self._device = self._device, device
-        self._keep_down(frozenset())
+        self._hold_down(frozenset())
         self._newest = GamepadSample(clock.now_ns(), RawInputs())
         if former is not None:
             self._lose(QT_TR_NOOP("The gamepad was unplugged"))

@@ -132,7 +132,7 @@ def default_mapping(
     )
 
 
-def stick_wish(mapping: GamepadMapping, raw: RawInputs) -> TeleopCommand:
+def stick_command(mapping: GamepadMapping, raw: RawInputs) -> TeleopCommand:
     """Command from ``raw`` after dead zone, response curve and triggers."""
     actions: tuple[AxisAction, ...] = ("forward", "left", "turn", "pan", "tilt")
     values = {action: axis_value(mapping.bound(action), raw) for action in actions}

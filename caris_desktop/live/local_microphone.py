@@ -20,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.process_manager import ProcessManager, reported_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -110,7 +110,7 @@ class LocalMicrophone(QObject):
         self._open = True
         self._listens_to = self._chosen
         if self._chosen is None:
-            self._tell_closed()
+            self._report_closed()
             self._settled()
             return
         self.get_ready()
@@ -125,7 +125,7 @@ class LocalMicrophone(QObject):
     def close(self) -> None:
         if self._open:
             self._open = False
-            self._tell_closed()
+            self._report_closed()
 
     def dismiss(self) -> None:
         """End the process: this scenario does not use it."""
@@ -144,7 +144,7 @@ class LocalMicrophone(QObject):
         if self.child is not None:
             self.child.stop(grace_s=1.0)
 
-    def _tell_closed(self) -> None:
+    def _report_closed(self) -> None:
         self._stuck.stop()
         self._well.stop()
         if self.child is not None:
@@ -178,7 +178,7 @@ class LocalMicrophone(QObject):
                 self._show("failed", name, detail=detail)
                 self._settled()
                 if problem is not None:
-                    self._bus.publish(told_here(problem))
+                    self._bus.publish(reported_here(problem))
 
     def _on_stuck(self) -> None:
         if self.child is not None:
@@ -196,11 +196,11 @@ class LocalMicrophone(QObject):
             self.restarts.another()
             return
         self._open = False
-        self.restarts.after_end(self._tell_ended, self.open)
+        self.restarts.after_end(self._report_ended, self.open)
         if self.restarts.exhausted:
             self.open()  # shows the failure
 
-    def _tell_ended(self, advice: str) -> None:
+    def _report_ended(self, advice: str) -> None:
         own = self._source == WIZARD_MICROPHONE
         self._bus.problem(
             "warning",

@@ -318,7 +318,7 @@ class ModelClient(QObject):
         return self._versions.get(running.asked.endpoint, "")
 
     def _find_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
-        self._asking_version = self._submit(self._keep_version(endpoint, local_only=local_only))
+        self._asking_version = self._submit(self._store_version(endpoint, local_only=local_only))
 
     def _submit(self, work: Coroutine[Any, Any, None]) -> "Future[None] | None":
         try:
@@ -327,7 +327,7 @@ class ModelClient(QObject):
             work.close()
             return None
 
-    async def _keep_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
+    async def _store_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
         version = await self._ask_version(endpoint, local_only=local_only)
         if version:
             self._versions[endpoint] = version

@@ -29,7 +29,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import told_here
+from caris_desktop.live.process_manager import reported_here
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
@@ -116,13 +116,13 @@ class PerceptionWorker(QObject):
         with self._turns_lock:
             self._turns.show(name)
 
-    def look_to_cover(self, to_cover: bool) -> None:
+    def request_for_blurring(self, to_cover: bool) -> None:
         """Set whether people must be blurred in the recordings of all cameras."""
         self._to_cover = to_cover
         with self._turns_lock:
             self._turns.others_every_ns = TO_COVER_EVERY_NS if to_cover else OTHERS_EVERY_NS
 
-    def look_at_most_every(self, seconds: float) -> None:
+    def limit_detection_rate(self, seconds: float) -> None:
         """Set a minimum interval between detections, to leave the processor to others."""
         self._look_every_ns = round(seconds * 1e9)
 
@@ -243,18 +243,18 @@ class PerceptionWorker(QObject):
             elif isinstance(item, HistoryEvent):
                 presence.note(item)
             elif isinstance(item, PersonLooks):
-                self._publish_all(presence.take_looks(item))
+                self._publish_all(presence.add_embeddings(item))
             elif isinstance(item, PersonPortrait):
                 presence.take_portrait(item)
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
             elif isinstance(item, InferenceFailed):
-                self._publish(told_here(item.problem))
+                self._publish(reported_here(item.problem))
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
                 ready = False
             elif isinstance(item, DetectorAway):
-                self._publish(told_here(item.problem))
+                self._publish(reported_here(item.problem))
                 self._set_status(replace(self._status, state="failed", detail=item.problem.what))
             elif isinstance(item, People):
                 busy = False
@@ -266,17 +266,17 @@ class PerceptionWorker(QObject):
                     self._publish(people)
                     self._publish_all(events)
                     self._locate(people, presence)
-                self._tell_pace(item.inference_ms)
+                self._report_pace(item.inference_ms)
             elif isinstance(item, FrameSkipped):
                 busy = False
             elif isinstance(item, Problem):
-                self._publish(told_here(item))
+                self._publish(reported_here(item))
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
                 self._child = None
-                self.restarts.after_end(self._tell_ended, self._start_child)
+                self.restarts.after_end(self._report_ended, self._start_child)
                 child = self._child
                 if child is None:
                     detail = QT_TR_NOOP("Stopped unexpectedly, too often")
@@ -303,7 +303,7 @@ class PerceptionWorker(QObject):
         looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
         return DetectionRequest(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
-    def _tell_ended(self, advice: str) -> None:
+    def _report_ended(self, advice: str) -> None:
         self._publish(
             Problem(
                 clock.now_ns(),
@@ -344,7 +344,7 @@ class PerceptionWorker(QObject):
             self._status = status
             self.status_changed.emit(status)
 
-    def _tell_pace(self, inference_ms: float) -> None:
+    def _report_pace(self, inference_ms: float) -> None:
         """Update rates once a second: more frequent changes are illegible."""
         now_ns = clock.now_ns()
         if now_ns - self._pace_told_ns >= _PACE_TOLD_EVERY_NS:

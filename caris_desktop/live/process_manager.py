@@ -27,7 +27,7 @@ class ProcessManager(QObject):
         self._bus = bus
         self._ends: list[threading.Thread] = []
         self._closed = False
-        self._told.connect(self._tell, Qt.ConnectionType.QueuedConnection)
+        self._told.connect(self._notify, Qt.ConnectionType.QueuedConnection)
 
     def close(self) -> None:
         """Ignore further exits: the program is ending."""
@@ -85,7 +85,7 @@ class ProcessManager(QObject):
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """Deliver a child's message to the bus, or to ``heard`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
-            self._bus.publish(told_here(value) if isinstance(value, Problem) else value, raw)
+            self._bus.publish(reported_here(value) if isinstance(value, Problem) else value, raw)
         else:
             self.tell(heard, value)
 
@@ -93,12 +93,12 @@ class ProcessManager(QObject):
         """Call ``take(value)`` in the GUI thread, in order. Any thread."""
         self._told.emit(take, value)
 
-    def _tell(self, take: Callable[[Any], None], value: Any) -> None:
+    def _notify(self, take: Callable[[Any], None], value: Any) -> None:
         if not (self._closed and isinstance(value, ChildProcess)):
             take(value)
 
 
-def told_here(problem: Problem) -> Problem:
+def reported_here(problem: Problem) -> Problem:
     """Localise a problem of a child process, which reports in English with separate values."""
     what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)

@@ -104,13 +104,13 @@ class ReplayConsole(QObject):
             frame_times=parts.frame_times,
             parent=self,
         )
-        self._player.standing_changed.connect(self._on_standing_changed)
-        self._player.standing_jumped.connect(self._on_standing_jumped)
+        self._player.standing_changed.connect(self._on_state_changed)
+        self._player.standing_jumped.connect(self._on_state_jumped)
         self._coding = AnnotationSession(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._photos = ReplayPhotos(session, self._state, self)
         self._transcript = ReplayTranscript(session, self._state, self)
-        self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._tell, self)
+        self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
         self._no_live_robots = LiveValue(LiveRobotsStatus(), self)
         self._gate = Gate(self._state, lambda: self._scenario.permissions, replay=True)
         self._state.scenario.set(self._scenario)
@@ -140,7 +140,7 @@ class ReplayConsole(QObject):
         told = dict.fromkeys((*session.notices, *session.losses))
         if told:
             cut = not session.closed_properly
-            self._tell(
+            self._notify(
                 "warning",
                 tr("This session was cut off while it was recorded.")
                 if cut
@@ -258,11 +258,11 @@ class ReplayConsole(QObject):
 
     # Recorded scenario, robot and layout
 
-    def _on_standing_changed(self, event: Any) -> None:
+    def _on_state_changed(self, event: Any) -> None:
         self._hold(event)
         self._show_scenario()
 
-    def _on_standing_jumped(self, events: Sequence[Any]) -> None:
+    def _on_state_jumped(self, events: Sequence[Any]) -> None:
         self._opened, self._layout = self._stand_in, None
         for event in events:
             self._hold(event)
@@ -308,12 +308,12 @@ class ReplayConsole(QObject):
         now_ns = self._parts.monotonic_ns()
         if now_ns - self._refused_ns >= _REFUSE_EVERY_NS:
             self._refused_ns = now_ns
-            self._tell(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
+            self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
 
     def _told(self, what: str, meaning: str, advice: str) -> None:
-        self._tell("error", what, meaning, advice)
+        self._notify("error", what, meaning, advice)
 
-    def _tell(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
+    def _notify(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         _log.info("%s %s %s", what, meaning, advice)
         self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
@@ -324,12 +324,12 @@ class ReplayConsole(QObject):
 
     def _emergency_stop(self) -> None:
         if self._live is None:
-            self._tell_nobody()
+            self._report_nobody()
         else:
-            self._live.emergency_stop(self._tell_nobody)
+            self._live.emergency_stop(self._report_nobody)
 
-    def _tell_nobody(self) -> None:
-        self._tell(
+    def _report_nobody(self) -> None:
+        self._notify(
             "info",
             tr("There is no live robot to stop."),
             tr("This is a replay, and no console of yours runs here."),
@@ -339,7 +339,7 @@ class ReplayConsole(QObject):
     def robots(self) -> Sequence[RobotChoice]:
         return ()
 
-    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
         told(BeforeRecording())
 
     def read_aside(

@@ -98,17 +98,17 @@ class ReplayPlayer(QObject):
         self._clock.play()
         self._feed.read_ahead(playing=True)
         self._timer.start(_TICK_MS)
-        self._tell()
+        self._notify()
 
     def pause(self) -> None:
         self._clock.pause()
         self._feed.read_ahead(playing=False)
         self._timer.stop()
-        self._tell()
+        self._notify()
 
     def set_rate(self, rate: float) -> None:
         self._clock.set_rate(rate)
-        self._tell()
+        self._notify()
 
     def seek(self, at_ns: int) -> None:
         self._clock.seek(at_ns)
@@ -137,7 +137,7 @@ class ReplayPlayer(QObject):
         at_beginning = at_ns == self._clock.start_ns
         shown_ns = min(at_ns + _BEGINNING_NS, self._clock.end_ns) if at_beginning else at_ns
         self._feed.jump(self._generation, at_ns, shown_ns=shown_ns)
-        self._tell()
+        self._notify()
 
     def _tick(self) -> None:
         if self._awaits_situation:
@@ -153,7 +153,7 @@ class ReplayPlayer(QObject):
             self.pause()
         self._ticks += 1
         if self._ticks % _TELL_EVERY_TICKS == 0 or not keeps_up:
-            self._tell()
+            self._notify()
 
     def _show(self, due: list[Any]) -> None:
         """Show events in order, and the newest value of each stream, as live."""
@@ -244,7 +244,7 @@ class ReplayPlayer(QObject):
         self._show_frames(situation.frames, wanted)
         self._awaits_situation = False
         self._state.check_freshness()
-        self._tell()
+        self._notify()
 
     def _show_frames(self, frames: Sequence[FrameRef], wanted: str) -> None:
         """After a seek: show each camera's frame, and clear cameras that had none."""
@@ -275,7 +275,7 @@ class ReplayPlayer(QObject):
         self._timer.stop()
         self.playback.set(replace(self.playback.value, playing=False, detail=why))
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         self.playback.set(
             replace(
                 self.playback.value,

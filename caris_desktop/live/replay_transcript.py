@@ -28,8 +28,8 @@ class ReplayTranscript(QObject):
         self._slow_work = BackgroundWorker(self)
 
     def start(self) -> None:
-        self._slow_work.do(self._read_turns, self._state.transcript.set_anew, self._on_failed)
-        self._slow_work.do(self._read_notes, self._state.notes.set_anew, self._on_failed)
+        self._slow_work.do(self._read_turns, self._state.transcript.reset_value, self._on_failed)
+        self._slow_work.do(self._read_notes, self._state.notes.reset_value, self._on_failed)
 
     def close(self) -> None:
         self._slow_work.finish(lambda _what, work: work())

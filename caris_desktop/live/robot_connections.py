@@ -190,13 +190,13 @@ class LiveRobots(QObject):
         self._slow_work = BackgroundWorker(self)
         self._looking = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._on_look)
+        self._look.timeout.connect(self._on_detection)
         self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
         self._patience.timeout.connect(self._on_not_confirmed)
 
     def start(self) -> None:
         self._look.start()
-        self._on_look()
+        self._on_detection()
 
     def shutdown(self) -> None:
         self._look.stop()
@@ -233,7 +233,7 @@ class LiveRobots(QObject):
             self._consoles[name].send({"do": order})
             self._patience.start()
 
-    def _on_look(self) -> None:
+    def _on_detection(self) -> None:
         if self._looking:
             return  # an unresponsive disk is queried once
         self._looking = True
@@ -269,7 +269,7 @@ class LiveRobots(QObject):
             if not any(self._unconfirmed.values()):
                 self._patience.stop()
             if message["did"] == "emergency_stop" and not self._present.get(name, {}).get("reached"):
-                self._tell_not_done(tr("The live console cannot reach the robot now."), name)
+                self._report_not_done(tr("The live console cannot reach the robot now."), name)
         else:
             self._present[name] = message
             self._show()
@@ -278,7 +278,7 @@ class LiveRobots(QObject):
         name = self._name_of(console)
         self._consoles.pop(name, None)
         if self._unconfirmed.pop(name, None):
-            self._tell_not_done(tr("The live console ended before it answered."), name)
+            self._report_not_done(tr("The live console ended before it answered."), name)
         self._present.pop(name, None)
         self._show()
 
@@ -286,9 +286,9 @@ class LiveRobots(QObject):
         for name, orders in self._unconfirmed.items():
             if orders:
                 orders.clear()
-                self._tell_not_done(tr("The live console does not answer."), name)
+                self._report_not_done(tr("The live console does not answer."), name)
 
-    def _tell_not_done(self, what: str, name: str) -> None:
+    def _report_not_done(self, what: str, name: str) -> None:
         robot = self._present.get(name, {}).get("robot") or tr("Its robot")
         self._problem(
             "error", what, tr("{robot} may not have been stopped.").format(robot=robot),

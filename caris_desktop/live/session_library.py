@@ -95,7 +95,7 @@ class LiveSessionLibrary(QObject):
         self._replays: list[_Replay] = []
         self._replay_watch = QTimer(self)
         self._replay_watch.setInterval(_LOOK_AFTER_REPLAYS_MS)
-        self._replay_watch.timeout.connect(self._look_after_replays)
+        self._replay_watch.timeout.connect(self._supervise_replays)
 
     def shutdown(self) -> None:
         """End the search and a running export; replays stay open. Blocks a few seconds at most."""
@@ -171,18 +171,18 @@ class LiveSessionLibrary(QObject):
             self._replays.append(replay)
             self._replay_watch.start()
 
-        self._slow_work.do(lambda: _begun_replay(folder, command), begun, self._tell)
+        self._slow_work.do(lambda: _begun_replay(folder, command), begun, self._notify)
 
-    def _tell(self, failure: UserFacingError) -> None:
+    def _notify(self, failure: UserFacingError) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice)
 
-    def _look_after_replays(self) -> None:
+    def _supervise_replays(self) -> None:
         ended = [replay for replay in self._replays if replay.process.poll() is not None]
         self._replays = [replay for replay in self._replays if replay not in ended]
         if not self._replays:
             self._replay_watch.stop()
         for replay in ended:
-            self._slow_work.do(partial(_last_words, replay), partial(self._on_replay_ended, replay), self._tell)
+            self._slow_work.do(partial(_last_words, replay), partial(self._on_replay_ended, replay), self._notify)
 
     def _on_replay_ended(self, replay: _Replay, last_words: Sequence[str]) -> None:
         if replay.process.returncode == 0:
@@ -197,7 +197,7 @@ class LiveSessionLibrary(QObject):
 
     # Export
 
-    def look_for_export_folder(
+    def choose_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
@@ -208,7 +208,7 @@ class LiveSessionLibrary(QObject):
                 return _not_yet_there(usual)
             return _not_yet_there(chosen / name) if _holds_something(chosen) else chosen
 
-        self._slow_work.do(look, told, self._tell)
+        self._slow_work.do(look, told, self._notify)
 
     def start_export(
         self,

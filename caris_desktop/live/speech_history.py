@@ -36,7 +36,7 @@ class SaidBefore:
 
     def read(self) -> None:
         """Load the history of earlier sessions."""
-        self._slow_work.do(lambda: _read(self._path), self._on_read, _tell)
+        self._slow_work.do(lambda: _read(self._path), self._on_read, _notify)
 
     def add(self, sentence: str) -> None:
         self._state.said_before.set(_newest((*self._state.said_before.value, sentence)))
@@ -48,7 +48,7 @@ class SaidBefore:
             f"{json.dumps(sentence, ensure_ascii=False)}\n"
             for sentence in self._nameless(self._state.said_before.value)
         )
-        self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _tell)
+        self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _notify)
 
     def forget(self) -> None:
         """Remove every sentence with a name, since after an erasure it is unknown whose name it is."""
@@ -102,6 +102,6 @@ def _write(path: Path, text: str) -> None:  # background thread
         raise UserFacingError(tr("What was said could not be kept."), str(error), "") from error
 
 
-def _tell(failure: UserFacingError) -> None:
+def _notify(failure: UserFacingError) -> None:
     # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -78,7 +78,7 @@ class SpeechQueue(QObject):
         self._now: UtteranceChanged | None = None
         self._ends_ns: int | None = None
         self._told_end: tuple[str, int] = ("", 0)
-        self._end_told.connect(self._on_end_told, Qt.ConnectionType.QueuedConnection)
+        self._end_told.connect(self._on_end_reported, Qt.ConnectionType.QueuedConnection)
         self._reporting = threading.Lock()
         self._reported_on = ""
 
@@ -212,7 +212,7 @@ class SpeechQueue(QObject):
         if sound.utterance_id:
             self._end_told.emit(sound.utterance_id, sound.stamp_ns + len(sound.samples) * 10**9 // sound.sample_rate_hz)
 
-    def _on_end_told(self, utterance_id: str, ends_ns: int) -> None:
+    def _on_end_reported(self, utterance_id: str, ends_ns: int) -> None:
         self._told_end = utterance_id, ends_ns
         if self._now is not None and self._now.utterance_id == utterance_id and self._now.state == "started":
             self._ends_ns = ends_ns

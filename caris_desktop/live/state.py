@@ -166,9 +166,9 @@ class LiveValue(QObject):
 
     def set(self, value: Any) -> None:
         if value != self.value:
-            self.set_anew(value)
+            self.reset_value(value)
 
-    def set_anew(self, value: Any) -> None:
+    def reset_value(self, value: Any) -> None:
         """Set and emit ``changed`` even if the value is equal."""
         self.value = value
         self.changed.emit(value)
@@ -346,12 +346,12 @@ class LiveState(QObject):
             for stream in self._all_streams():
                 stream.robot_clock = value
         if spec.delivery is Delivery.LOSSLESS:
-            self._stay_with_who_is_meant(value)
+            self._stay_with_selected_person(value)
             self.event_happened.emit(value)
         else:
             self._streams[spec.name].update_value(value)
 
-    def _stay_with_who_is_meant(self, event: Any) -> None:
+    def _stay_with_selected_person(self, event: Any) -> None:
         """Keep the selection on the same person when their identity changes."""
         meant = self.selected_person.value
         match event:

@@ -114,7 +114,7 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
     if kind is None:
         return
     try:
-        value = _value_of(shown.name, kind, _told_again(shown.content))
+        value = _value_of(shown.name, kind, _retranslated(shown.content))
     except (ValueError, KeyError, TypeError) as error:
         _log.warning("a recorded status %s is not shown: %s", shown.name, error)
         return
@@ -123,14 +123,14 @@ def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str]
     getattr(state, shown.name).set(value)
 
 
-def _told_again(content: Any) -> Any:
+def _retranslated(content: Any) -> Any:
     """Recorded reasons converted for translation into another language."""
     if isinstance(content, list):
-        return list(map(_told_again, content))
+        return list(map(_retranslated, content))
     if not isinstance(content, dict):
         return content
     return {
-        key: retranslate(value) if key in _REASONS and isinstance(value, str) else _told_again(value)
+        key: retranslate(value) if key in _REASONS and isinstance(value, str) else _retranslated(value)
         for key, value in content.items()
     }
 

@@ -80,7 +80,7 @@ class WizardConsole(Protocol):
         ``read_aside``.
         """
 
-    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
         """Gather the initial contents of the start dialog; ``told`` receives them later."""
 
     def microphones(self) -> Sequence[str]:
@@ -178,7 +178,7 @@ class SessionLibrary(Protocol):
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """Open the replay of a session in a window of its own."""
 
-    def look_for_export_folder(
+    def choose_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
         """Propose a new export folder; ``told`` receives it later. ``chosen``: the wizard's folder, used itself if

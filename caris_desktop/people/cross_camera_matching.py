@@ -122,7 +122,7 @@ class CrossCameraMatcher:
         if seen is not None:
             seen.spots.append(spot)
 
-    def take_looks(self, looks: PersonLooks) -> None:
+    def add_embeddings(self, looks: PersonLooks) -> None:
         seen = self._seen.get((looks.camera, looks.track))
         if seen is None or looks.kind != "clothing":
             return

@@ -131,7 +131,7 @@ class Decisions:
         if actor != CONSOLE:
             # Undoing a decision of the console rejects the match, else it would be made again.
             self._remember("identified", visit.visit_id, root, _all([*back[::-1], visit.leave_to_wizard]))
-        self._known.keep_looks(visit.visit_id)
+        self._known.store_embeddings(visit.visit_id)
         by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
         return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]
 
@@ -148,7 +148,7 @@ class Decisions:
         root = self._root(person_id)
         back = self._known.describe(root, replace(self._known.about(root), name=name))
         self._remember("named", root, "", back)
-        self._keep_what_is_known(root)
+        self._store_known(root)
         events: list[Event] = [PersonRenamed(now_ns, root, actor)]
         if self._known.namesakes(root, name):
             events.append(
@@ -176,7 +176,7 @@ class Decisions:
         if detail == "note" and about.note:
             back.append(self._known.add_note(root, about.note))
         self._remember(detail, root, "", _all(back))
-        self._keep_what_is_known(root)
+        self._store_known(root)
         return [PersonDescribed(now_ns, root, detail, actor)]
 
     def _reject(self, person_id: str, is_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
@@ -313,11 +313,11 @@ class Decisions:
 
         return back
 
-    def _keep_what_is_known(self, person_id: str) -> None:
+    def _store_known(self, person_id: str) -> None:
         """Persist the person's data now, appearance included, against a power failure."""
         for visit in self._visits.of_person(person_id):
             visit.settled = True
-            self._known.keep_looks(visit.visit_id)
+            self._known.store_embeddings(visit.visit_id)
 
     def _remember(self, decision: PeopleDecision, person_id: str, is_person_id: str, take_back: Undo) -> None:
         concerns = {*self._known.ids_of(person_id), *(self._known.ids_of(is_person_id) if is_person_id else ())}

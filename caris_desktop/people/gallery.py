@@ -40,10 +40,10 @@ class Views:
         # Equal weights at first: otherwise a bad first view would dominate for long.
         keep = min(KEEP, 1.0 - 1.0 / self.count)
         self._mean = vector.copy() if self._mean is None else unit(keep * self._mean + (1.0 - keep) * vector)
-        self._keep_diverse(vector)
+        self._select_diverse(vector)
         return True
 
-    def _keep_diverse(self, vector: Vectors) -> None:
+    def _select_diverse(self, vector: Vectors) -> None:
         if not self._views:
             self._views.append(vector.copy())
             return

@@ -220,7 +220,7 @@ class KnownPeople:
         ids = self.ids_of(person_id)
         self.identities.drop("face", ids)
         for each in ids:
-            self._write(lambda store, each=each: store.drop_looks(each, "face"))  # type: ignore[misc]
+            self._write(lambda store, each=each: store.drop_embeddings(each, "face"))  # type: ignore[misc]
 
     def reject(self, person_id: str, is_not_person_id: str, actor: Actor = "") -> Undo:
         pair = (person_id, self.root_of(is_not_person_id))
@@ -246,7 +246,7 @@ class KnownPeople:
 
     # Storage
 
-    def keep_looks(self, person_id: str) -> None:
+    def store_embeddings(self, person_id: str) -> None:
         """Store the visit's embeddings: clothing until midnight, faces with consent."""
         may_keep_face = "face" in self.consents(person_id)
         for (kind, model), vectors in self.identities.views_of(person_id).items():
@@ -256,14 +256,14 @@ class KnownPeople:
             looks = StoredLooks(person_id, kind, model, self._day_of(kind), vectors)
             expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
             self._write(
-                lambda store, looks=looks, expires=expires_utc_ns: store.keep_looks(looks, expires_utc_ns=expires)  # type: ignore[misc]
+                lambda store, looks=looks, expires=expires_utc_ns: store.store_embeddings(looks, expires_utc_ns=expires)  # type: ignore[misc]
             )
 
     def _day_of(self, kind: LooksKind) -> str:
         return self._day if kind == "clothing" else ""
 
-    def keep_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
-        self._write(lambda store: store.keep_portrait(person_id, jpeg, quality))
+    def store_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
+        self._write(lambda store: store.store_portrait(person_id, jpeg, quality))
 
     def portrait(self, person_id: str) -> bytes | None:
         return self._read(lambda store: store.portrait(person_id), None)

@@ -25,8 +25,8 @@ class MultiCameraTracks:
         """Note that the track is in its camera's image now."""
         self._together.see(track, now_ns)
 
-    def take_looks(self, looks: PersonLooks) -> None:
-        self._together.take_looks(looks)
+    def add_embeddings(self, looks: PersonLooks) -> None:
+        self._together.add_embeddings(looks)
 
     def take_places(self, places: PeopleInMap) -> None:
         for place in places.people:

@@ -176,7 +176,7 @@ class PeopleStore:
 
     # Data
 
-    def keep_looks(self, looks: StoredLooks, *, expires_utc_ns: int | None) -> None:
+    def store_embeddings(self, looks: StoredLooks, *, expires_utc_ns: int | None) -> None:
         """Store embeddings, replacing those of the same day, kind and model. Raises KeyError for an unknown id."""
         with self._file.writing():
             width = np.array(looks.vectors.shape[1], "<u4").tobytes()
@@ -186,7 +186,7 @@ class PeopleStore:
                 (looks.person_id, looks.kind, looks.model, looks.day, expires_utc_ns, sealed),
             )
 
-    def drop_looks(self, person_id: str, kind: LooksKind) -> None:
+    def drop_embeddings(self, person_id: str, kind: LooksKind) -> None:
         with self._file.writing():
             self._database.execute("DELETE FROM looks WHERE person_id = ? AND kind = ?", (person_id, kind))
 
@@ -220,7 +220,7 @@ class PeopleStore:
             with self._file.explained("written"):
                 self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
-    def keep_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
+    def store_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
         """Store the portrait, replacing the old one. Raises KeyError for an unknown id."""
         with self._file.writing():
             sealed = self._seal(person_id, "portrait", jpeg)

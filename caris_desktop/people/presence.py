@@ -196,7 +196,7 @@ class PresenceTracker:
         Returns the frame with ``person_id`` filled in for confirmed people, and the events.
         """
         now_ns = people.stamp_ns
-        self._patience.note_look(people.camera, now_ns, now_ns if known_ns is None else known_ns)
+        self._patience.note_detection(people.camera, now_ns, now_ns if known_ns is None else known_ns)
         events: list[Event] = []
         self._in_frame[people.camera] = frozenset((people.camera, box.track) for box in people.boxes)
         for box in people.boxes:
@@ -222,15 +222,15 @@ class PresenceTracker:
         self._known.turn_day()
         return [*events, *self._known.problems(now_ns)]
 
-    def take_looks(self, looks: PersonLooks) -> list[Event]:
+    def add_embeddings(self, looks: PersonLooks) -> list[Event]:
         """Add an appearance embedding, for learning and identification."""
         if self._settings.recognise != "nobody":
-            self._cameras.take_looks(looks)
+            self._cameras.add_embeddings(looks)
         visit = self._visits.of_track((looks.camera, looks.track))
         candidate = self._candidates.get((looks.camera, looks.track))
         if visit is None and candidate is not None and self._settings.recognise != "nobody":
-            candidate.take_looks(looks)
-        if visit is None or not visit.here or visit.forgotten or not self._may_look(visit, looks):
+            candidate.add_embeddings(looks)
+        if visit is None or not visit.here or visit.forgotten or not self._may_detect(visit, looks):
             return []
         if looks.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
             match self._known.identities.still_the_same(visit.visit_id, looks):
@@ -248,14 +248,14 @@ class PresenceTracker:
         visit = self._visits.of_track((portrait.camera, portrait.track))
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
             return
-        if not self._may_keep_portrait(visit):
+        if not self._may_store_portrait(visit):
             return
         if portrait.quality > visit.portrait_quality:
             visit.portrait_quality = portrait.quality
             self.portraits.drop(_portrait_key(visit))
             visit.portraits += 1
             self.portraits.put(_portrait_key(visit), portrait.jpeg)
-            self._known.keep_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
+            self._known.store_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
 
     def take_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
         """Add positions, and join tracks of several cameras; ``map_from_robot`` is None if unknown."""
@@ -446,7 +446,7 @@ class PresenceTracker:
         if not visit.settled and not visit.resembles_somebody:
             self._settle(visit)
         if visit.settled or visit.identified:
-            self._known.keep_looks(visit.visit_id)
+            self._known.store_embeddings(visit.visit_id)
         if "face" not in self._known.consents(visit.person_id):
             self._known.identities.drop("face", [visit.visit_id])
         self._known.identities.end_visit(visit.visit_id)
@@ -473,13 +473,13 @@ class PresenceTracker:
 
     # Identification
 
-    def _may_keep_portrait(self, visit: Visit) -> bool:
+    def _may_store_portrait(self, visit: Visit) -> bool:
         """A portrait counts as an image, in which people may have to be unrecognisable."""
         if self._settings.portraits == "consenting":
             return "photo" in self._known.consents(visit.person_id)
         return self._settings.portraits == "everybody"
 
-    def _may_look(self, visit: Visit, looks: PersonLooks) -> bool:
+    def _may_detect(self, visit: Visit, looks: PersonLooks) -> bool:
         """The face of an identified person is learned only with consent."""
         if self._settings.recognise == "nobody":
             return False

@@ -19,7 +19,7 @@ class PresenceTimeout:
         self._looks_ns: dict[str, deque[int]] = {}
         self._late_ns: dict[str, deque[int]] = {}
 
-    def note_look(self, camera: str, taken_ns: int, known_ns: int) -> None:
+    def note_detection(self, camera: str, taken_ns: int, known_ns: int) -> None:
         self._looks_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(taken_ns)
         self._late_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(known_ns - taken_ns)
 

@@ -35,7 +35,7 @@ class Candidate:
     looks: list[PersonLooks] = field(default_factory=list)
     spot: Spot | None = None
 
-    def take_looks(self, looks: PersonLooks) -> None:
+    def add_embeddings(self, looks: PersonLooks) -> None:
         if looks.kind == "clothing" and looks.quality >= GOOD_QUALITY:
             self.looks = [*self.looks, looks][-_LOOKS_KEPT:]
 

@@ -62,7 +62,7 @@ class DeepSort:
         confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
         before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
         for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
-            pairs += _by_looks(list(same_age), _left(boxes, pairs), corners_px, looks)
+            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, looks)
         seen = {id(track) for track, _ in pairs}
         others = [
             track
@@ -89,7 +89,7 @@ class DeepSort:
         return [Followed(track.number, box, looks.get(box)) for track, box in pairs if track.confirmed]
 
 
-def _by_looks(
+def _by_appearance(
     tracks: list[_Track], boxes: list[int], corners_px: Floats, looks: dict[int, Floats]
 ) -> list[tuple[_Track, int]]:
     if not tracks or not boxes:

@@ -70,7 +70,7 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     recognises = _recognises(perceiver, settings)
     connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises))
     if perceiver.trouble:
-        connection.send(_looks_problem(perceiver.trouble))
+        connection.send(_appearance_problem(perceiver.trouble))
     if perceiver.unknown_things:
         connection.send(_things_problem(perceiver))
     _follow(connection, frames, perceiver, settings)
@@ -135,7 +135,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         failures, away = 0, ""
         work_s = (clock.now_ns() - began_ns) / 1e9
         connection.send(_people(ref, perceived, work_s))
-        for told in (*_looks(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
+        for told in (*_embeddings(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
             connection.send(told)
         try:
             for face in faces.taken(image_bgr, look, perceived.boxes, perceived.detections.keypoints):
@@ -175,7 +175,7 @@ def person_box(box: TrackedBox, pose: Pose) -> PersonBox:
     )
 
 
-def _looks(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[PersonLooks]:
+def _embeddings(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[PersonLooks]:
     return [
         PersonLooks(ref.stamp_ns, ref.camera, box.track, "clothing", model, box.looks.astype(np.float32), box.quality)
         for box in tracked
@@ -224,7 +224,7 @@ def _weights_problem(error: WeightsError) -> Problem:
     )
 
 
-def _looks_problem(trouble: str) -> Problem:
+def _appearance_problem(trouble: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",

@@ -125,11 +125,11 @@ class CameraTracker:
         self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
         # Tracks lost for longer are matched by appearance only.
         for track in self._tracks:
-            if stamp_s - track.seen_s <= self._patience_s(LOST_S):
+            if stamp_s - track.seen_s <= self._presence_timeout_s(LOST_S):
                 track.advance(stamp_s, shift_px)
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
-        waiting = [track for track in self._tracks if stamp_s - track.seen_s <= self._patience_s(LOST_S)]
+        waiting = [track for track in self._tracks if stamp_s - track.seen_s <= self._presence_timeout_s(LOST_S)]
         views = _Views(appearance_of, at_most=int(self._looks_left))
         views.look_at(_doubtful(waiting, sure, corners_px, stamp_s))
         pairs: list[tuple[_Track, int]] = []
@@ -151,7 +151,7 @@ class CameraTracker:
         taken = {box for _, box in pairs}
         left = [box for box in np.flatnonzero(confidences >= NEW).tolist() if box not in taken]
         pairs += self._begin(left, corners_px, confidences, stamp_s, [box for _, box in pairs])
-        self._learn_looks(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
+        self._learn_appearance(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
         followed = [Followed(track.number, box, views.of(box)) for track, box in pairs if self._counts(track, stamp_s)]
         self._forget(stamp_s)
         self._looks_left -= len(views)
@@ -174,7 +174,9 @@ class CameraTracker:
             begun.append((track, box))
         return begun
 
-    def _learn_looks(self, pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: "_Views") -> None:
+    def _learn_appearance(
+        self, pairs: list[tuple[_Track, int]], qualities: Floats, stamp_s: float, views: "_Views"
+    ) -> None:
         """Learn from good views, periodically. For a new track every view counts until there is a good one."""
         new = [(track, box) for track, box in pairs if not track.confirmed]
         due = [
@@ -191,7 +193,7 @@ class CameraTracker:
             if looks is None or (track.well_seen and not good):
                 continue
             if track.confirmed and not self._exchange_mistaken(track, looks, here, qualities, views):
-                self._begin_anew_if_strange(track, looks, stamp_s)
+                self._restart_if_unknown(track, looks, stamp_s)
             track.doubted = False
             track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
             track.well_seen, track.looked_s = track.well_seen or good, stamp_s
@@ -219,11 +221,11 @@ class CameraTracker:
         track.looks_like, other.looks_like = other.looks_like, track.looks_like
         return True
 
-    def _begin_anew_if_strange(self, track: _Track, looks: Floats, stamp_s: float) -> None:
+    def _restart_if_unknown(self, track: _Track, looks: Floats, stamp_s: float) -> None:
         """End a track that continued on another person: the box matches no known appearance."""
         if not (track.doubted and track.well_seen and _apart(track.looks_like, looks) > _STRANGE):
             return
-        away_s = stamp_s - self._patience_s(LOST_S) - 1e-3  # known by appearance only, without a position
+        away_s = stamp_s - self._presence_timeout_s(LOST_S) - 1e-3  # known by appearance only, without a position
         gone = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
         self._tracks.append(gone)
         track.number, track.looks_like, track.well_seen = self._new_number(), None, False
@@ -255,7 +257,7 @@ class CameraTracker:
         return self._tracks[away[0][1]] if clear and nearest <= _LOOKS_SAME else None, nearest <= _LOOKS_LIKELY
 
     def _forget(self, stamp_s: float) -> None:
-        tentative_s, lost_s = self._patience_s(_TENTATIVE_S), self._patience_s(LOST_S)
+        tentative_s, lost_s = self._presence_timeout_s(_TENTATIVE_S), self._presence_timeout_s(LOST_S)
         self._tracks = [
             track
             for track in self._tracks
@@ -263,7 +265,7 @@ class CameraTracker:
             <= (tentative_s if not track.confirmed else lost_s if track.looks_like is None else REMEMBERED_S)
         ]
 
-    def _patience_s(self, usual_s: float) -> float:
+    def _presence_timeout_s(self, usual_s: float) -> float:
         """Timeout, longer at low frame rates, since absence is only known from frames."""
         return max(usual_s, min(_PATIENCE_AT_MOST_S, _PATIENT_PAUSES * max(self._pauses_s, default=0.0)))
 

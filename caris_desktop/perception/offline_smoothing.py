@@ -46,7 +46,7 @@ def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[flo
 
 def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> dict[int, int]:
     """Representative number of each track's person; two boxes of one frame never share one."""
-    stretches = _stretches(pictures)
+    stretches = _intervals(pictures)
     one_for = {number: number for number in stretches}
     for first, second in _nearest_first(stretches, pictures, stamps_s):
         a, b = stretches[one_for[first]], stretches[one_for[second]]
@@ -66,7 +66,7 @@ def _nearest_first(
     pairs: list[tuple[float, int, int]] = []
     for a, b in itertools.permutations(stretches.values(), 2):
         if max(a.pictures) < min(b.pictures):
-            way = _off_the_way(a, b, pictures, stamps_s)
+            way = _off_path(a, b, pictures, stamps_s)
             if way <= _NEAR_OF_HEIGHT:
                 pairs.append((way - 1.0, a.number, b.number))
     for a, b in itertools.combinations(stretches.values(), 2):
@@ -76,9 +76,7 @@ def _nearest_first(
     return [(first, second) for _, first, second in sorted(pairs)]
 
 
-def _off_the_way(
-    a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
-) -> float:
+def _off_path(a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> float:
     """Distance of the start of ``b`` from the extrapolated ``a``, in box heights; infinite after too long a gap."""
     last, begins = max(a.pictures), min(b.pictures)
     gone_s = stamps_s[begins] - stamps_s[last]
@@ -91,7 +89,7 @@ def _off_the_way(
     return float(np.linalg.norm(_middle(b.first) - ended - way * gone_s) / height_px)
 
 
-def _stretches(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
+def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
     stretches: dict[int, _Stretch] = {}
     for at, boxes in enumerate(pictures):
         for box in boxes:

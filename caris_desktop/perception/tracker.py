@@ -69,7 +69,7 @@ class PersonTracker:
             if camera not in self._ours:
                 kind = CameraTracker if self._tracker == "own" else DeepSort
                 self._ours[camera] = _Followed(kind(self._new_number))
-            appearance_of = self._looks_in(image_bgr, corners_px)
+            appearance_of = self._embeddings_in(image_bgr, corners_px)
             found = self._ours[camera].follow(corners_px, confidences, look, appearance_of)
         else:
             found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, look.frame.camera)
@@ -92,7 +92,7 @@ class PersonTracker:
             )
         return tracked
 
-    def _looks_in(self, image_bgr: NDArray[np.uint8], corners_px: NDArray[np.float64]) -> AppearanceOf | None:
+    def _embeddings_in(self, image_bgr: NDArray[np.uint8], corners_px: NDArray[np.float64]) -> AppearanceOf | None:
         appearance = self._appearance
         if appearance is None:
             return None

@@ -8,7 +8,7 @@ from pathlib import Path
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.missing_data import missing_values, missing_words, told_losses
+from caris_desktop.recording.session.missing_data import missing_values, missing_words, recorded_losses
 from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_reader import RECOVERED
 from caris_desktop.recording.session_export import (
@@ -127,4 +127,4 @@ def _losses_since_closed(folder: Path) -> tuple[str, ...]:
         return (
             localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),
         )
-    return missing if header.get("reason") == RECOVERED else (*told_losses(header), *missing)
+    return missing if header.get("reason") == RECOVERED else (*recorded_losses(header), *missing)

@@ -66,13 +66,13 @@ def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
     coders: dict[str, str] = {}
     for parent, folders in studies.items():
         kept = parent.parent / FILE_NAME if parent.name == "sessions" else None
-        known = _kept(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
+        known = _stored(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
         now = Pseudonyms(
             _numbered(map(_key, _wizards_of(folders)), known.wizards, _WIZARD),
             _numbered(_coders_of(folders), known.coders, _CODER),
         )
         if kept is not None and now != known:
-            _keep(kept, now)
+            _persist(kept, now)
         wizards |= now.wizards
         coders |= now.coders
     return Pseudonyms(wizards, coders)
@@ -221,7 +221,7 @@ def _annotations_in(folder: Path) -> tuple[Path, ...]:
         return ()
 
 
-def _kept(path: Path) -> Pseudonyms:
+def _stored(path: Path) -> Pseudonyms:
     try:
         with path.open("rb") as file:
             data: Any = json.loads(file.read(_MAX_BYTES))
@@ -238,7 +238,7 @@ def _kept(path: Path) -> Pseudonyms:
     return Pseudonyms(wizards, coders)
 
 
-def _keep(path: Path, pseudonyms: Pseudonyms) -> None:
+def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
     """Store the assignment. Without it the numbers are the same as long as the sessions are."""
     data = {
         "format": _FORMAT,

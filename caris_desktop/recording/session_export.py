@@ -234,33 +234,33 @@ def export_all(
         try:
             session = _opened(folder, pseudonyms)
             damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
-            problems += [_told_of(folder.name, loss) for loss in damaged]
+            problems += [_message_for(folder.name, loss) for loss in damaged]
             sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
-            notices += [_told_of(folder.name, sentence) for sentence in sentences]
+            notices += [_message_for(folder.name, sentence) for sentence in sentences]
             sessions.append(session)
             if apart.formats:
                 problems += _export_formats(session, apart, target, tell)
                 written.append(target)
                 on_written(target)
         except _DiskFullError as error:
-            problems.append(_told_of(folder.name, error))
+            problems.append(_message_for(folder.name, error))
             left = len(request.sessions) - number - 1
             if left:
                 what = QT_TR_NOOP("%n further session(s) were not tried: the disk is full.", "", left)
                 problems.append(what)
             break
         except ExportError as error:
-            problems.append(_told_of(folder.name, error))
+            problems.append(_message_for(folder.name, error))
         done_weight += weight
     for name in together if sessions else ():
         title = localized(BY_FORMAT[name].title)
         told(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
         try:
-            target = _export_together(name, sessions, request)
+            target = _export_combined(name, sessions, request)
             written.append(target)
             on_written(target)
         except ExportError as error:
-            problems.append(_told_of(title, error))
+            problems.append(_message_for(title, error))
     told(1.0, QT_TR_NOOP("done"), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
@@ -364,7 +364,7 @@ def _export_formats(
     failed = 0
     with _whole_folder(out, session.folder) as partial:
         for number, fmt in enumerate(formats):
-            title = _told_of(name, BY_FORMAT[fmt].title)
+            title = _message_for(name, BY_FORMAT[fmt].title)
 
             def progress(fraction: float, *, number: int = number, title: str = title) -> None:
                 tell((number + min(1.0, max(0.0, fraction))) / len(formats), title)
@@ -381,16 +381,16 @@ def _export_formats(
             except ExportError as error:
                 if len(formats) == 1:
                     raise
-                problems.append(_told_of(title, error))
+                problems.append(_message_for(title, error))
                 shutil.rmtree(place, ignore_errors=True)
                 failed += 1
-            problems += [_told_of(title, warning) for warning in dict.fromkeys(warnings)]
+            problems += [_message_for(title, warning) for warning in dict.fromkeys(warnings)]
         if failed == len(formats):
             raise ExportError(joined(problems))
     return tuple(problems)
 
 
-def _export_together(name: str, sessions: Sequence[Session], request: ExportRequest) -> Path:
+def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequest) -> Path:
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
     target = request.out.absolute() / name
     with _whole_folder(target, sessions[0].folder) as partial:
@@ -507,7 +507,7 @@ def _failure(out: Path, error: OSError) -> ExportError:
     return ExportError(localized(failed, folder=out, why=error.strerror or error))
 
 
-def _told_of(name: str, told: object) -> LocalizedText:
+def _message_for(name: str, told: object) -> LocalizedText:
     """Prefix a message with a session's name; both keep their template values."""
     return localized(QT_TR_NOOP("{name}: {told}"), name=name, told=localized(str(told)))
 

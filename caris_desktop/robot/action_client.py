@@ -280,7 +280,7 @@ class BridgedActionClient:
         known, self._known_uuids = self._known_uuids, set()
         for uuid_hex, status in decode_ros2_goal_status_array(message):
             self._known_uuids.add(uuid_hex)
-            self._tell_unanswered(uuid_hex, status)
+            self._report_unanswered(uuid_hex, status)
             if uuid_hex in known:
                 continue
             if status not in (ROS2_ACCEPTED, ROS2_EXECUTING, ROS2_CANCELING):
@@ -314,7 +314,7 @@ class BridgedActionClient:
         if wire_id in self._cancelled:
             self.cancel(wire_id)
 
-    def _tell_unanswered(self, uuid_hex: str, status: int) -> None:
+    def _report_unanswered(self, uuid_hex: str, status: int) -> None:
         wire_id = next((name for name in self._unanswered if self._uuid_of.get(name) == uuid_hex), None)
         if wire_id is None:
             return

@@ -366,7 +366,7 @@ class Wire(asyncio.Protocol):
         self._watched_s = self._next_ping_s = self._loop.time()
         # The first answer over a slow network takes as long as the handshake did.
         self._heard_s = 2.0 * self._watched_s - self._began_s
-        self._watch = self._loop.call_later(self._watch_s, self._look_after)
+        self._watch = self._loop.call_later(self._watch_s, self._supervise)
         if not self.opened.done():
             self.opened.set_result(None)
 
@@ -386,11 +386,11 @@ class Wire(asyncio.Protocol):
                 self._pings = {token: other for token, other in self._pings.items() if other.sent_s > ping.sent_s}
                 (ping.answered or self._owner.wire_round_trip)(self._loop.time() - ping.sent_s)
 
-    def _look_after(self) -> None:
+    def _supervise(self) -> None:
         now_s = self._loop.time()
         late_s = now_s - self._watched_s - self._watch_s
         self._watched_s = now_s
-        self._watch = self._loop.call_later(self._watch_s, self._look_after)
+        self._watch = self._loop.call_later(self._watch_s, self._supervise)
         if late_s > self._watch_s:
             # This process was suspended; the peer's data is still unread in the socket.
             self._heard_s = min(now_s, self._heard_s + late_s)

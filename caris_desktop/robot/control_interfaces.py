@@ -194,7 +194,7 @@ class RobotControls:
         offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
         if offered == self._controls:
             # A repeated offer comes from a receiver that lost the values.
-            self._tell_values_soon()
+            self._report_values_soon()
             return
         self._controls = offered
         self._listen()
@@ -215,7 +215,7 @@ class RobotControls:
             if server.client is not None:
                 server.client.close()
         for action, type_ in actions - self._servers.keys():
-            server = self._servers[action, type_] = _Server(self._tell)
+            server = self._servers[action, type_] = _Server(self._notify)
             server.client = make_action_client(self._ros, self._dialect, action, type_, server)
         self._learn_types()
 
@@ -281,13 +281,15 @@ class RobotControls:
 
     def use(self, command: UseControl) -> None:
         """Start a use of a control."""
-        self._tell(command, "requested", "")
+        self._notify(command, "requested", "")
         control = self._controls.get(command.control)
         if control is None or control.effect is None:
-            self._tell(command, "failed", QT_TR_NOOP("neither the robot's profile nor the scenario has such a control"))
+            self._notify(
+                command, "failed", QT_TR_NOOP("neither the robot's profile nor the scenario has such a control")
+            )
             return
         if refusal := self._refusal(control):
-            self._tell(command, "failed", refusal)
+            self._notify(command, "failed", refusal)
         elif self._types.known(*_kind_and_type(control.effect)):
             self._check_and_do(command, control, control.effect)
         else:
@@ -302,7 +304,7 @@ class RobotControls:
         await self._types.definition(*_kind_and_type(effect))
         # Meanwhile the link may have been lost or the emergency stop set.
         if refusal := self._refusal(control):
-            self._tell(command, "failed", refusal)
+            self._notify(command, "failed", refusal)
         else:
             self._check_and_do(command, control, effect)
 
@@ -332,12 +334,12 @@ class RobotControls:
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
             why = translation.localized(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
-            self._tell(command, "failed", why)
+            self._notify(command, "failed", why)
             return
         match effect:
             case PublishMessage(topic=topic, type=type_):
                 sent = self._publishers[topic, type_].publish(message)
-                self._tell(
+                self._notify(
                     command, "succeeded" if sent else "failed", "" if sent else QT_TR_NOOP("the robot is not connected")
                 )
             case CallService():
@@ -348,20 +350,20 @@ class RobotControls:
     async def _call(self, command: UseControl, control: RobotControl, effect: CallService, request: Message) -> None:
         if refusal := self._refusal(control):
             # The emergency stop came at the same time.
-            self._tell(command, "failed", refusal)
+            self._notify(command, "failed", refusal)
             return
         package, _, name = plain_name(effect.type).partition("/")
         kind = service_type_name(self._dialect, package, name)
         try:
             answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
         except ServiceCallError as error:
-            self._tell(command, "failed", str(error))
+            self._notify(command, "failed", str(error))
             return
         # Field of Trigger, SetBool and similar services.
         succeeded = answer.get("success", True) is not False
         said = answer.get("message")
         detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
-        self._tell(
+        self._notify(
             command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else QT_TR_NOOP("it refused"))
         )
 
@@ -369,7 +371,7 @@ class RobotControls:
         server = self._servers[effect.action, effect.type]
         wire_id = server.client.send(command.control, goal) if server.client is not None else None
         if wire_id is None:
-            self._tell(command, "failed", QT_TR_NOOP("the robot is not connected"))
+            self._notify(command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         server.goals[wire_id] = _Goal(command)
         # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
@@ -383,7 +385,7 @@ class RobotControls:
             late = translation.localized(
                 QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}"
             )
-            self._tell(goal.command, "failed", late)
+            self._notify(goal.command, "failed", late)
 
     def _give_up_lost(self, server: _Server, wire_id: str) -> None:
         if not self._ros.is_connected:
@@ -392,16 +394,16 @@ class RobotControls:
     def _give_up_fate(self, server: _Server, wire_id: str) -> None:
         goal = server.goals.pop(wire_id, None)
         if goal is not None:
-            self._tell(goal.command, "failed", FATE_UNKNOWN)
+            self._notify(goal.command, "failed", FATE_UNKNOWN)
 
     def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
         goals, server.goals = server.goals, {}
         for wire_id, goal in goals.items():
             if cancel:
                 server.cancel(wire_id)
-            self._tell(goal.command, "failed", detail)
+            self._notify(goal.command, "failed", detail)
 
-    def _tell(self, command: UseControl, state: RequestState, detail: str) -> None:
+    def _notify(self, command: UseControl, state: RequestState, detail: str) -> None:
         self._emit(
             ControlUsed(now_ns(), command.request_id, command.control, command.value, state, detail, command.actor)
         )
@@ -427,13 +429,15 @@ class RobotControls:
         if value is None or (control in self._values and self._values[control] == value):
             return
         self._values[control] = value
-        self._tell_values_soon()
+        self._report_values_soon()
 
-    def _tell_values_soon(self) -> None:
+    def _report_values_soon(self) -> None:
         if self._timer is None:
-            self._timer = self._loop.call_at(max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._tell_values)
+            self._timer = self._loop.call_at(
+                max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._report_values
+            )
 
-    def _tell_values(self) -> None:
+    def _report_values(self) -> None:
         self._timer = None
         if self._values:
             self._told_s = self._loop.time()

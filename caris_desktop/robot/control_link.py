@@ -255,7 +255,7 @@ class ControlLink:
                 self._guard.switch(on=on)
                 self._lease.reconsider(now_s)
                 if not self._lease.held:
-                    self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
+                    self._report_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
             case link_commands.GoTo():
                 self._go_to(command)
             case link_commands.LimitGoals():
@@ -507,10 +507,10 @@ class ControlLink:
             # A failing guard must not stop the lease, and nothing is driven unchecked.
             logger.exception("The obstacle guard failed on %r", twist)
             limit = GuardLimit(0.0, "blocked", detail=QT_TR_NOOP("the guard failed; its log tells why"))
-        self._tell_guard(limit, now_s)
+        self._report_guard(limit, now_s)
         return limit.fraction
 
-    def _tell_guard(self, limit: GuardLimit, now_s: float) -> None:
+    def _report_guard(self, limit: GuardLimit, now_s: float) -> None:
         news = self._guard_news.of(limit, now_s, stamp_ns=now_ns()) if self._connected else None
         if news is not None:
             self._put(replace(news, actor=self._guard_switcher))
@@ -524,7 +524,7 @@ class ControlLink:
             self._check_movement()
             if self._connected and not self._lease.held:
                 now_s = self._loop.time()
-                self._tell_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
+                self._report_guard(self._guard.limit(ZERO_TWIST, now_s), now_s)
 
     # Supervision of the actual motion
 
@@ -540,7 +540,7 @@ class ControlLink:
         stopped = self._stopping or self._lease.latched
         told = self._movement_told
         if (state, stopped) != (told.state, told.stopped):
-            self._tell_movement(MovementChanged(now_ns(), state, stopped, told.publishers))
+            self._report_movement(MovementChanged(now_ns(), state, stopped, told.publishers))
             if state in ("uncommanded", "commanded_elsewhere") and told.state != state:
                 self._in_background(self._find_publishers())
         if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
@@ -548,7 +548,7 @@ class ControlLink:
             self._lease.stop(now_s, "stop")
             self._move()
 
-    def _tell_movement(self, movement: MovementChanged) -> None:
+    def _report_movement(self, movement: MovementChanged) -> None:
         self._movement_told = movement
         self._put(movement)
 
@@ -563,7 +563,7 @@ class ControlLink:
         names = answer.get("publishers")
         found = tuple(sorted(name for name in names if isinstance(name, str))) if isinstance(names, list) else ()
         if self._connected and found != self._movement_told.publishers:
-            self._tell_movement(replace(self._movement_told, stamp_ns=now_ns(), publishers=found[:10]))
+            self._report_movement(replace(self._movement_told, stamp_ns=now_ns(), publishers=found[:10]))
 
     def _take_velocity(self, message: Any) -> None:
         stamped = self._profile.velocity.type == "TwistStamped"
@@ -600,9 +600,9 @@ class ControlLink:
         self._guard_news.forget()
         self._movement.forget(self._loop.time())
         self._stopping = False
-        self._tell_movement(MovementChanged(now_ns(), "unknown", self._lease.latched))
+        self._report_movement(MovementChanged(now_ns(), "unknown", self._lease.latched))
         self._guard_switcher = CONSOLE
-        self._tell_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
+        self._report_guard(self._guard.limit(ZERO_TWIST, self._loop.time()), self._loop.time())
         self._handled.link_connected()
         self._goal_speed.link_connected()
         self._navigator.link_connected()
@@ -613,7 +613,7 @@ class ControlLink:
         self._emergency_stop.link_connected()
         self._watched.link_connected()
         self._controls.link_connected()
-        self._looking_around = self._begin(self._look_around())
+        self._looking_around = self._begin(self._explore_robot())
 
     def link_silent(self) -> None:
         self._silent = True
@@ -696,7 +696,7 @@ class ControlLink:
         if goal.state in ("reached", "cancelled", "failed"):
             self._sensors.clear_path()
 
-    async def _look_around(self) -> None:
+    async def _explore_robot(self) -> None:
         """Take the robot's inventory and report missing parts of the profile; repeat while something is missing."""
         for pause_s in itertools.chain(INVENTORY_AGAIN_S, itertools.repeat(INVENTORY_AGAIN_S[-1])):
             try:

@@ -278,7 +278,7 @@ async def check_streams(
         for check in _offered_checks(profile, inventory):
             say(check)
         await asyncio.sleep(seconds)
-        bridge_told = inventory is not None and await _bridge_is_told(ros, ears)
+        bridge_told = inventory is not None and await _bridge_is_informed(ros, ears)
         for named, kind in inputs:
             say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
         for ear in ears:
@@ -581,7 +581,7 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _bridge_is_told(ros: SafeRos, ears: list[_Ear]) -> bool:
+async def _bridge_is_informed(ros: SafeRos, ears: list[_Ear]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for ear in ears:
         if ear.heard:

@@ -103,7 +103,7 @@ class EmergencyStop:
             self._stopped.cancel_goals("emergency stop", command.actor)
             # Reported for every request: the wizard must see that it is set.
             if self._ros.is_connected:
-                self._tell_robot(latched=True)
+                self._report_robot(latched=True)
             else:
                 self._emit(
                     Problem(
@@ -135,13 +135,13 @@ class EmergencyStop:
             )
             self._emit(EmergencyStopChanged(now_ns(), self.latched, "robot"))
         else:
-            self._tell_robot(latched=False)
+            self._report_robot(latched=False)
 
     def link_connected(self) -> None:
         """Repeat the wizard's state to a reconnected robot."""
         self._connected_s = asyncio.get_running_loop().time()
         if self._wizard_latched:
-            self._tell_robot(latched=True)
+            self._report_robot(latched=True)
 
     def link_lost(self) -> None:
         self._services = None
@@ -153,7 +153,7 @@ class EmergencyStop:
         self._services = inventory.services
         if self._again is not None:
             self._try_no_more()
-            self._tell_robot(latched=True)
+            self._report_robot(latched=True)
 
     def close(self) -> None:
         """The link ends."""
@@ -181,9 +181,11 @@ class EmergencyStop:
     def _try_again(self) -> None:
         self._again = None
         if self._wizard_latched and not self._reached and self._ros.is_connected:
-            self._in_background(self._look_and_tell() if self._command is None else self._look_who_listens(again=True))
+            self._in_background(
+                self._check_and_report() if self._command is None else self._check_listeners(again=True)
+            )
 
-    async def _look_and_tell(self) -> None:
+    async def _check_and_report(self) -> None:
         """Call the stop service, if it is available by now."""
         if self._services is not None:
             try:
@@ -194,9 +196,9 @@ class EmergencyStop:
                 self._services = frozenset(absolute_name(str(name)) for name in answer.get("services") or ())
                 self._again_after_s = min(self._again_after_s, _LOOKED_FOR_EVERY_S)
         if self._wizard_latched and not self._reached and self._ros.is_connected:
-            self._tell_robot(latched=True)
+            self._report_robot(latched=True)
 
-    async def _look_who_listens(self, *, again: bool) -> None:
+    async def _check_listeners(self, *, again: bool) -> None:
         """Check for subscribers of the command topic; ``again`` publishes the latched stop to them."""
         command = self._command
         if command is None:
@@ -269,13 +271,13 @@ class EmergencyStop:
             # The requester may already show it as cleared.
             self._emit(EmergencyStopChanged(now_ns(), True, "robot"))
 
-    def _tell_robot(self, *, latched: bool) -> None:
+    def _report_robot(self, *, latched: bool) -> None:
         interface = self._interface
         if self._command is not None:
             if self._command.publish(encode_bool(latched)):
                 self._told(latched=latched, reason="")
                 if latched:
-                    self._in_background(self._look_who_listens(again=False))
+                    self._in_background(self._check_listeners(again=False))
             else:
                 self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
             return

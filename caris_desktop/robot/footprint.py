@@ -159,8 +159,8 @@ class Footprint:
         before, after = np.roll(self._normals, 1, axis=0), np.roll(self._normals, -1, axis=0)
         offsets = self._offsets + margin_m
         return (
-            _corner_along(self._normals, self._tangents, offsets, before, np.roll(offsets, 1)),
-            _corner_along(self._normals, self._tangents, offsets, after, np.roll(offsets, -1)),
+            _corner_on_path(self._normals, self._tangents, offsets, before, np.roll(offsets, 1)),
+            _corner_on_path(self._normals, self._tangents, offsets, after, np.roll(offsets, -1)),
         )
 
 
@@ -189,7 +189,7 @@ def transformed(pose: Pose2D, points: Array) -> Array:
     return turned
 
 
-def _corner_along(normals: Array, tangents: Array, offsets: Array, others: Array, other_offsets: Array) -> Array:
+def _corner_on_path(normals: Array, tangents: Array, offsets: Array, others: Array, other_offsets: Array) -> Array:
     # A corner x obeys n.x = h and n'.x = h'; with x = h n + s t this is s = (h' - h n.n') / (t.n').
     facing = (normals * others).sum(axis=1)
     turning = (tangents * others).sum(axis=1)

@@ -218,7 +218,7 @@ class ObstacleGuard:
         self._remember_what_left_the_view(view, looks, own)
         legs = _stands_free(points_in_laser, ranges_m, measured, whole=whole)
         self._view = view
-        self._keep_view(view)
+        self._store_view(view)
         self._points_in_odom = transformed(odom_from_robot, points_in_robot[obstacle])
         self._legs = legs[obstacle]
 
@@ -240,7 +240,7 @@ class ObstacleGuard:
             return found
         if stale:
             return GuardLimit(min(cap, found.fraction), "blind", found.distance_m, _STALE_WORDS)
-        if twist.moving and not self._sees_the_way(twist, now_s):
+        if twist.moving and not self._sees_path(twist, now_s):
             crawl = self._crawl(twist)
             if crawl < found.fraction:
                 return GuardLimit(crawl, "blind", found.distance_m, _UNSEEN_WORDS)
@@ -324,7 +324,7 @@ class ObstacleGuard:
         speed_mps = math.hypot(twist.forward_mps, twist.left_mps)
         return min(1.0, _share(CRAWL_MPS, speed_mps), _share(CRAWL_MPS, twist.turn_radps * self._footprint.radius_m))
 
-    def _sees_the_way(self, twist: Twist2D, now_s: float) -> bool:
+    def _sees_path(self, twist: Twist2D, now_s: float) -> bool:
         """True if beams cover, or recently covered, the footprint's path before it could stop."""
         view = self._view
         if view is None:
@@ -422,7 +422,7 @@ class ObstacleGuard:
         self._memory_legs = self._memory_legs[keep]
         self._memory_s = self._memory_s[keep]
 
-    def _keep_view(self, view: _View) -> None:
+    def _store_view(self, view: _View) -> None:
         if view.whole:
             return
         if self._views:

@@ -145,9 +145,9 @@ class RobotMaps:
         """Start a map operation; one at a time."""
         refusal = self._refusal(command)
         if refusal:
-            self._tell(command, "failed", refusal)
+            self._notify(command, "failed", refusal)
             return
-        self._tell(command, "requested")
+        self._notify(command, "requested")
         self._busy = command.request_id
         self._in_background(self._carry_out(command))
 
@@ -179,7 +179,7 @@ class RobotMaps:
             failure = str(error)
         finally:
             self._busy = ""
-        self._tell(command, "failed" if failure else "succeeded", failure or detail)
+        self._notify(command, "failed" if failure else "succeeded", failure or detail)
 
     async def _done(self, command: RequestMap) -> str:
         offer = self._offer
@@ -274,7 +274,7 @@ class RobotMaps:
             )
         )
 
-    def _tell(self, command: RequestMap, state: RequestState, detail: str = "") -> None:
+    def _notify(self, command: RequestMap, state: RequestState, detail: str = "") -> None:
         self._emit(
             MapRequestChanged(
                 now_ns(), command.request_id, command.operation, command.name, state, detail, command.actor

@@ -111,7 +111,7 @@ class Navigator:
             return
         self._robot_tells_distance = False
         self._goal = _Goal(command, wire_id, distance_left_m=self._beeline_m(target_in_map))
-        self._tell()
+        self._notify()
         epoch = self._epoch
         self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(epoch))
 
@@ -153,7 +153,7 @@ class Navigator:
                 self._goal = replace(
                     self._goal, cancelling=QT_TR_NOOP("the link to the robot was lost"), cancelled_by=CONSOLE
                 )
-            self._tell(QT_TR_NOOP("the link to the robot was lost; the goal is cancelled when it is back"))
+            self._notify(QT_TR_NOOP("the link to the robot was lost; the goal is cancelled when it is back"))
             self._await_fate()
 
     def link_connected(self) -> None:
@@ -180,7 +180,7 @@ class Navigator:
     def goal_active(self, wire_id: str) -> None:
         if self._goal is not None and self._goal.wire_id == wire_id and self._goal.state == "requested":
             self._goal = replace(self._goal, state="active")
-            self._tell()
+            self._notify()
 
     def robot_moved(self, pose_in_map: Pose2D) -> None:
         """Set the robot's pose; the straight-line distance is used if the robot reports none."""
@@ -207,7 +207,7 @@ class Navigator:
         if goal is not None:
             self._goal = replace(goal, distance_left_m=distance_left_m)
             if goal.state == "active" and now_ns() - goal.told_ns >= PROGRESS_EVERY_NS:
-                self._tell()
+                self._notify()
 
     def _beeline_m(self, target_in_map: Pose2D) -> float | None:
         here = self._pose_in_map
@@ -222,7 +222,7 @@ class Navigator:
             ending, detail = "cancelled", self._goal.cancelling
         self._end(ending, detail)
 
-    def _tell(self, detail: str = "") -> None:
+    def _notify(self, detail: str = "") -> None:
         goal = self._goal
         if goal is not None:
             self._goal = replace(goal, told_ns=now_ns())
@@ -242,7 +242,7 @@ class Navigator:
     def _end(self, state: GoalState, detail: str) -> None:
         if self._goal is not None:
             self._goal = replace(self._goal, state=state)
-            self._tell(detail)
+            self._notify(detail)
             self._goal = None
         if self._fate is not None:
             self._fate.cancel()

@@ -71,7 +71,7 @@ class NavigationSpeed:
     def link_lost(self) -> None:
         # Others may set the robot's limit meanwhile.
         self._asked += 1
-        self._keep(None, CONSOLE)
+        self._persist(None, CONSOLE)
 
     def apply(self) -> None:
         """Send the limit, if the robot is connected."""
@@ -83,7 +83,7 @@ class NavigationSpeed:
             limit_mps = min(limit_mps, self._server.max_mps)
         if self._topic is not None:
             self._topic.publish(encode_speed_limit(limit_mps))
-            self._in_background(self._look_who_listens(limit_mps, self._topic.name, asked=self._asked))
+            self._in_background(self._check_listeners(limit_mps, self._topic.name, asked=self._asked))
         elif self._reconfigure is not None:
             answer = self._ask_for(limit_mps, self._reconfigure)
             self._in_background(self._hear(answer, limit_mps, self._reconfigure, asked=self._asked))
@@ -102,7 +102,7 @@ class NavigationSpeed:
             except (TimeoutError, ServiceCallError) as error:
                 logger.info("The navigation's speed stays as it was told: %s", error)
 
-    async def _look_who_listens(self, limit_mps: float, topic: str, *, asked: int) -> None:
+    async def _check_listeners(self, limit_mps: float, topic: str, *, asked: int) -> None:
         package = "rosapi" if self._dialect is Dialect.ROS1 else "rosapi_msgs"
         kind = service_type_name(self._dialect, package, "Subscribers")
         try:
@@ -133,7 +133,7 @@ class NavigationSpeed:
     def _settle(self, limit_mps: float, reason: str, *, asked: int) -> None:
         if asked != self._asked:
             return  # a newer limit was sent meanwhile; its answer counts
-        self._keep(None if reason else limit_mps, self._wanted_by)
+        self._persist(None if reason else limit_mps, self._wanted_by)
         if not reason or self._told_failure:
             return
         self._told_failure = True
@@ -162,7 +162,7 @@ class NavigationSpeed:
             )
         )
 
-    def _keep(self, kept_mps: float | None, actor: Actor) -> None:
+    def _persist(self, kept_mps: float | None, actor: Actor) -> None:
         if kept_mps != self._kept_mps:
             self._kept_mps = kept_mps
             self._emit(NavigationSpeedChanged(now_ns(), kept_mps, actor))

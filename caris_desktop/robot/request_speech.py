@@ -14,7 +14,7 @@ from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
-from caris_desktop.robot.robot_speech import STARTED_UNTOLD_S, STARTS_WITHIN_S, tell_utterance
+from caris_desktop.robot.robot_speech import STARTED_UNTOLD_S, STARTS_WITHIN_S, report_utterance
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
@@ -94,9 +94,9 @@ class RequestSpeech:
             self._stop_due = True
             self._stop_if_due()
         if interrupted and unheard:
-            tell_utterance(self._emit, interrupted.pop(0), "failed", FATE_UNKNOWN, actor)
+            report_utterance(self._emit, interrupted.pop(0), "failed", FATE_UNKNOWN, actor)
         for command in interrupted:
-            tell_utterance(self._emit, command, "interrupted", actor=actor)
+            report_utterance(self._emit, command, "interrupted", actor=actor)
         return not self._waiting
 
     def link_lost(self) -> None:
@@ -140,7 +140,7 @@ class RequestSpeech:
 
     def _on_fate_untold(self) -> None:
         self._give_up()
-        tell_utterance(self._emit, self._waiting.popleft(), "failed", FATE_UNKNOWN)
+        report_utterance(self._emit, self._waiting.popleft(), "failed", FATE_UNKNOWN)
         self._begin()
 
     def _stop_if_due(self) -> None:
@@ -162,10 +162,10 @@ class RequestSpeech:
             try:
                 await self._say_one(command)
             except NotSaidError as error:
-                tell_utterance(self._emit, command, "failed", str(error))
+                report_utterance(self._emit, command, "failed", str(error))
             except Exception as error:
                 _log.exception("an utterance of the robot failed")
-                tell_utterance(self._emit, command, "failed", str(error))
+                report_utterance(self._emit, command, "failed", str(error))
             self._forget_fate()
             self._waiting.popleft()
         self._worker = None
@@ -181,14 +181,14 @@ class RequestSpeech:
                 # A failure during speech, as with the link, does not show what was audible.
                 answer.add_done_callback(lambda done: done.cancelled() or done.exception())
         elif self._answers_at_end:
-            tell_utterance(self._emit, command, "started", estimated=True)
+            report_utterance(self._emit, command, "started", estimated=True)
             await self._speaker.say(command.text, within_s=within_s)
-            tell_utterance(self._emit, command, "finished")
+            report_utterance(self._emit, command, "finished")
         else:
             await self._speaker.say(command.text, within_s=within_s)
-            tell_utterance(self._emit, command, "started", estimated=True)
+            report_utterance(self._emit, command, "started", estimated=True)
             await asyncio.sleep(estimated_duration_s(command.text, command.language))
-            tell_utterance(self._emit, command, "finished", estimated=True)
+            report_utterance(self._emit, command, "finished", estimated=True)
 
     async def _followed(self, command: Say, answer: "asyncio.Future[Any]") -> None:
         # The robot is already speaking: the new text follows immediately, or after it.
@@ -197,7 +197,7 @@ class RequestSpeech:
             await answer
         else:
             await self._begun(answer)
-        tell_utterance(self._emit, command, "started", estimated=already)
+        report_utterance(self._emit, command, "started", estimated=already)
         try:
             async with asyncio.timeout(LONGEST_UTTERANCE_S):
                 await self._quiet.wait()
@@ -206,7 +206,7 @@ class RequestSpeech:
                     await self._quiet.wait()
         except TimeoutError:
             raise NotSaidError("the robot did not report that it finished") from None
-        tell_utterance(self._emit, command, "finished", estimated=already)
+        report_utterance(self._emit, command, "finished", estimated=already)
 
     async def _begun(self, answer: "asyncio.Future[Any]") -> None:
         started: asyncio.Future[Any] = asyncio.ensure_future(self._speaking.wait())

@@ -69,7 +69,7 @@ class RobotSound:
 
     def listen(self, on: bool) -> None:
         """Start or stop the robot's microphone stream."""
-        self._begin_anew()
+        self._restart()
         for topic, take in self._ears:
             if on:
                 topic.subscribe(take)
@@ -82,9 +82,9 @@ class RobotSound:
             self._speaker.publish(encode_audio_data(asked.samples))
 
     def link_lost(self) -> None:
-        self._begin_anew()
+        self._restart()
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self._clock = SoundClock()
         self._mp3 = None
 
@@ -93,7 +93,7 @@ class RobotSound:
         if form != self._form:
             logger.info("The robot's sound is %s", form)
             self._form = form
-            self._begin_anew()
+            self._restart()
 
     def _take(self, message: Any) -> None:
         arrival_ns = self._ros.arrival_ns

@@ -76,7 +76,7 @@ class ActionVoice:
     def say(self, command: Say) -> None:
         utterance = _Utterance(command)
         if not self._ros.is_connected:
-            tell_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the robot is not connected"))
+            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         self._waiting.append(utterance)
         if len(self._waiting) == 1:
@@ -98,7 +98,7 @@ class ActionVoice:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
-            tell_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the link to the robot was lost"))
+            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the link to the robot was lost"))
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -122,7 +122,7 @@ class ActionVoice:
             return
         if not self._waiting[0].started:
             self._waiting[0] = replace(self._waiting[0], started=True)
-            tell_utterance(self._emit, self._waiting[0].asked, "started", estimated=self._reckoned)
+            report_utterance(self._emit, self._waiting[0].asked, "started", estimated=self._reckoned)
         elif not self._adrift:
             return
         self._adrift = False
@@ -167,7 +167,7 @@ class ActionVoice:
         self._wire_id = None
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
-        tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+        report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
         if self._waiting:
             self._send_next()
 
@@ -176,7 +176,7 @@ class ActionVoice:
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+            report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -225,9 +225,9 @@ class TopicVoice:
         """Request speech now, or after the present utterance."""
         utterance = _Utterance(command)
         if self._say is None:
-            self._tell(utterance, "failed", QT_TR_NOOP("this robot's profile names no voice"))
+            self._notify(utterance, "failed", QT_TR_NOOP("this robot's profile names no voice"))
         elif not self._say.publish(encode_string(command.text)):
-            self._tell(utterance, "failed", QT_TR_NOOP("the robot is not connected"))
+            self._notify(utterance, "failed", QT_TR_NOOP("the robot is not connected"))
         else:
             self._waiting.append(utterance)
             if len(self._waiting) == 1:
@@ -296,15 +296,15 @@ class TopicVoice:
     def _start(self, at_most_s: float, detail: str) -> None:
         head = self._waiting.popleft()
         self._waiting.appendleft(replace(head, started=True))
-        tell_utterance(self._emit, head.asked, "started", "", estimated=self._estimates)
+        report_utterance(self._emit, head.asked, "started", "", estimated=self._estimates)
         self._wait(at_most_s, lambda: self._fail(detail))
 
     def _finish(self) -> None:
-        tell_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=self._estimates)
+        report_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=self._estimates)
         self._next()
 
     def _fail(self, detail: str) -> None:
-        self._tell(self._waiting.popleft(), "failed", detail)
+        self._notify(self._waiting.popleft(), "failed", detail)
         self._next()
 
     @property
@@ -321,18 +321,18 @@ class TopicVoice:
         self._adrift, self._silence_due, self._in_one_breath = False, None, False
         self._wait(None, None)
         while self._waiting:
-            tell_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+            report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
             self._timer.cancel()
         self._timer = self._loop.call_later(delay_s, then) if delay_s is not None and then is not None else None
 
-    def _tell(self, utterance: _Utterance, state: UtteranceState, detail: str) -> None:
-        tell_utterance(self._emit, utterance.asked, state, detail)
+    def _notify(self, utterance: _Utterance, state: UtteranceState, detail: str) -> None:
+        report_utterance(self._emit, utterance.asked, state, detail)
 
 
-def tell_utterance(
+def report_utterance(
     emit: Callable[[UtteranceChanged], None],
     asked: Say,
     state: UtteranceState,

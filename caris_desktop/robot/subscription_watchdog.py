@@ -90,15 +90,15 @@ class SubscriptionWatchdog:
         for listener in self._known:
             # Undecided trials restart in the next connection.
             if listener.encoding == "other":
-                self._subscribe_anew(listener, other_encoding=True)
+                self._resubscribe(listener, other_encoding=True)
             if listener.encoding != "settled":
                 listener.encoding = "usual"
 
     def _begin(self) -> None:
         if self._known and (self._watch is None or self._watch.done()):
-            self._watch = asyncio.get_running_loop().create_task(self._look_after())
+            self._watch = asyncio.get_running_loop().create_task(self._supervise())
 
-    async def _look_after(self) -> None:
+    async def _supervise(self) -> None:
         pause_s = FIRST_LOOK_S
         while True:
             await asyncio.sleep(pause_s)
@@ -127,14 +127,14 @@ class SubscriptionWatchdog:
         listener.asked_anew += 1
         if other and listener.encoding != "settled":
             listener.encoding = "other" if listener.encoding == "usual" else "usual"
-            self._subscribe_anew(listener, other_encoding=True)
+            self._resubscribe(listener, other_encoding=True)
         else:
-            self._subscribe_anew(listener, other_encoding=False)
+            self._resubscribe(listener, other_encoding=False)
 
-    def _subscribe_anew(self, listener: _Listener, *, other_encoding: bool) -> str:
+    def _resubscribe(self, listener: _Listener, *, other_encoding: bool) -> str:
         name = listener.topic.name
         # In ROS 2 only a new subscription has a new quality of service; ROS 1 changes one without a gap.
-        encoding = self._ros.factory.subscribe_anew(
+        encoding = self._ros.factory.resubscribe(
             name, other_encoding=other_encoding, leave_first=self._dialect is Dialect.ROS2
         )
         logger.info("Subscribing anew to %s, encoding %s", name, encoding)
@@ -145,7 +145,7 @@ class SubscriptionWatchdog:
         if listener.encoding == "other":
             listener.encoding = "back"
             self._back_since_s[listener.topic.name] = loop.time()
-            self._subscribe_anew(listener, other_encoding=True)
+            self._resubscribe(listener, other_encoding=True)
             loop.call_later(FIRST_LOOK_S, self._settle, listener)
         elif listener.encoding == "back":
             usual = "cbor" if listener.topic.compression == "cbor" else "json"
@@ -159,7 +159,7 @@ class SubscriptionWatchdog:
         if listener.encoding != "back" or listener not in self._known:
             return
         listener.encoding, listener.heard = "settled", True
-        encoding = self._subscribe_anew(listener, other_encoding=True)
+        encoding = self._resubscribe(listener, other_encoding=True)
         if encoding not in _ENCODINGS:
             return
         name = listener.topic.name

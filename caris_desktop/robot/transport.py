@@ -304,7 +304,7 @@ class SafeFactory:
     def connect(self) -> None:
         if self._keeper is None or self._keeper.done():
             self._stopping = False
-            self._keeper = self.manager.loop.create_task(self._keep_connected())
+            self._keeper = self.manager.loop.create_task(self._stay_connected())
 
     def stop(self) -> None:
         """Close the connection properly and stop reconnecting."""
@@ -410,7 +410,7 @@ class SafeFactory:
         binary = (subscription["compression"] == "cbor") is not (subscription["topic"] in self._in_other_encoding)
         return "cbor" if binary and self._cbor_works else "none"
 
-    def subscribe_anew(self, topic: str, *, other_encoding: bool, leave_first: bool) -> str:
+    def resubscribe(self, topic: str, *, other_encoding: bool, leave_first: bool) -> str:
         """Renew subscriptions of a topic, optionally in the other encoding; return the encoding.
 
         ``leave_first`` ends the previous subscriptions. Without it, the server changes them without a gap.
@@ -448,7 +448,7 @@ class SafeFactory:
 
     # The websockets
 
-    async def _keep_connected(self) -> None:
+    async def _stay_connected(self) -> None:
         delay_s = self.timings.first_retry_s
         while True:
             if self.motion_topics and self._motion is None:
@@ -513,7 +513,7 @@ class SafeFactory:
         self.emit("ready", self.protocol)
         self.run_safely(self._observer.link_connected)
         if self._motion is not None:
-            self._keep_one_free()
+            self._ensure_one_free()
 
     def reconnect(self, reason: str) -> None:
         """Drop the link with everything that the server has not handled, and reconnect at once."""
@@ -549,7 +549,7 @@ class SafeFactory:
         else:
             socket.waiting.append(WaitingOperation(request_id, send, fail))
         if self._motion is not None:
-            self._keep_one_free()
+            self._ensure_one_free()
 
     def _free_socket(self, *, urgent: bool) -> BridgeSocket | None:
         free = [socket for socket in self._calls if socket.is_free]
@@ -562,7 +562,7 @@ class SafeFactory:
         self._calls.append(self._open_call_socket())
         return self._calls[-1]
 
-    def _keep_one_free(self) -> None:
+    def _ensure_one_free(self) -> None:
         """Open a spare websocket, so that stop calls need not wait for one."""
         if not any(socket.is_free for socket in self._calls) and len(self._calls) < MOST_URGENT_CALLS:
             self._calls.append(self._open_call_socket())

@@ -11,11 +11,11 @@ from typing import Any
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.schema_fields import (
     form_of,
-    group_meant,
     groups_of,
     is_group,
     item_of,
     keys_of,
+    selected_group,
     text_of,
     value_from,
 )
@@ -249,7 +249,7 @@ class ScenarioDocument:
             except UnusualLayoutError:
                 return with_value(text, above, entries, self._names_before(above))
 
-        self._keep(path, data, write, goes_on=False)
+        self._persist(path, data, write, goes_on=False)
 
     def remove(self, path: KeyPath) -> None:
         """Remove an entry from its list."""
@@ -269,7 +269,7 @@ class ScenarioDocument:
             except UnusualLayoutError:
                 return with_value(text, above, value_at(data, above))
 
-        self._keep(path, data, write, goes_on=False)
+        self._persist(path, data, write, goes_on=False)
 
     def move(self, path: KeyPath, place: int) -> None:
         """Move an entry within its list."""
@@ -286,7 +286,7 @@ class ScenarioDocument:
             except UnusualLayoutError:
                 return with_value(text, above, entries)
 
-        self._keep(path, data, write, goes_on=False)
+        self._persist(path, data, write, goes_on=False)
 
     def set_text(self, text: str) -> None:
         """Replace the whole text. If a form cannot show it, the form's data stay."""
@@ -295,7 +295,7 @@ class ScenarioDocument:
         state = _read(text, self._state.data)
         self._push((), state, goes_on=True)
 
-    def take_over(self, path: KeyPath, other: Mapping[str, Any]) -> None:
+    def restore_state(self, path: KeyPath, other: Mapping[str, Any]) -> None:
         """Use another file's value at that place."""
         value = value_at(other, path)
         self.pause()
@@ -370,7 +370,7 @@ class ScenarioDocument:
             self._state = other
         self._saved = other
         for difference in mine:
-            self.take_over(difference.path, data)
+            self.restore_state(difference.path, data)
         return mine
 
     # ---- within
@@ -382,7 +382,7 @@ class ScenarioDocument:
         def write(text: str) -> str:
             return without(text, path) if value is ABSENT else with_value(text, path, value, names)
 
-        self._keep(told, data, write, goes_on=value is not ABSENT)
+        self._persist(told, data, write, goes_on=value is not ABSENT)
 
     def _before_step(self, path: KeyPath) -> _State:
         """State before the present undo step, if it continues at that place."""
@@ -426,9 +426,9 @@ class ScenarioDocument:
                 text = with_value(text, place, name)
             return text
 
-        self._keep(path, data, write, goes_on=True)
+        self._persist(path, data, write, goes_on=True)
 
-    def _keep(self, path: KeyPath, data: dict[str, Any], write: Callable[[str], str], *, goes_on: bool) -> None:
+    def _persist(self, path: KeyPath, data: dict[str, Any], write: Callable[[str], str], *, goes_on: bool) -> None:
         if self.unreadable is not None:
             return
         try:
@@ -545,7 +545,7 @@ def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | 
     if groups:
         if not isinstance(data, dict):
             return path, "a group of 'key: value' lines must stand here."
-        forms = {key.name: key.form for key in keys_of(group_meant(groups, data) or groups[0])}
+        forms = {key.name: key.form for key in keys_of(selected_group(groups, data) or groups[0])}
         inside = [(forms[name], value, name) for name, value in data.items() if name in forms]
     elif item is not None:
         if not isinstance(data, list):

@@ -123,7 +123,7 @@ def save_text(
             )
         )
     parse_scenario(text, path=path.resolve(), velocity_topic_of=velocity_topic_of)
-    _write_or_tell(path, text)
+    _write_or_report(path, text)
     return text
 
 
@@ -141,7 +141,7 @@ def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) ->
     if wrong is not None:
         raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
     text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
-    _write_or_tell(path, text)
+    _write_or_report(path, text)
     return saved
 
 
@@ -312,7 +312,7 @@ def _schema_reference(path: Path) -> str:
     return schema_path().as_uri()
 
 
-def _write_or_tell(path: Path, text: str) -> None:
+def _write_or_report(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=True)

@@ -37,7 +37,7 @@ class SoundSettings:
         ),
     ] = "auto"
 
-    def ear_with(self, *, robot_hears: bool) -> str:
+    def segmenter_with(self, *, robot_hears: bool) -> str:
         """Resolve ``auto`` for this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
         if self.ear == "auto":
             return "robot" if robot_hears else "computer"

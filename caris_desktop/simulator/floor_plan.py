@@ -124,7 +124,7 @@ _RED: Colour = (70, 70, 176)
 _CLAY: Colour = (88, 118, 176)
 
 
-def _wall_boxes(run: WallRun) -> list[Box]:
+def _wall_rects(run: WallRun) -> list[Box]:
     half = WALL_THICKNESS_M / 2.0
     edges = [run.start_m - half]
     for door in run.doors:
@@ -149,7 +149,7 @@ class Lintel:
     sign: str
 
 
-WALLS: tuple[Box, ...] = tuple(box for run in _RUNS for box in _wall_boxes(run))
+WALLS: tuple[Box, ...] = tuple(box for run in _RUNS for box in _wall_rects(run))
 LINTELS: tuple[Lintel, ...] = tuple(
     Lintel(_run_box(run, door.start_m, door.end_m, DOOR_HEIGHT_M, WALL_HEIGHT_M), run.along, door.sign)
     for run in _RUNS

@@ -39,7 +39,7 @@ class UnknownRobotModel(ValueError):  # noqa: N818 - the user asked for what is 
     """Unknown robot model, or not for this ROS; the text lists the available ones."""
 
 
-def dress_named(
+def robot_model_named(
     name: str, ros: int | None = None, *, namespace: str | None = None, holonomic: bool = False
 ) -> RobotInterface:
     """Robot model by name, for ROS 1 or 2 if it exists for both.
@@ -71,7 +71,7 @@ def dress_named(
     return dress
 
 
-def dress_names() -> tuple[str, ...]:
+def robot_model_names() -> tuple[str, ...]:
     """Names of all models."""
     return tuple(sorted(_DRESSES))
 

@@ -233,7 +233,7 @@ class Robot:
     @property
     def path_in_map(self) -> list[tuple[float, float]]:
         """Remaining path to the goal from the robot; empty without a goal."""
-        return self._follower.way_from(self._navigation_pose)
+        return self._follower.path_from(self._navigation_pose)
 
     @property
     def plans_made(self) -> int:

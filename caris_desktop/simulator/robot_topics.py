@@ -70,7 +70,7 @@ class RobotTopics:
         self._head = HeadOnRos(wiring)
         self._map = MapOnRos(wiring, maps or MapFiles())
         self._goals = self._navigation()
-        self._speech = self._speech_of_dress(muted=muted)
+        self._speech = self._speech_of_robot_model(muted=muted)
         self.sound = SoundOnRos(wiring, wiring.dress.audio, lines) if wiring.dress.audio is not None else None
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
@@ -149,7 +149,7 @@ class RobotTopics:
         kind = MoveBaseTopics if self._wiring.dialect.value == 1 else NavigateToPoseAction
         return kind(self._wiring, told)
 
-    def _speech_of_dress(self, *, muted: bool) -> SpeechOnTopics | SpeechOnAction | None:
+    def _speech_of_robot_model(self, *, muted: bool) -> SpeechOnTopics | SpeechOnAction | None:
         match self._wiring.dress.speech:
             case SpeechTopics() as told:
                 return SpeechOnTopics(self._wiring, told, muted=muted)

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this computer only)")
     parser.add_argument(
         "--dress",
-        choices=robot_models.dress_names(),
+        choices=robot_models.robot_model_names(),
         default=robot_models.DEFAULT,
         help="whose names and types the robot wears (default: generic)",
     )
@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
     try:
-        dress, server_settings, visits = _dress_of(args), _server_of(args), _visits_of(args)
+        dress, server_settings, visits = _robot_model_of(args), _server_of(args), _visits_of(args)
         lines = () if args.participant is None else read_sentences(args.participant)
     except (_CannotStart, BadSentences) as error:
         sys.stderr.write(f"{error}\n")
@@ -168,9 +168,9 @@ class _ServerSettings:
     obeyed_log: ObeyedLog | None
 
 
-def _dress_of(args: argparse.Namespace) -> RobotInterface:
+def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
     try:
-        dress = robot_models.dress_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
+        dress = robot_models.robot_model_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
     except robot_models.UnknownRobotModel as error:
         raise _CannotStart(str(error)) from error
     if dress.body.lidar is None:

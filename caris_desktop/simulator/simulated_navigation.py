@@ -97,7 +97,7 @@ class GoalFollower:
             return None
         return Progress(self._goal_id, self._left_m, now_s - self._started_s)
 
-    def way_from(self, pose: Pose2D) -> list[Point]:
+    def path_from(self, pose: Pose2D) -> list[Point]:
         """Remaining path from ``pose``; empty without a goal."""
         return [(pose.x_m, pose.y_m), *self._way] if self._way else []
 

@@ -296,7 +296,7 @@ class Crowd:
         wanted = math.atan2(target[1] - person.y_m, target[0] - person.x_m)
         x = person.x_m + (target[0] - person.x_m) / left_m * stretch
         y = person.y_m + (target[1] - person.y_m) / left_m * stretch
-        if self._in_somebodys_way(index, person, robot, (x, y)):
+        if self._in_path_of_somebody(index, person, robot, (x, y)):
             self._wait_for_room(person, robot, dt_s)
             return
         person.blocked_s = 0.0
@@ -305,7 +305,7 @@ class Crowd:
         person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -5.0 * dt_s), 5.0 * dt_s)
         person.x_m, person.y_m = x, y
 
-    def _in_somebodys_way(self, index: int, person: _Person, robot: Pose2D, at: Point) -> bool:
+    def _in_path_of_somebody(self, index: int, person: _Person, robot: Pose2D, at: Point) -> bool:
         others = [(robot.x_m, robot.y_m, ROBOT_RADIUS_M + BODY_M + 0.3)]
         # the lower number goes first, so that two never wait for each other
         others += [(other.x_m, other.y_m, _PERSONAL_SPACE_M) for other in self._people[:index]]

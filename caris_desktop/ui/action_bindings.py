@@ -342,7 +342,7 @@ class Actions(QObject):
         """Rows whose keys this part of the window handles itself."""
         return [spec for spec in self._specs.values() if spec.within == part]
 
-    def keep_only(self, groups: Iterable[str]) -> None:
+    def drop_all_but(self, groups: Iterable[str]) -> None:
         """Restrict rows to these groups from the next ``rebuild`` on; rows added by ``add_rows`` remain."""
         self._groups = frozenset(groups)
 

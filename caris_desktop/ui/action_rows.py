@@ -16,7 +16,7 @@ from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_group
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_spec import ActionSpec, gives
 from caris_desktop.ui.mark_intents import (
-    begin_or_end_stretch,
+    begin_or_end_interval,
     mark_moment,
     mark_with_label,
     mark_wizard_error,
@@ -343,7 +343,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
         "stretch", QT_TR_NOOP("Start or end a stretch"), "brackets-square", ("Ctrl+R",), kind="mark",
         enabled_when="recording",
-        intent=begin_or_end_stretch, group=MARKS_GROUP,
+        intent=begin_or_end_interval, group=MARKS_GROUP,
     ),
     ActionSpec(
         "mark_earlier", QT_TR_NOOP("That mark was 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",

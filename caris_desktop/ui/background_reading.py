@@ -25,11 +25,11 @@ def read_for(
         if shiboken6.isValid(part):
             done(found)
 
-    def tell_failed(failure: UserFacingError) -> None:
+    def report_failed(failure: UserFacingError) -> None:
         if failed is not None and shiboken6.isValid(part):
             failed(failure)
 
-    console.read_aside(read, tell, None if failed is None else tell_failed)
+    console.read_aside(read, tell, None if failed is None else report_failed)
 
 
 class Remembered(QObject):

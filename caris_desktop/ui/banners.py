@@ -31,7 +31,7 @@ class Banner(QWidget):
         self.text = ElidedLabel()
         self.row = layouts.row(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.hide()
 
     def say(self, text: str) -> None:

@@ -7,7 +7,7 @@ from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.background_worker import do_beside
+from caris_desktop.live.background_worker import do_in_parallel
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.theme import Theme
 
@@ -40,7 +40,7 @@ class ClosingWindow(QWidget):
     def during(self, what: str, work: Callable[[], None]) -> None:
         """Run ``work``, which must not use Qt, and show ``what`` meanwhile. Returns when it is done."""
         self._what.setText(what)
-        do_beside(work, self._wait)
+        do_in_parallel(work, self._wait)
 
     def _wait(self) -> None:
         elapsed_s = time.monotonic() - self._began_s

@@ -95,7 +95,7 @@ class DockHost(DockArea):
         """Show ``panels`` in this layout. Existing panels are reused, even if the layout hides them; others are
         deleted.
         """
-        self.keep_only(panels)
+        self.drop_all_but(panels)
         for name in arrangement.panels:
             if name not in self._docks:
                 self._docks[name] = self._make_dock(name, panels[name])
@@ -110,7 +110,7 @@ class DockHost(DockArea):
         """
         unseen = [name for name in self._docks if name not in seen]
         afloat = any(self._docks[name].isFloating() for name in unseen)
-        self.keep_only(panels)
+        self.drop_all_but(panels)
         if self._arrangement is not None:
             self._arrangement = edits.remove(self._arrangement, unseen)
         if self._arrangement is None or afloat:
@@ -121,7 +121,7 @@ class DockHost(DockArea):
             if name not in seen:
                 dock.set_shown(False)
 
-    def keep_only(self, panels: Mapping[PanelName, Panel]) -> None:
+    def drop_all_but(self, panels: Mapping[PanelName, Panel]) -> None:
         """Delete all other panels; the layout follows afterwards. One panel is deleted per event loop turn, so that a
         scenario change does not block the GUI thread.
         """

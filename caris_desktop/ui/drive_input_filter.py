@@ -257,7 +257,7 @@ class DriveInputFilter(QObject):
                 self.release_all(QT_TR_NOOP("A dialog or menu opened"))
             elif kind == QEvent.Type.Hide and watched is not self._window and had_the_keys(watched):
                 # Closed by a button: an Esc that follows at once still needs a recipient.
-                self._kept_keys.keep_for_heir_of(watched, self._window)
+                self._kept_keys.hold_during_close(watched, self._window)
             # Qt registers popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
@@ -711,7 +711,7 @@ class DriveInputFilter(QObject):
             popup.hide()  # closing would destroy its native window, and a following Esc sent to it would be lost
             return
         if front is not None and front is not self._window:
-            self._kept_keys.keep_for_heir_of(front, self._window)
+            self._kept_keys.hold_during_close(front, self._window)
         if isinstance(front, QDialog):
             front.reject()
         else:

@@ -113,7 +113,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._lay_out()
         self._mine = library.export.value.state == "running"
         library.export.changed.connect(self._on_export_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.show_sessions(sessions)
         self.resize(self.sizeHint())  # Qt limits a first window to two thirds of the screen
 
@@ -144,7 +144,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             if shiboken6.isValid(self) and (sessions, before) == (self._sessions, self._folder.text()):
                 self._folder.setText(str(folder))
 
-        self._library.look_for_export_folder(sessions, told, chosen=chosen)
+        self._library.choose_export_folder(sessions, told, chosen=chosen)
 
     @property
     def formats(self) -> tuple[str, ...]:

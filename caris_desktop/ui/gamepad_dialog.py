@@ -147,7 +147,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         state.gamepad.changed.connect(self._on_status_changed)
         gamepads.mapping_changed.connect(self._refresh)
         gamepads.sampled.connect(self._on_sampled)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._refresh()
         # Qt limits a dialog to two thirds of the screen, which cuts off rows on a small laptop.
         self.resize(QSize(860, 760).boundedTo(self.screen().availableSize() - QSize(40, 60)))
@@ -306,7 +306,7 @@ class BindingRow(QWidget):
         row.addWidget(self._title)
         row.addWidget(self._bound, 1)
         row.addWidget(self.change)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     @property
     def bound_text(self) -> str:

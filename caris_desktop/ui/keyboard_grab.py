@@ -39,7 +39,7 @@ class KeyboardGrab(QObject):
         self._holder: QWindow | None = None
         self._until_s = 0.0
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._on_look)
+        self._look.timeout.connect(self._on_detection)
         self._told = QTimer(self, singleShot=True, interval=_TOLD_MS)
 
     @property
@@ -47,7 +47,7 @@ class KeyboardGrab(QObject):
         """Whether a keyboard grab reported by the X server is our own."""
         return self._holder is not None or self._told.isActive()
 
-    def keep_for_heir_of(self, closing: QWidget, main: QWidget) -> None:
+    def hold_during_close(self, closing: QWidget, main: QWidget) -> None:
         """Grab the keyboard for the window behind ``closing``: its parent, else ``main``."""
         heir: QWidget | None = closing.parentWidget()
         while heir is not None and not window_of(heir).isVisible():
@@ -63,7 +63,7 @@ class KeyboardGrab(QObject):
             self._holder = handle
             self._look.start()
 
-    def _on_look(self) -> None:
+    def _on_detection(self) -> None:
         """Release the grab as soon as the focus has moved, so that the window manager's own keys (Alt+Tab) work."""
         focused = self._focused_window()
         handed_on = focused and any(

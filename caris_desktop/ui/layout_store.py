@@ -190,23 +190,23 @@ class LayoutStore(QObject):
         kind = self._kind_now()
         if kind != self._kind:
             self._board.show(self._load(kind))
-            self._begin_telling()
+            self._begin_reporting()
         elif not self._touched and kind not in self._trees:
             baseline = self._baseline_of(kind)
             if self._baseline is None or differs(baseline, self._baseline, by=_SAME_WEIGHT):
                 self._baseline = baseline
                 self._board.show(arrangement_of(baseline))
-                self._begin_telling()
+                self._begin_reporting()
 
     def _on_edited(self, what: str, before: DockLayout) -> None:
         self._history.note(what, before)
         self._touched = True
 
     def _on_layout_changed(self) -> None:
-        self._keep()
+        self._persist()
         self.changed.emit()
 
-    def _keep(self) -> None:
+    def _persist(self) -> None:
         """Persist each change, in case of a crash or power cut."""
         arrangement = self._docks.arrangement
         if self._in_replay or not self._touched or arrangement is None or self._board.building:
@@ -222,7 +222,7 @@ class LayoutStore(QObject):
             self._trees = self._trees_of(scenario, permitted(scenario.layout, self._board.possible()))
             self._baseline = self._baseline_of(self._kind)
             self._touched = True
-            self._keep()
+            self._persist()
             self.changed.emit()
 
     def _on_wizard_changed(self) -> None:
@@ -361,10 +361,10 @@ class LayoutStore(QObject):
         Actual panel sizes settle later and are not the wizard's edits.
         """
         self._of_scenario = tree
-        self._begin_telling()
+        self._begin_reporting()
         self._fit()
 
-    def _begin_telling(self) -> None:
+    def _begin_reporting(self) -> None:
         self._told = None
         self.rest.start()
 

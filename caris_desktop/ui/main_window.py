@@ -143,7 +143,7 @@ class MainWindow(PanelWindow, QWidget):
         Hints(self.theme, self.dock_host, self.actions_table, self.hold)
         self._problems = ProblemCards(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
-        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._tell, self)
+        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._notify, self)
         self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
         self._connection = ConnectionCard(self.theme, self, console.state)
         self._preflight = PreflightCard(self.theme, self, console)
@@ -155,7 +155,7 @@ class MainWindow(PanelWindow, QWidget):
         self.kept_choices = Preferences(console, self.wizards, self.board, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
-        self._problems.keep_clear_of(self._going_on)
+        self._problems.stay_clear_of(self._going_on)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
@@ -229,13 +229,13 @@ class MainWindow(PanelWindow, QWidget):
         self.board.window_wanted.connect(self.sessions.open)
         self.board.window_wanted.connect(self.faces.open)
         self.layout_keeper.noticed.connect(self._problems.show_problem)
-        for give_way in (
-            self._palette_overlay.close_overlay, self._sheet.give_way, self._connection.close_overlay,
+        for yield_control in (
+            self._palette_overlay.close_overlay, self._sheet.yield_control, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
             self._question.put_away, self.sessions.close_the_active_one,
         ):  # fmt: skip
-            self.hold.escape_pressed.connect(give_way)
-        self.hold.close_refused.connect(self.closing.tell_refused)
+            self.hold.escape_pressed.connect(yield_control)
+        self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)
         self._emergency_copy.pressed.connect(lambda: self._console.do(intents.EmergencyStop()))
         self.theme.changed.connect(self.update)
@@ -265,7 +265,7 @@ class MainWindow(PanelWindow, QWidget):
         from caris_desktop.ui.replay.replay_parts import ReplayWidgets
 
         self._replay = replay
-        self.actions_table.keep_only((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))
+        self.actions_table.drop_all_but((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay(replay.live_robots)
         self._status_bar.show_replay()
@@ -412,7 +412,7 @@ class MainWindow(PanelWindow, QWidget):
 
     def show_command_palette(self) -> None:
         self._palette_overlay.open_with(self.palette_entries())
-        self.sessions.look_for_recent()
+        self.sessions.find_recent()
 
     def search_said(self) -> None:
         """Raise the conversation panel and focus its search field."""
@@ -449,7 +449,7 @@ class MainWindow(PanelWindow, QWidget):
 
     # ---- events
 
-    def _tell(self, what: str, meaning: str, advice: str) -> None:
+    def _notify(self, what: str, meaning: str, advice: str) -> None:
         """Notification about the window, not the session."""
         self._problems.show_problem(Problem(self._console.state.present.now_ns(), "warning", what, meaning, advice))
 

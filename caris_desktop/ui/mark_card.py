@@ -90,9 +90,9 @@ class MarkCard(QWidget):
         self.field.setPlaceholderText(tr("What happens now?"))
         self.field.setMaxLength(400)
         self.field.setMinimumHeight(36)
-        self.field.returnPressed.connect(self._keep_note)
+        self.field.returnPressed.connect(self._store_note)
         self._keep = self._button("note_keep", tr("Keep"), key="Enter", look="primary")
-        self._keep.clicked.connect(self._keep_note)
+        self._keep.clicked.connect(self._store_note)
         leave = self._button("note_leave", tr("Leave"), key="Esc")
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
@@ -353,7 +353,7 @@ class MarkCard(QWidget):
             self.end_requested.emit(self.mark_id)
             self._open(_SHOWN_MS)
 
-    def _keep_note(self) -> None:
+    def _store_note(self) -> None:
         text = " ".join(self.field.text().split())
         mark_id, ago_s = self._note_for, time.monotonic() - self._note_began_s
         self.close_card()

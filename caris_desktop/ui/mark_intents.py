@@ -27,7 +27,7 @@ def mark_wizard_error(_scenario: Scenario, _state: LiveState, _argument: None) -
 
 
 @gives(intents.BeginMark, intents.EndMark)
-def begin_or_end_stretch(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
+def begin_or_end_interval(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
     """End the newest open interval that no key holds, or begin one."""
     going_on: tuple[Marked, ...] = state.marks.value.open
     held = state.held_marks.value

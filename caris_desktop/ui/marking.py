@@ -49,7 +49,7 @@ class Marking(QObject):
         actions.asked.connect(self._on_asked)
         self.card.label_chosen.connect(self._on_label_chosen)
         self.card.error_kind_chosen.connect(self._on_error_kind)
-        self.card.note_kept.connect(self._on_note_kept)
+        self.card.note_kept.connect(self._on_note_stored)
         self.card.end_requested.connect(lambda mark_id: console.do(intents.EndMark(mark_id)))
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
@@ -73,10 +73,10 @@ class Marking(QObject):
         timer = QTimer(self, singleShot=True, interval=round(HELD_AFTER_S * 1000))
         timer.timeout.connect(lambda: self._on_held(action_id))
         self._held[action_id] = _Held(intent.mark_id, timer)
-        self._tell_held()
+        self._report_held()
         timer.start()
 
-    def _tell_held(self) -> None:
+    def _report_held(self) -> None:
         self._console.state.held_marks.set(frozenset(held.mark_id for held in self._held.values()))
 
     def _on_held(self, action_id: str) -> None:
@@ -92,7 +92,7 @@ class Marking(QObject):
         held = self._held.pop(action_id, None)
         if held is None:
             return
-        self._tell_held()
+        self._report_held()
         held.timer.stop()
         held.timer.deleteLater()
         if held.stretched:
@@ -170,7 +170,7 @@ class Marking(QObject):
             self._console.do(intents.ChangeMark(mark_id, label=label))
             self.card.show_mark(mark_id)
 
-    def _on_note_kept(self, text: str, mark_id: str, ago_s: float) -> None:
+    def _on_note_stored(self, text: str, mark_id: str, ago_s: float) -> None:
         """Save the note; empty ``mark_id`` for a separate note, ``ago_s``: seconds since its moment."""
         if self._console.state.recording.value.state != "recording":
             self.card.say(tr("The note was not kept"), tr("Nothing is being recorded now."))

@@ -44,7 +44,7 @@ class NoticeStrip(Bar, QWidget):
         state = console.state
         for value in (state.drive, state.goal, state.robot, state.link):
             value.changed.connect(self._on_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._make_room()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -55,7 +55,7 @@ def ahead_of(scan: LaserScan) -> Ahead:
     return Ahead(near, float(np.mean(apart <= max(_NEXT_BEAM_RAD, abs(scan.angle_increment_rad)))))
 
 
-def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
+def ahead_words(ahead: Ahead, gaze_is_away: str = "") -> tuple[str, bool]:
     """Text for the clearance, and whether it is a warning. ``looks_away`` says where the camera faces instead."""
     close = False
     if ahead.distance_m is not None:
@@ -63,21 +63,21 @@ def ahead_words(ahead: Ahead, looks_away: str = "") -> tuple[str, bool]:
         if close:
             line = (
                 tr("Close! Obstacle {distance} m ahead")
-                if not looks_away
+                if not gaze_is_away
                 else tr("Close! Obstacle {distance} m ahead of the base")
             )
         else:
-            line = tr("Obstacle {distance} m ahead of the base") if looks_away else tr("Obstacle {distance} m ahead")
+            line = tr("Obstacle {distance} m ahead of the base") if gaze_is_away else tr("Obstacle {distance} m ahead")
         line = line.format(distance=f"{ahead.distance_m:.1f}")
     elif ahead.covered < 0.1:
-        line = tr("The LIDAR does not look ahead of the base") if looks_away else tr("The LIDAR does not look ahead")
-    elif ahead.covered < 0.9 and looks_away:
+        line = tr("The LIDAR does not look ahead of the base") if gaze_is_away else tr("The LIDAR does not look ahead")
+    elif ahead.covered < 0.9 and gaze_is_away:
         line = tr("Nothing ahead of the base where the LIDAR looks; it does not see all of it")
     elif ahead.covered < 0.9:
         line = tr("Nothing ahead where the LIDAR looks; it does not see all of it")
     else:
-        line = tr("Nothing in reach ahead of the base") if looks_away else tr("Nothing in reach ahead")
-    return " · ".join(filter(None, (line, looks_away))), close
+        line = tr("Nothing in reach ahead of the base") if gaze_is_away else tr("Nothing in reach ahead")
+    return " · ".join(filter(None, (line, gaze_is_away))), close
 
 
 _SIDES = (
@@ -117,7 +117,7 @@ def nearest_words(scan: LaserScan) -> str:
     return tr(_SIDES[side]).format(distance=f"{distance_m:.1f}")
 
 
-def looks_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:
+def gaze_is_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadState | None) -> str:
     """Camera direction as text if it does not face ahead; empty if it does, or if the camera pose is unknown."""
     cameras = robot.cameras if robot is not None and frame is not None else ()
     model = next((camera.model for camera in cameras if frame is not None and camera.name == frame.camera), None)

@@ -111,9 +111,9 @@ class Panel(QWidget):
             else:
                 timer.stop()
         if in_view:
-            self.catch_up()
+            self.update_view()
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         """Refresh everything after the panel becomes visible again."""
 
     def follow(self, scenario: Scenario) -> bool:
@@ -135,23 +135,23 @@ class Panel(QWidget):
         one.
         """
         if self.in_view:
-            self.catch_up()
+            self.update_view()
 
     def use_settings(self, settings: PanelSettings) -> None:
         """Apply these panel settings in full; panels without settings ignore them."""
 
-    def what_lasts(self) -> Any:
+    def save_state(self) -> Any:
         """State to pass to the next panel of this kind after a rebuild; None for none."""
         return None
 
-    def take_over(self, lasting: Any) -> None:
+    def restore_state(self, lasting: Any) -> None:
         """Restore ``what_lasts`` of the former panel."""
 
     def choices(self) -> dict[str, Any]:
         """View preferences as JSON data, persisted between runs. ``choices_changed`` reports changes."""
         return {}
 
-    def tell_choices(self) -> None:
+    def report_choices(self) -> None:
         """Report changed preferences."""
         if not self._goes_by_itself:
             self.choices_changed.emit()

@@ -124,7 +124,7 @@ class PanelManager(QObject):
         kept, possible = {**self._panels, **self._aside}, self.possible()
         for name, panel in tuple(kept.items()):
             if name not in possible or not panel.follow(scenario):
-                self._keep(name, kept.pop(name))
+                self._persist(name, kept.pop(name))
         self._open_scenario(scenario)
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
@@ -185,14 +185,14 @@ class PanelManager(QObject):
         elif self._building is not None:
             building, self._building = self._building, None
             self._put_aside_all_but(building.arrangement.panels)
-            self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, building.arrangement)
+            self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, building.arrangement)
             self._bind_driving()
-            self._keep_keys()
+            self._hold_keyboard()
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
 
-    def _keep_keys(self) -> None:
+    def _hold_keyboard(self) -> None:
         """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
         had, self._had_keys = self._had_keys, None
         panel = None if had is None else self._panels.get(had)
@@ -204,7 +204,7 @@ class PanelManager(QObject):
         """Whether the next step applies the layout: the slowest step, as it repaints the whole window."""
         return self.building and not (self._without_room or self._outdated or self._missing)
 
-    def _kept_places(self) -> dict[PanelName, Panel]:
+    def _stored_places(self) -> dict[PanelName, Panel]:
         return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
     def _build_for_a_turn(self) -> None:
@@ -256,7 +256,7 @@ class PanelManager(QObject):
         for name in arrangement.panels:
             if name not in self._panels and name not in behind:
                 self._bring(name)
-        self._docks.show_arrangement({**self._panels, **self._aside, **self._kept_places()}, arrangement)
+        self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, arrangement)
         self._bind_driving()
 
     def open(self, name: PanelName) -> None:
@@ -278,7 +278,7 @@ class PanelManager(QObject):
             self._docks.close_panel(name)
             return
         if self._docks.remove_panel(name):
-            self._keep(name, self._panels.pop(name))
+            self._persist(name, self._panels.pop(name))
             self._bind_driving()
 
     def fill_panel_menu(self, menu: QMenu, name: PanelName) -> None:
@@ -353,7 +353,7 @@ class PanelManager(QObject):
         if name in self._opened_in:
             self._use_settings(name, panel)
         if name in self._lasting:
-            panel.take_over(self._lasting[name])
+            panel.restore_state(self._lasting[name])
         self._open_in(name, panel)
         return panel
 
@@ -391,9 +391,9 @@ class PanelManager(QObject):
             if name not in names:
                 self._aside[name] = self._panels.pop(name)
 
-    def _keep(self, name: PanelName, panel: Panel) -> None:
+    def _persist(self, name: PanelName, panel: Panel) -> None:
         """Save the state of a removed panel for its successor."""
-        lasting = panel.what_lasts()
+        lasting = panel.save_state()
         if lasting is not None:
             self._lasting[name] = lasting
 

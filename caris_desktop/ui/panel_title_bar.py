@@ -51,7 +51,7 @@ class PanelTitleBar(Bar, QWidget):
         panel.title_changed.connect(self._title.setText)
         panel.controls_changed.connect(self._show_controls)
         panel.active_changed.connect(self._on_active_changed)
-        self._theme.keep_styled(self._style)
+        self._theme.restyle_on_change(self._style)
 
     def _show_controls(self) -> None:
         before, self._controls = self._controls, (*self._panel.title_widgets(), *self._more)

@@ -87,9 +87,9 @@ class Preferences(QObject):
         self._waiting: dict[str, Any] = {}
         self._changed: dict[str, Any] = {}
         self._soon = QTimer(self, singleShot=True, interval=0)
-        self._soon.timeout.connect(self._keep)
+        self._soon.timeout.connect(self._persist)
         self._anew = QTimer(self, singleShot=True, interval=0)
-        self._anew.timeout.connect(self._use_kept)
+        self._anew.timeout.connect(self._use_stored)
 
     def begin(self) -> None:
         for choice in self._choices:
@@ -104,7 +104,7 @@ class Preferences(QObject):
         for name, panel in self._board.made_so_far.items():
             self._on_panel_made(name, panel)
         self._use_in_panels()
-        self._use_kept()
+        self._use_stored()
 
     @property
     def robot_of_last_time(self) -> str:
@@ -132,11 +132,11 @@ class Preferences(QObject):
         elif choice.name in self._waiting and choice.use(self._waiting[choice.name]):
             self._waiting.pop(choice.name, None)
 
-    def _keep(self) -> None:
+    def _persist(self) -> None:
         for choice in self._choices:
             if choice.name in self._changed:
                 self._wizards.set_value(
-                    self._place(choice.name), _kept_text(self._changed[choice.name], choice.file(self._scenario))
+                    self._place(choice.name), _stored_text(self._changed[choice.name], choice.file(self._scenario))
                 )
         self._changed.clear()
 
@@ -150,13 +150,13 @@ class Preferences(QObject):
 
     # Restoring
 
-    def _use_kept(self) -> None:
+    def _use_stored(self) -> None:
         self._scenario = self._console.scenario
         self._waiting.clear()
         for choice in self._choices:
             self._last[choice.name] = choice.read()
         for choice in self._choices:
-            kept = _kept_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
+            kept = _stored_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
             if kept is not None and kept != self._last[choice.name] and not choice.use(kept):
                 self._waiting[choice.name] = kept
 
@@ -236,7 +236,9 @@ class Preferences(QObject):
 
     def _on_panel_made(self, name: str, panel: Panel) -> None:
         def keep() -> None:
-            self._wizards.set_value(self._place_of_panel(name), _kept_text(panel.choices(), self._file_of_panel(name)))
+            self._wizards.set_value(
+                self._place_of_panel(name), _stored_text(panel.choices(), self._file_of_panel(name))
+            )
 
         panel.choices_changed.connect(keep)
 
@@ -245,7 +247,7 @@ class Preferences(QObject):
             self._use_in_panel(name, panel)
 
     def _use_in_panel(self, name: str, panel: Panel) -> None:
-        kept = _kept_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
+        kept = _stored_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
         if isinstance(kept, dict):
             with panel.by_itself():
                 panel.use_choices(kept)
@@ -265,11 +267,11 @@ def _names(entries: Iterable[Any]) -> list[str]:
     return [entry.name for entry in entries]
 
 
-def _kept_text(chosen: Any, file: Any) -> str:
+def _stored_text(chosen: Any, file: Any) -> str:
     return json.dumps({"chosen": chosen, "file": _mark_of(file)})
 
 
-def _kept_value(text: Any, file: Any) -> Any:
+def _stored_value(text: Any, file: Any) -> Any:
     """The saved value; None if there is none, or if the file has changed since."""
     kept = _from_json(text)
     if not (isinstance(kept, dict) and kept.keys() == {"chosen", "file"}):

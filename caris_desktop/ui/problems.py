@@ -70,7 +70,7 @@ class ProblemCards(QWidget):
     def cards(self) -> tuple["ProblemCard", ...]:
         return tuple(self._cards)
 
-    def keep_clear_of(self, card: QWidget) -> None:
+    def stay_clear_of(self, card: QWidget) -> None:
         """Never cover this popup, which lies over the same panels and asks a question."""
         self._clear_of = card
         card.installEventFilter(self)
@@ -254,7 +254,7 @@ class ProblemCard(QWidget):
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(lambda: self.dismissed.emit(self))
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def show_problem(self, problem: Problem, *, again: bool = False) -> None:
         self.problem = problem

@@ -94,7 +94,7 @@ class ProtocolStrip(Bar, QWidget):
         actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.refresh()
 
     def _button(

@@ -77,7 +77,7 @@ class QuitGuard(QObject):
         else:
             self._ask(ends)
 
-    def tell_refused(self) -> None:
+    def report_refused(self) -> None:
         """Report that the window stays open because the robot is being driven."""
         self._problems.show_problem(
             Problem(

@@ -39,12 +39,12 @@ def trial_in_words(details: TrialDetails) -> str:
 
 def permissions_in_words(console: WizardConsole) -> str:
     """Sentences on what a recording will contain and what the language model may do, with the current settings."""
-    from caris_desktop.ui.start_dialog import kept_words
+    from caris_desktop.ui.start_dialog import stored_words
 
     scenario = console.scenario
     permissions, levels = scenario.permissions, console.state.levels.value
     sentences = [
-        kept_words(permissions, console.microphone, scenario.blur),
+        stored_words(permissions, console.microphone, scenario.blur),
         tr("What participants say is turned into text.") if permissions.transcription
         else tr("What participants say is not turned into text."),
     ]  # fmt: skip

@@ -52,7 +52,7 @@ class RobotChooser(QObject):
         return self._console.robots()
 
     @property
-    def can_look(self) -> bool:
+    def can_detect(self) -> bool:
         """Whether discovery is available."""
         return self._explorer is not None
 
@@ -97,7 +97,7 @@ class RobotChooser(QObject):
             action.setEnabled(not choice.problem)
             action.setToolTip(choice.problem or choice.address)
             action.triggered.connect(self.chooser(choice))
-        if self.can_look:
+        if self.can_detect:
             menu.addSeparator()
             menu.addAction(tr("Connect another robot…")).triggered.connect(self.open_dialog)
 

@@ -190,7 +190,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         cancel.setObjectName("robot_cancel")
         cancel.clicked.connect(self.reject)
         self._lay_out(cancel)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._refresh()
         self.resize(QSize(920, 720).boundedTo(self.screen().availableSize() - QSize(40, 60)))
         self.address_field.setFocus(Qt.FocusReason.OtherFocusReason)

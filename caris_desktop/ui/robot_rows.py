@@ -121,7 +121,7 @@ class MappingRow(QWidget):
             row.addWidget(self.box)
         row.addSpacing(24)
         row.addWidget(self._verdict, 1)
-        theme.keep_styled(self._show)
+        theme.restyle_on_change(self._show)
 
     @property
     def value(self) -> str:

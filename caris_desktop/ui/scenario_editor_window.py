@@ -71,7 +71,7 @@ class ScenarioEditorWindow(QObject):
         self._editor = ScenarioEditor(self._theme, self._console, opened, self._window)
         self._editor.closed.connect(self._on_closed)
         if problem:
-            self._editor.tell_not_read(problem)
+            self._editor.report_not_read(problem)
         bring_up(self._editor)
 
     def _on_failed(self, failure: UserFacingError) -> None:

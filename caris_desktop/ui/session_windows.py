@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.live.remote_microphone import ear_of
+from caris_desktop.live.remote_microphone import segmenter_of
 from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
@@ -57,7 +57,7 @@ class SessionWindows(QObject):
         self._library = library
         library.found.changed.connect(self._on_found)
 
-    def look_for_recent(self) -> None:
+    def find_recent(self) -> None:
         """Refresh ``recent`` in the background: once after each recording, never during one."""
         recording = self._console.state.recording.value.state in IN_SESSION
         shown = self._sessions is not None and self._sessions.isVisible()
@@ -100,7 +100,7 @@ class SessionWindows(QObject):
         console = self._console
         offer = RecordingOffer(
             console.scenario.permissions, console.microphones(), console.microphone, console.scenario.blur,
-            ear_of(console.scenario, console.state.robot.value) == "computer",
+            segmenter_of(console.scenario, console.state.robot.value) == "computer",
         )  # fmt: skip
         dialog = self._start = StartDialog(self._theme, self._window, offer, console)
 
@@ -114,7 +114,7 @@ class SessionWindows(QObject):
         self._start.begin.connect(self._on_begin)
         self._start.finished.connect(self._on_start_finished)
         self._start.open()
-        console.look_before_recording(know)
+        console.check_before_recording(know)
 
     def record_next_part(self) -> None:
         """Open the start dialog with the last trial filled in."""
@@ -182,7 +182,7 @@ class SessionWindows(QObject):
             self._sessions.refresh()  # includes the new session
 
 
-def _room_beside(parent: QWidget, room: QRect) -> QRect:
+def _room_next_to(parent: QWidget, room: QRect) -> QRect:
     """Screen area below that window's red button, unless too small."""
     red = parent.findChild(QWidget, "emergency_stop")
     below = QRect(room)
@@ -199,7 +199,7 @@ def bring_up(window: QWidget) -> None:
     parent = window.parentWidget()
     if parent is not None and not window.isVisible():
         # Window managers place it in a corner.
-        room = _room_beside(parent, window.screen().availableGeometry())
+        room = _room_next_to(parent, window.screen().availableGeometry())
         window.resize(window.size().boundedTo(room.size() - WINDOW_FRAME))
         place = QRect(QPoint(), window.size() + WINDOW_FRAME)
         place.moveCenter(parent.frameGeometry().center())

@@ -121,7 +121,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._replay_button.set_key("Enter")
         self._lay_out()
         library.found.changed.connect(self._on_found)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._on_found(library.found.value)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 

@@ -67,7 +67,7 @@ _BLURRED = {
 }
 
 
-def kept_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
+def stored_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
     """Sentence on what a recording will contain and omit."""
     who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
     blurred = tr(who_is_blurred)
@@ -206,7 +206,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         layout.addLayout(form)
         layout.addLayout(told)
         layout.addStretch(1)
-        self._show_kept()
+        self._show_stored()
         self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen
         # The field that changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
@@ -297,7 +297,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
             choice.addItem(shown.format(microphone=text_formatting.microphone(name)), name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
-        choice.currentIndexChanged.connect(self._show_kept)
+        choice.currentIndexChanged.connect(self._show_stored)
         return choice
 
     @property
@@ -318,8 +318,8 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             purpose=PRACTICE if self._practice.isChecked() else "",
         )
 
-    def _show_kept(self, _index: int = 0) -> None:
-        self._kept.setText(kept_words(self._offer.permissions, self.microphone, self._offer.blur))
+    def _show_stored(self, _index: int = 0) -> None:
+        self._kept.setText(stored_words(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
         """Fill in the previous session's details for a repeated trial."""

@@ -96,7 +96,7 @@ class StatusIndicators(QWidget):
             state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
         ):  # fmt: skip
             value.changed.connect(self._on_changed)
-        theme.keep_styled(self._measure)
+        theme.restyle_on_change(self._measure)
         self._on_changed()
 
     @property

@@ -21,7 +21,7 @@ WISHES: dict[str, TeleopCommand] = {
 }  # fmt: skip
 
 
-def wish_of(action_ids: Iterable[str]) -> TeleopCommand:
+def command_of(action_ids: Iterable[str]) -> TeleopCommand:
     """Sum of the held directions; opposite ones cancel."""
     return merged(WISHES[action_id] for action_id in set(action_ids))
 
@@ -77,7 +77,7 @@ class TeleopInput(QObject):
     def wish(self) -> TeleopCommand:
         """Sum of all input sources."""
         robot = self._console.state.robot.value
-        total = merged((wish_of(self.held), *self._sticks.values(), self._pad))
+        total = merged((command_of(self.held), *self._sticks.values(), self._pad))
         return total.limited_to(
             sideways=robot is not None and robot.holonomic, head=robot is not None and robot.head is not None
         )
@@ -97,7 +97,7 @@ class TeleopInput(QObject):
         if self._keys.pop(key, None) is not None:
             self._send("keyboard")
         else:
-            self._tell()
+            self._notify()
 
     def end_bare_keys(self, reason: str) -> None:
         """Release bare keys: the driving panels lost the focus."""
@@ -126,7 +126,7 @@ class TeleopInput(QObject):
             self._send("onscreen")
         elif action_id in self._resting_arrows:
             self._resting_arrows.discard(action_id)
-            self._tell()
+            self._notify()
 
     def push_onscreen(self, stick: str, wish: TeleopCommand) -> None:
         """Set an on-screen stick. After a forced release it must return to centre first."""
@@ -163,7 +163,7 @@ class TeleopInput(QObject):
                 self._console.do(intents.ReleaseDrive(reason))
             if sent.head != AT_REST.head:
                 self._console.do(intents.TurnHead(0.0, 0.0))
-            self._tell()
+            self._notify()
 
     def end_held(self) -> None:
         """Clear held input after the console stopped the base, so that it does not move again."""
@@ -171,7 +171,7 @@ class TeleopInput(QObject):
             if self._sent.head != AT_REST.head:
                 self._console.do(intents.TurnHead(0.0, 0.0))
             self._sent = AT_REST
-            self._tell()
+            self._notify()
 
     def _forget_held(self) -> bool:
         """Clear all held input; False if there was none."""
@@ -201,16 +201,16 @@ class TeleopInput(QObject):
                 self._console.do(intents.Drive(forward, left, turn, self._moving_source(source)))
         if wish.head != sent.head:
             self._console.do(intents.TurnHead(wish.pan, wish.tilt))
-        self._tell()
+        self._notify()
 
     def _moving_source(self, changed: CommandSource) -> CommandSource:
         """Source of the motion: the one that changed, or another one that is still active after its release."""
         moving: dict[CommandSource, bool] = {
-            "keyboard": wish_of(hold.action_id for hold in self._keys.values()).base != AT_REST.base,
+            "keyboard": command_of(hold.action_id for hold in self._keys.values()).base != AT_REST.base,
             "gamepad": self._pad.base != AT_REST.base,
-            "onscreen": merged((wish_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
+            "onscreen": merged((command_of(self._arrows), *self._sticks.values())).base != AT_REST.base,
         }
         return changed if moving[changed] else next((source for source, moves in moving.items() if moves), changed)
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         self.held_changed.emit(self.held)

@@ -349,13 +349,13 @@ def camera_title(name: str) -> str:
     """A camera's name as a title: "Front camera" for front; empty for none."""
     words = _camera_words(name)
     words = words[:1].upper() + words[1:]
-    return tr("{name} camera", "a title").format(name=words) if _tells_no_kind(words) else words
+    return tr("{name} camera", "a title").format(name=words) if _has_no_kind(words) else words
 
 
 def camera_in_text(name: str) -> str:
     """A camera's name within a sentence, after "the": "front camera" for front."""
     words = _camera_words(name)
-    return tr("{name} camera", "in a sentence, after “the”").format(name=words) if _tells_no_kind(words) else words
+    return tr("{name} camera", "in a sentence, after “the”").format(name=words) if _has_no_kind(words) else words
 
 
 def camera_name(name: str) -> str:
@@ -368,7 +368,7 @@ def _camera_words(name: str) -> str:
     return name.replace("_", " ").strip()
 
 
-def _tells_no_kind(words: str) -> bool:
+def _has_no_kind(words: str) -> bool:
     return bool(words) and "camera" not in words.casefold()
 
 

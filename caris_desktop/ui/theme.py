@@ -80,7 +80,7 @@ class Theme(QObject):
             self._fonts[size_px, weight] = font
         return font
 
-    def keep_styled(self, style: Callable[[], object]) -> None:
+    def restyle_on_change(self, style: Callable[[], object]) -> None:
         """Call ``style`` now and whenever the theme changes."""
         self.changed.connect(style)
         style()

@@ -125,7 +125,7 @@ class TopBar(Bar, QWidget):
         self.stretch_button.setObjectName("stretch_button")
         self.stretch_button.setCheckable(True)  # checked while the interval is open
         self.stretch_button.setChecked(True)
-        self.stretch_button.clicked.connect(self._on_end_stretch)
+        self.stretch_button.clicked.connect(self._on_end_interval)
         self.stretch_button.hide()
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
@@ -164,12 +164,12 @@ class TopBar(Bar, QWidget):
         console.state.recording.changed.connect(self._on_recording_changed)
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.marks.changed.connect(self._on_marks_changed)
-        actions.keys_changed.connect(self._show_stretch)
+        actions.keys_changed.connect(self._show_interval)
         actions.keys_changed.connect(self._make_room)
         console.state.event_happened.connect(self._on_event)
         self._clock = QTimer(self, interval=500)
         self._clock.timeout.connect(self._refresh)
-        self._clock.timeout.connect(self._show_stretch)
+        self._clock.timeout.connect(self._show_interval)
         self._clock.start()
         theme.changed.connect(self._style)
         self.show_scenario()
@@ -310,15 +310,15 @@ class TopBar(Bar, QWidget):
             self._refresh()
 
     def _on_marks_changed(self, _status: object) -> None:
-        self._show_stretch()
+        self._show_interval()
 
-    def _on_end_stretch(self) -> None:
+    def _on_end_interval(self) -> None:
         going_on = self._console.state.marks.value.open
         if going_on:
             self._console.do(intents.EndMark(going_on[-1].mark_id))
         self.stretch_button.setChecked(True)
 
-    def _show_stretch(self) -> None:
+    def _show_interval(self) -> None:
         """Show the newest open interval, so that none is forgotten."""
         status: MarksStatus = self._console.state.marks.value
         if self.stretch_button.isHidden() == bool(status.open):

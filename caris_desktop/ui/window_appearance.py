@@ -17,7 +17,7 @@ class Appearance:
 
     def choose_theme(self, choice: ThemeChoice) -> None:
         self.theme.set_choice(choice)
-        self._keep(THEME_KEY, choice)
+        self._persist(THEME_KEY, choice)
 
     @property
     def scale(self) -> str:
@@ -26,19 +26,19 @@ class Appearance:
         return kept if kept in SCALES else ""
 
     def choose_scale(self, scale: str) -> None:
-        self._keep(SCALE_KEY, scale)
+        self._persist(SCALE_KEY, scale)
 
     @property
     def language(self) -> str:
         return str(self._settings.value(LANGUAGE_KEY, ENGLISH)) if self._settings is not None else ENGLISH
 
     def choose_language(self, name: str) -> None:
-        self._keep(LANGUAGE_KEY, name)
+        self._persist(LANGUAGE_KEY, name)
 
     def languages(self) -> tuple[str, ...]:
         return languages()
 
-    def _keep(self, key: str, value: str) -> None:
+    def _persist(self, key: str, value: str) -> None:
         if self._settings is not None:
             self._settings.setValue(key, value)
 

@@ -19,7 +19,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.app import composition
-from caris_desktop.app.console_command import ConsoleRun, default_arguments, end_when_told
+from caris_desktop.app.console_command import ConsoleRun, default_arguments, end_on_request
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AlarmChanged, DriveEnded, Problem
 from caris_desktop.domain.geometry import Pose2D
@@ -175,7 +175,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
         default_arguments(scenario=scenario, robot=robot, study=study, camera=camera and [camera]),
         settings=settings,
     )
-    end_when_told(run)
+    end_on_request(run)
     run.show()
     return attend(run, driver_type(run))
 

@@ -35,8 +35,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             store.add()
             store.describe(person_id, About(name={PERSON: NAME, "p-2": OTHER}.get(person_id, f"Somebody {number}")))
             jpeg, vectors = (FACE, VECTORS) if person_id == PERSON else (portrait(), VECTORS[::-1] * 0.5)
-            store.keep_portrait(person_id, jpeg, 0.9)
-            store.keep_looks(StoredLooks(person_id, "face", "arcface", "", vectors), expires_utc_ns=None)
+            store.store_portrait(person_id, jpeg, 0.9)
+            store.store_embeddings(StoredLooks(person_id, "face", "arcface", "", vectors), expires_utc_ns=None)
     return study
 
 

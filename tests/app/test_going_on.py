@@ -54,7 +54,7 @@ def _recording(console: ConsoleProcess) -> Path:
     return Path(console.shown["session"])
 
 
-def _kept(console: ConsoleProcess, session: Path) -> None:
+def _stored(console: ConsoleProcess, session: Path) -> None:
     """Until it is written down that this is recorded."""
     trials = session.parents[2] / "XDG_STATE_HOME" / "caris-desktop" / "trials"
     wait_for(lambda: list(trials.glob("*.json")), "what is under way is written down")
@@ -77,7 +77,7 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
 ) -> None:
     killed = start()
     first = _recording(killed)
-    _kept(killed, first)
+    _stored(killed, first)
     killed.kill()
 
     console = start()
@@ -133,7 +133,7 @@ def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_
     server, environment = screen
     seen = start(**environment)
     folder = _recording(seen)
-    _kept(seen, folder)
+    _stored(seen, folder)
     children = [pid for pid in seen.shown["children"].values() if pid]
     server.kill()
     if told_to_end:
@@ -156,7 +156,7 @@ def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
     """Also in the midst of driving, when no window closes."""
     ended = start()
     session = _recording(ended)
-    _kept(ended, session)
+    _stored(ended, session)
     ended.hold("A", lambda: ended.shown["moving"], "the robot is driven")
     assert ended.terminate(told) == 0
     (end,) = [value for _, value in open_session(session).values() if isinstance(value, SessionEnded)]

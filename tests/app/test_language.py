@@ -138,7 +138,7 @@ def test_a_scenario_of_last_time_that_was_broken_meanwhile(
     settings.setValue("scenario/last", str(tmp_path / "broken.yaml"))
     console = run()
     told = problems_of(console)
-    console.tell_of_scenario()
+    console.report_scenario()
     qtbot.waitUntil(lambda: bool(told))
     assert "broken.yaml" in told[0].meaning
     assert plain(told[0]) == []
@@ -151,7 +151,7 @@ def test_settings_that_could_not_be_read(
     settings.setValue("version", VERSION + 1)
     console = run(language=TRIAL)
     told = problems_of(console)
-    console.tell_of_settings()
+    console.report_settings()
     qtbot.waitUntil(lambda: bool(told))
     assert plain(dataclasses.replace(told[0], advice=told[0].advice.replace(str(tmp_path), ""))) == []
 

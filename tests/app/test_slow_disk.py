@@ -257,7 +257,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
 
 def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
-    bench.console.look_before_recording(told.append)
+    bench.console.check_before_recording(told.append)
     qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert told == []
@@ -271,7 +271,7 @@ def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench:
 def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.disk.refuse = OSError("gone")
-    bench.console.look_before_recording(told.append)
+    bench.console.check_before_recording(told.append)
     bench.disk.answer()
     qtbot.waitUntil(lambda: told == [BeforeRecording()], timeout=20_000)
 

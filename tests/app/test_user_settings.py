@@ -115,7 +115,7 @@ def run(qtbot: QtBot, tmp_path: Path, file: Path) -> Iterator[ConsoleRun]:
 def test_the_console_starts_and_says_so(run: ConsoleRun, qtbot: QtBot) -> None:
     told: list[Problem] = []
     run.console.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
-    run.tell_of_settings()
+    run.report_settings()
     qtbot.waitUntil(lambda: bool(told))
     assert "newer version" in told[0].what
     assert told[0].severity == "warning"

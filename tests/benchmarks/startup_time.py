@@ -33,14 +33,14 @@ def console_takes_a_key() -> None:
     with tempfile.TemporaryDirectory() as folder:
         settings = QSettings(str(Path(folder) / "settings.ini"), QSettings.Format.IniFormat)
         run = ConsoleRun(default_arguments(scenario="tour-guide", study=Path(folder) / "study"), settings=settings)
-        run.window.painted.connect(lambda: _tell("painted", then=run.application.quit))
+        run.window.painted.connect(lambda: _notify("painted", then=run.application.quit))
         run.show()
         field = run.window.findChild(QPlainTextEdit, "speak_field")
 
         def press() -> None:
             QTest.keyClicks(field, "a")
             if field.isVisible() and field.toPlainText() == "a":
-                _tell("key", then=run.application.quit)
+                _notify("key", then=run.application.quit)
 
         QTimer.singleShot(0, press)
         run.application.exec()
@@ -57,7 +57,7 @@ def bare_window_takes_a_key() -> None:
     class Field(QPlainTextEdit):
         def paintEvent(self, event: QPaintEvent) -> None:
             super().paintEvent(event)
-            QTimer.singleShot(0, lambda: _tell("painted", then=application.quit))
+            QTimer.singleShot(0, lambda: _notify("painted", then=application.quit))
 
     application = QApplication(sys.argv[:1])
     field = Field()
@@ -65,7 +65,7 @@ def bare_window_takes_a_key() -> None:
 
     def press() -> None:
         QTest.keyClicks(field, "a")
-        _tell("key", then=application.quit)
+        _notify("key", then=application.quit)
 
     QTimer.singleShot(0, press)
     application.exec()
@@ -74,7 +74,7 @@ def bare_window_takes_a_key() -> None:
 _told: dict[str, int] = {}
 
 
-def _tell(what: str, *, then: Callable[[], None]) -> None:
+def _notify(what: str, *, then: Callable[[], None]) -> None:
     """Note the first time of each; ``then``, once both are known."""
     _told.setdefault(what, time.monotonic_ns())
     if len(_told) == 2:

@@ -117,7 +117,7 @@ class Participant:
             canceller=EchoCanceller(),
             own_words=RobotSpeechFilter(),
             turn_over=self._judge,
-            tell=self._on_told,
+            tell=self._on_reported,
         )
         coming: tuple[float, Stretch, HeardText] | None = None
         for at in range(0, len(turn.sound), _CHUNK):
@@ -144,7 +144,7 @@ class Participant:
         self._now_s += time.process_time() - began_s
         return over
 
-    def _on_told(self, told: Hearing | UtteranceChanged) -> None:
+    def _on_reported(self, told: Hearing | UtteranceChanged) -> None:
         match told:
             case UtteranceChanged(state="finished", stamp_ns=stamp_ns, text=text):
                 self.ends.append((stamp_ns / 1e9, self._now_s))

@@ -22,9 +22,9 @@ class Bench:
         self.threads: set[threading.Thread] = set()
 
     def ask(self, work: Callable[[], object]) -> None:
-        self.work.do(self.disk.slow(work), self._tell, lambda failure: self._tell(failure.what))
+        self.work.do(self.disk.slow(work), self._notify, lambda failure: self._notify(failure.what))
 
-    def _tell(self, outcome: object) -> None:
+    def _notify(self, outcome: object) -> None:
         self.told.append(outcome)
         self.threads.add(threading.current_thread())
 

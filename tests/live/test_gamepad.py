@@ -25,7 +25,7 @@ from caris_desktop.live.gamepad_mapping import (
     pressed_actions,
     shaped,
     speed_share,
-    stick_wish,
+    stick_command,
     trigger_value,
     with_rests,
 )
@@ -68,22 +68,22 @@ def test_the_dead_zone_is_round_and_motion_begins_at_zero() -> None:
 
 def test_a_known_controller_drives_with_its_left_stick() -> None:
     mapping = xbox()
-    assert stick_wish(mapping, REST) == AT_REST
-    assert stick_wish(mapping, with_axes(a1=-1.0)) == TeleopCommand(forward=0.6)
-    assert stick_wish(mapping, with_axes(a0=-1.0)) == TeleopCommand(turn=0.6)
-    assert stick_wish(mapping, with_axes(a3=1.0)) == TeleopCommand(pan=-1.0)
-    assert stick_wish(mapping, with_axes(a4=1.0)) == TeleopCommand(tilt=1.0)
+    assert stick_command(mapping, REST) == AT_REST
+    assert stick_command(mapping, with_axes(a1=-1.0)) == TeleopCommand(forward=0.6)
+    assert stick_command(mapping, with_axes(a0=-1.0)) == TeleopCommand(turn=0.6)
+    assert stick_command(mapping, with_axes(a3=1.0)) == TeleopCommand(pan=-1.0)
+    assert stick_command(mapping, with_axes(a4=1.0)) == TeleopCommand(tilt=1.0)
     both = RawInputs(REST.axes, tuple(index in (4, 5) for index in range(11)), (0,))
     shoulder = RawInputs(REST.axes, tuple(index == 4 for index in range(11)), (0,))
-    assert stick_wish(mapping, shoulder) == TeleopCommand(left=0.6)
-    assert stick_wish(mapping, both) == AT_REST, "opposite ones cancel"
+    assert stick_command(mapping, shoulder) == TeleopCommand(left=0.6)
+    assert stick_command(mapping, both) == AT_REST, "opposite ones cancel"
 
 
 def test_the_triggers_change_the_speed() -> None:
     mapping = xbox()
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=1.0)) == TeleopCommand(forward=1.0)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a5=0.0)) == TeleopCommand(forward=0.8)
-    assert stick_wish(mapping, with_axes(a1=-1.0, a2=1.0)) == TeleopCommand(forward=0.25)
+    assert stick_command(mapping, with_axes(a1=-1.0, a5=1.0)) == TeleopCommand(forward=1.0)
+    assert stick_command(mapping, with_axes(a1=-1.0, a5=0.0)) == TeleopCommand(forward=0.8)
+    assert stick_command(mapping, with_axes(a1=-1.0, a2=1.0)) == TeleopCommand(forward=0.25)
     silent = RawInputs((0.0, -1.0, None, 0.0, 0.0, None), REST.buttons, REST.hats)
     assert speed_share(mapping, silent) == 0.6, "a trigger that has not been heard of rests"
     assert trigger_value("+a2", RawInputs((0.0, 0.0, 0.5))) == 0.5

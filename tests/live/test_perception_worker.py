@@ -116,7 +116,7 @@ def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
 
 def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
-    setup.worker.look_at_most_every(0.6)
+    setup.worker.limit_detection_rate(0.6)
     seen = len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 4)
     stamps = [people.stamp_ns for people in setup.people()[-3:]]

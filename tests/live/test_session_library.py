@@ -107,11 +107,11 @@ def test_a_folder_for_an_export_is_one_that_is_not_there_yet(
     (tmp_path / "exports" / "one").mkdir(parents=True)
     (tmp_path / "empty").mkdir()
     (tmp_path / "full" / "one").mkdir(parents=True)
-    library.look_for_export_folder(one, found.append)
+    library.choose_export_folder(one, found.append)
     assert found == [], "the disk is not waited for"
-    library.look_for_export_folder(one, found.append, chosen=tmp_path / "empty")
-    library.look_for_export_folder(one, found.append, chosen=tmp_path / "full")
-    library.look_for_export_folder(one, found.append, chosen=tmp_path / "nowhere")
+    library.choose_export_folder(one, found.append, chosen=tmp_path / "empty")
+    library.choose_export_folder(one, found.append, chosen=tmp_path / "full")
+    library.choose_export_folder(one, found.append, chosen=tmp_path / "nowhere")
     qtbot.waitUntil(lambda: len(found) == 4, timeout=10_000)
     assert found == [
         tmp_path / "exports" / "one-2",

@@ -74,7 +74,7 @@ class Room:
             self.events += self.presence.update(frame)[1]
             for track, number in tracks.items():
                 looks = PersonLooks(self.now_ns, "front", track, kind, f"{kind}-net", self.look(number), quality)
-                self.events += self.presence.take_looks(looks)
+                self.events += self.presence.add_embeddings(looks)
 
     def wait(self, seconds: float) -> None:
         """Nobody is seen for a while."""

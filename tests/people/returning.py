@@ -165,7 +165,7 @@ def recognised(
         now_ns = sight.people.stamp_ns
         events = presence.update(sight.people)[1]
         for looks in sight.looks:
-            events += presence.take_looks(looks)
+            events += presence.add_embeddings(looks)
         identified += [(event.person_id, event.is_person_id) for event in events if isinstance(event, PersonIdentified)]
         for row in presence.persons():
             true_box = sight.truly.get(row.track)

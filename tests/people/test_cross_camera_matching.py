@@ -76,9 +76,9 @@ def test_two_people_side_by_side_are_paired_rightly_or_not_at_all() -> None:
     rng = np.random.default_rng(1)
     one, other = rng.normal(size=64), rng.normal(size=64)
     for _ in range(3):
-        close.take_looks(looks(("front", 1), one))
-        close.take_looks(looks(("front", 2), other))
-        close.take_looks(looks(DESK, other + 0.3 * rng.normal(size=64)))
+        close.add_embeddings(looks(("front", 1), one))
+        close.add_embeddings(looks(("front", 2), other))
+        close.add_embeddings(looks(DESK, other + 0.3 * rng.normal(size=64)))
     assert close.partners(DESK) == (("front", 2),), "how they look tells"
 
 
@@ -105,22 +105,22 @@ def test_without_places_only_very_similar_looks_tell_and_another_similar_one_for
     together = CrossCameraMatcher()
     for track in (FRONT, DESK):
         together.see(track, 0)
-    together.take_looks(looks(FRONT, coat))
-    together.take_looks(looks(DESK, coat))
+    together.add_embeddings(looks(FRONT, coat))
+    together.add_embeddings(looks(DESK, coat))
     assert together.partners(DESK) == (), "one look is a chance"
     for _ in range(3):
-        together.take_looks(looks(FRONT, coat + 0.2 * rng.normal(size=64)))
-        together.take_looks(looks(DESK, coat + 0.2 * rng.normal(size=64)))
+        together.add_embeddings(looks(FRONT, coat + 0.2 * rng.normal(size=64)))
+        together.add_embeddings(looks(DESK, coat + 0.2 * rng.normal(size=64)))
     assert together.partners(DESK) == (FRONT,)
     together.see(("front", 2), 0)
     for _ in range(3):
-        together.take_looks(looks(("front", 2), coat + 0.2 * rng.normal(size=64)))
+        together.add_embeddings(looks(("front", 2), coat + 0.2 * rng.normal(size=64)))
     assert together.partners(DESK) == (), "two in the same coat"
     foreign = CrossCameraMatcher()
     for track in (FRONT, DESK):
         foreign.see(track, 0)
         for _ in range(4):
-            foreign.take_looks(looks(track, coat, model=track[0]))
+            foreign.add_embeddings(looks(track, coat, model=track[0]))
     assert foreign.partners(DESK) == (), "vectors of two networks are never compared"
 
 

@@ -25,8 +25,10 @@ def furnished(store: PeopleStore, about: About) -> str:
     """Somebody of whom there is something in every table."""
     person_id = store.add().person_id
     store.describe(person_id, about)
-    store.keep_looks(StoredLooks(person_id, "clothing", "osnet", "2026-09-21", LOOKS), expires_utc_ns=NOW_NS + HOUR_NS)
-    store.keep_portrait(person_id, PORTRAIT, 0.8)
+    store.store_embeddings(
+        StoredLooks(person_id, "clothing", "osnet", "2026-09-21", LOOKS), expires_utc_ns=NOW_NS + HOUR_NS
+    )
+    store.store_portrait(person_id, PORTRAIT, 0.8)
     store.note_visit(person_id, from_utc_ns=NOW_NS, to_utc_ns=NOW_NS + 1, session="first")
     store.note_consent(person_id, "photo", given=False)
     store.note_consent(person_id, "photo", given=True, actor="wizard")
@@ -171,7 +173,7 @@ def test_clothes_expire_with_the_day_and_with_them_the_picture_of_who_was_only_p
     now_ns = NOW_NS
     store = PeopleStore(path, utc_now_ns=lambda: now_ns)
     ada, agreed, passer_by, undecided = (furnished(store, about) for about in (ABOUT, About(), About(), About()))
-    store.drop_looks(undecided, "clothing")
+    store.drop_embeddings(undecided, "clothing")
     store._database.execute("DELETE FROM consents WHERE person_id <> ?", (agreed,))
     now_ns += 10**9
     store.expire(day_began_utc_ns=NOW_NS)
@@ -189,7 +191,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
     store = PeopleStore(path, utc_now_ns=lambda: NOW_NS)
     forgotten = furnished(store, ABOUT)
     guest = store.add().person_id
-    store.keep_portrait(guest, PORTRAIT[::-1], 0.5)
+    store.store_portrait(guest, PORTRAIT[::-1], 0.5)
     store.link(guest, forgotten)
     others = {each: About(f"Other {each}", note="Stays") for each in (furnished(store, About()) for _ in range(49))}
     for person_id, about in others.items():

@@ -20,9 +20,9 @@ def database(tmp_path: Path) -> Path:
         store.describe(ada, About(name="Ada  Quill", note="Likes trains"))
         for ben in bens:
             store.describe(ben, About(name="Ben"))
-        store.keep_portrait(again, b"a picture", 0.9)
+        store.store_portrait(again, b"a picture", 0.9)
         vectors = np.eye(2, 8, dtype=np.float32)
-        store.keep_looks(StoredLooks(ada, "clothing", "osnet", "2026-11-22", vectors), expires_utc_ns=None)
+        store.store_embeddings(StoredLooks(ada, "clothing", "osnet", "2026-11-22", vectors), expires_utc_ns=None)
         store.link(again, ada)
     return path
 

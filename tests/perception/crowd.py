@@ -65,13 +65,13 @@ def filmed(
         truth = _in_picture(places, heading)
         boxes, confidences = _found(chance, truth)
         turned = ((np.arctan2(ways[:, 1], ways[:, 0]) / math.tau + 1.0) * _SIDES).astype(int) % _SIDES
-        shown = _looks(look_chance, sides[np.arange(people), turned], truth, boxes)
+        shown = _embeddings(look_chance, sides[np.arange(people), turned], truth, boxes)
         pictures.append(Picture(step * step_s, truth, boxes, confidences, shift_px, shown))
         shift_px = 0.0
     return pictures
 
 
-def _looks(chance: np.random.Generator, looks: Floats, truth: dict[int, Floats], boxes: Floats) -> Floats:
+def _embeddings(chance: np.random.Generator, looks: Floats, truth: dict[int, Floats], boxes: Floats) -> Floats:
     """Everything in a box adds to how it looks, by how much of the box it fills, and no two views are alike."""
     shown = chance.normal(0.0, 1.0, (len(boxes), _LOOKS)) * _TREMBLE
     for row, box in enumerate(boxes):

@@ -14,7 +14,7 @@ import pytest
 
 from caris_desktop.domain.picture_checks import PictureError, decoded, unfolded
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
-from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
+from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.photo_file import PhotoFileError, previews
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -118,7 +118,7 @@ def test_no_mutation_of_a_bag_does_harm(
         (path if whole.is_file() else path / changed.name).write_bytes(mutated(changed.read_bytes(), seed))
 
         def read(path: Path = path) -> None:
-            looks_like_bag(path)
+            is_probably_bag(path)
             report = import_bag(path, place / "session")
             for _ in open_session(report.folder).values():
                 pass

@@ -57,7 +57,7 @@ def test_the_camera_sees_the_side_that_is_turned_to_it() -> None:
 def test_a_network_for_real_people_tells_them_apart_in_the_same_clothes_only() -> None:
     chance = np.random.default_rng(3)
     looks = {
-        (clothes, facing): _looks([crop_of(person, clothes, facing, chance) for person in range(PEOPLE)])
+        (clothes, facing): _embeddings([crop_of(person, clothes, facing, chance) for person in range(PEOPLE)])
         for clothes, facing in ((0, FRONT), (0, LEFT), (0, BACK), (1, FRONT))
     }
     first = looks[0, FRONT]
@@ -71,7 +71,7 @@ def test_a_network_for_real_people_tells_them_apart_in_the_same_clothes_only() -
     assert np.diag(changed).mean() < np.diag(first @ looks[0, BACK].T).mean() - 0.15
 
 
-def _looks(crops: list[NDArray[np.uint8]]) -> NDArray[np.float32]:
+def _embeddings(crops: list[NDArray[np.uint8]]) -> NDArray[np.float32]:
     import cv2
     import onnxruntime
 

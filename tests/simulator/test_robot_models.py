@@ -9,7 +9,7 @@ import pytest
 
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
-from caris_desktop.simulator.robot_models import UnknownRobotModel, dress_named, dress_names
+from caris_desktop.simulator.robot_models import UnknownRobotModel, robot_model_named, robot_model_names
 from tests.support.leftovers import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
@@ -184,22 +184,22 @@ def test_turtlebots_have_their_own_ways_to_cut_the_motors(wardrobe: Wardrobe) ->
 
 
 def test_a_namespace_is_put_before_relative_names_only() -> None:
-    dress = dress_named("turtlebot4", namespace="robot1")
+    dress = robot_model_named("turtlebot4", namespace="robot1")
     assert dress.absolute(dress.odometry) == "/robot1/odom"
     assert dress.absolute("/simulator/state") == "/simulator/state"
-    assert dress_named("pepper").absolute("odom") == "/pepper_robot/odom"
-    assert dress_named("pepper", namespace="naoqi_driver").absolute("odom") == "/naoqi_driver/odom"
+    assert robot_model_named("pepper").absolute("odom") == "/pepper_robot/odom"
+    assert robot_model_named("pepper", namespace="naoqi_driver").absolute("odom") == "/naoqi_driver/odom"
 
 
 def test_what_is_no_dress_is_refused_with_a_list() -> None:
     with pytest.raises(
         UnknownRobotModel, match="generic, nao, pepper, tiago, tiago-base, turtlebot3, turtlebot3-humble, turtlebot4"
     ):
-        dress_named("r2d2")
+        robot_model_named("r2d2")
     with pytest.raises(UnknownRobotModel, match="ROS 2"):
-        dress_named("turtlebot3", 1)
-    assert dress_named("generic", 2).dialect is Dialect.ROS2
-    assert dress_named("tiago", holonomic=True).body.base.left_mps > 0.0
+        robot_model_named("turtlebot3", 1)
+    assert robot_model_named("generic", 2).dialect is Dialect.ROS2
+    assert robot_model_named("tiago", holonomic=True).body.base.left_mps > 0.0
 
 
 def test_a_message_that_its_type_does_not_allow_is_a_misfit() -> None:
@@ -236,7 +236,7 @@ def test_every_definition_can_be_resolved_to_the_last_field() -> None:
     for dialect in Dialect:
         for typedef in typedefs.message_typedefs(dialect, "nav_msgs/Odometry"):
             assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
-    assert set(dress_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
+    assert set(robot_model_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
 
 
 def test_what_cannot_be_written_as_cbor_is_known_by_its_definition_and_its_content() -> None:

@@ -167,25 +167,25 @@ class TcpProxy:
 
     def delay(self, seconds: float) -> None:
         """Everything takes that much longer, in each direction."""
-        self._tell(delay_s=seconds)
+        self._notify(delay_s=seconds)
 
     def limit(self, bytes_per_s: float | None) -> None:
         """No more than that in each direction; None lifts it."""
-        self._tell(bytes_per_s=bytes_per_s)
+        self._notify(bytes_per_s=bytes_per_s)
 
     def swallow(self, direction: Literal["there", "back", "both", ""]) -> None:
         """Nothing comes out any more on the way there, back, or both; nobody is told. Nothing lifts it."""
-        self._tell(swallowing=direction)
+        self._notify(swallowing=direction)
 
     def cut(self, *, refuse: bool = False) -> None:
         """Reset every connection; with ``refuse`` new ones, too."""
-        self._tell(refusing=refuse, cut=True)
+        self._notify(refusing=refuse, cut=True)
 
     def restore(self) -> None:
         """A network without any fault, for new connections at least."""
-        self._tell(delay_s=0.0, bytes_per_s=None, swallowing="", refusing=False)
+        self._notify(delay_s=0.0, bytes_per_s=None, swallowing="", refusing=False)
 
-    def _tell(self, **order: Any) -> None:
+    def _notify(self, **order: Any) -> None:
         if self._process.stdin is None:
             raise RuntimeError("the proxy was started without a pipe")
         self._process.stdin.write(json.dumps(order) + "\n")

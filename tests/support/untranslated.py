@@ -158,7 +158,7 @@ class Found:
 
 
 def untranslated() -> list[Found]:
-    return [found for found in _all() if not _kept(found)]
+    return [found for found in _all() if not _stored(found)]
 
 
 def told_untranslated() -> list[Found]:
@@ -176,7 +176,7 @@ def told_untranslated() -> list[Found]:
                 for argument in (*node.args, *(keyword.value for keyword in node.keywords)):
                     finder.visit(argument)
         found += finder.found
-    return [one for one in found if not _kept(one)]
+    return [one for one in found if not _stored(one)]
 
 
 def counted() -> dict[str, int]:
@@ -203,7 +203,7 @@ def kept_in_vain() -> list[str]:
     return [f"{file}: {text!r}" for file, texts in AS_IT_IS.items() for text in texts if (file, text) not in said]
 
 
-def _kept(found: Found) -> bool:
+def _stored(found: Found) -> bool:
     return any(text in AS_IT_IS.get(file, {}) for file in (found.file, "") for text in (found.text, "*"))
 
 

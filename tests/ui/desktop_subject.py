@@ -52,11 +52,11 @@ class Subject(ToldByLines):
         self._told = 0
         self._shown: dict[str, object] = {}
         self._timer = QTimer(interval=5)
-        self._timer.timeout.connect(self._tell)
+        self._timer.timeout.connect(self._notify)
         self._timer.start()
         self.window.show()
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         for name, arguments in self.console.calls[self._told :]:
             print(name, arguments, flush=True)
         self._told = len(self.console.calls)
@@ -131,7 +131,7 @@ class Subject(ToldByLines):
         if self.window.hold.key_owner != "driving" and time.monotonic() < deadline_s:
             QTimer.singleShot(10, self, lambda: self._begin(number, deadline_s))
             return
-        self._tell()
+        self._notify()
         self.console.calls.clear()
         self._told = 0
         print("RESET", number, flush=True)

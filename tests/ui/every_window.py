@@ -90,7 +90,7 @@ class EveryWindow:
         yield from self._of_the_robot()
         yield from self._of_the_scenario()
         if with_what_is_beside:
-            yield from self._beside()
+            yield from self._next_to()
         yield from self._shown_to_others()
         yield from self.of_the_replay()
 
@@ -177,16 +177,16 @@ class EveryWindow:
 
     def _of_files(self) -> Iterator[Seen]:
         state = self.console.state
-        state.file_question.set_anew(test_confirm_file.QUESTION)
+        state.file_question.reset_value(test_confirm_file.QUESTION)
         yield self._own("confirm file", "confirm_file_dialog")
-        state.file_question.set_anew(None)
-        state.import_question.set_anew(test_same_names.QUESTION)
+        state.file_question.reset_value(None)
+        state.import_question.reset_value(test_same_names.QUESTION)
         seen = self._own("same names", "same_names_dialog")
         yield seen
         _close(seen)
-        state.import_question.set_anew(None)
+        state.import_question.reset_value(None)
 
-    def _beside(self) -> Iterator[Seen]:
+    def _next_to(self) -> Iterator[Seen]:
         """What asks about a file, cards and bands in the window, panels in windows of their own, and Qt's dialogs."""
         yield from self._of_files()
         yield from self._in_the_window()

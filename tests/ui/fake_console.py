@@ -324,7 +324,7 @@ class FakeConsole:
         for event in events:
             self.transcript.take(event)
             self.state.take(event)
-        self.state.transcript.set_anew(self.transcript.turns)
+        self.state.transcript.reset_value(self.transcript.turns)
 
     def ask_assistant(self, question: str, leave_out: tuple[str, ...] = (), pictures: tuple[str, ...] = ()) -> None:
         self.calls.append(("ask_assistant", question))
@@ -427,7 +427,7 @@ class FakeConsole:
     def look_up_person(self, person_id: str, text: str) -> None:
         self.calls.append(("look_up_person", (person_id, text)))
         found = tuple(entry for entry in self.history.get(person_id, ()) if text.casefold() in entry.text.casefold())
-        self.state.person_history.set_anew(PersonHistory(person_id, text, found))
+        self.state.person_history.reset_value(PersonHistory(person_id, text, found))
 
     def _person(self, person_id: str) -> PersonRow:
         rows = (*self.state.persons.value, *self.state.everybody.value)
@@ -516,7 +516,7 @@ class FakeConsole:
         self.state.notes.set(notes_among(final_marks_of(self._told_marks, ended_ns=mark.stamp_ns)))
         return mark.mark_id
 
-    def look_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
+    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
         self.read_aside(lambda: BeforeRecording(self.suggested, self.bytes_per_hour, self.free), told)
 
     def read_aside(
@@ -637,7 +637,7 @@ class FakeConsole:
         self.protocol.use_scenario(self.scenario)
         self.state.places.set(self.scenario.places)
         self.state.controls.set(self.scenario.controls)
-        self.state.scenario.set_anew(self.scenario)
+        self.state.scenario.reset_value(self.scenario)
         return True
 
     def _set_drive(self, **changes: Any) -> None:
@@ -764,7 +764,7 @@ class FakeLibrary:
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         self.calls.append(("open_replay", (folder, at_ns)))
 
-    def look_for_export_folder(
+    def choose_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
         """At once, as from a disk that is quick."""

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.panels("map")
 
 @pytest.fixture
 def dialog(window: MainWindow, console: FakeConsole) -> QWidget:
-    console.state.file_question.set_anew(QUESTION)
+    console.state.file_question.reset_value(QUESTION)
     return find(window, "confirm_file_dialog")
 
 
@@ -66,7 +66,7 @@ def test_everything_else_is_a_no(qtbot: QtBot, dialog: QWidget, console: FakeCon
 def test_another_question_takes_the_place_of_the_one_before(
     dialog: QWidget, window: MainWindow, console: FakeConsole
 ) -> None:
-    console.state.file_question.set_anew(FileQuestion("B", FILE, "b" * 64, (NEW,), frozenset(), OpenScenario(FILE)))
+    console.state.file_question.reset_value(FileQuestion("B", FILE, "b" * 64, (NEW,), frozenset(), OpenScenario(FILE)))
     open_now = [one for one in window.findChildren(QWidget, "confirm_file_dialog") if one.isVisible()]
     assert len(open_now) == 1
     assert open_now[0] is not dialog

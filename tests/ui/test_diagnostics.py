@@ -12,7 +12,7 @@ from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.diagnostics_panel import DiagnosticsPanel, bandwidth, look_words, state_words
+from caris_desktop.ui.panels.diagnostics_panel import DiagnosticsPanel, bandwidth, detection_words, state_words
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 
@@ -125,10 +125,10 @@ def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, consol
 
 def test_it_says_how_often_people_are_looked_for_in_each_camera() -> None:
     shown = PerceptionStatus("ready", inference_ms=41.2, looks_per_s={"front": 7.5, "desk": 3.25})
-    assert look_words(shown) == ["Looks for people per second: front camera 7.5, desk camera 3.2 · 41 ms a look"]
+    assert detection_words(shown) == ["Looks for people per second: front camera 7.5, desk camera 3.2 · 41 ms a look"]
     named = PerceptionStatus("ready", "yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)")
-    assert look_words(named) == ["People are found by yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)"]
-    assert look_words(PerceptionStatus("failed", looks_per_s={"front": 0.0})) == []
+    assert detection_words(named) == ["People are found by yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)"]
+    assert detection_words(PerceptionStatus("failed", looks_per_s={"front": 0.0})) == []
 
 
 def test_it_says_which_process_of_the_program_failed(

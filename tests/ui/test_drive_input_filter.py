@@ -19,7 +19,7 @@ from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.teleop_input import wish_of
+from caris_desktop.ui.teleop_input import command_of
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -108,9 +108,9 @@ def test_a_release_that_waited_for_a_screen_reader_was_the_last_that_did(
 
 
 def test_directions_add_up_and_opposites_cancel() -> None:
-    assert wish_of(("drive_forward", "turn_left")) == TeleopCommand(forward=1.0, turn=1.0)
-    assert wish_of(("drive_forward", "drive_back", "turn_right")) == TeleopCommand(turn=-1.0)
-    assert wish_of(()) == TeleopCommand()
+    assert command_of(("drive_forward", "turn_left")) == TeleopCommand(forward=1.0, turn=1.0)
+    assert command_of(("drive_forward", "drive_back", "turn_right")) == TeleopCommand(turn=-1.0)
+    assert command_of(()) == TeleopCommand()
     assert merged((TeleopCommand(forward=1.0), TeleopCommand(forward=0.5, pan=-0.2))) == TeleopCommand(
         forward=1.0, pan=-0.2
     )

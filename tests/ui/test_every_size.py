@@ -68,7 +68,7 @@ class Shown:
         if self.console.scenario.path is None or self.console.scenario.path.stem != scenario:
             self.console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
             self.console.protocol.use_scenario(self.console.scenario)
-            self.console.state.scenario.set_anew(self.console.scenario)
+            self.console.state.scenario.reset_value(self.console.scenario)
             self.window.board.complete()
         self.window.theme.set_choice("dark" if theme == "dark" else "light")
         freshen(self.console)

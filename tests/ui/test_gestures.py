@@ -39,7 +39,7 @@ def gestured(window: MainWindow, console: FakeConsole) -> MainWindow:
 
 def use(window: MainWindow, console: FakeConsole, permissions: Permissions) -> None:
     console.scenario = dataclasses.replace(console.scenario, gestures=GESTURES, permissions=permissions)
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
 
 
 def shown(window: MainWindow) -> list[str]:
@@ -74,7 +74,7 @@ def test_one_with_a_key_of_its_own_has_that_wherever_it_stands(
     nod = dataclasses.replace(GESTURES[1], key="Ctrl+Shift+W")
     for gestures in ((GESTURES[0], nod, GESTURES[2]), (nod, GESTURES[0], GESTURES[2])):
         console.scenario = dataclasses.replace(console.scenario, gestures=gestures)
-        console.state.scenario.set_anew(console.scenario)
+        console.state.scenario.reset_value(console.scenario)
         keys = {spec.text: gestured.actions_table.key_text(spec.id) for spec in gestured.actions_table.specs}
         assert keys["Gesture: Nod"] == "⇧Ctrl W"
         place = gestures.index(GESTURES[0])
@@ -90,7 +90,7 @@ def test_one_with_a_key_of_its_own_has_that_wherever_it_stands(
 def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow, console: FakeConsole) -> None:
     nod = dataclasses.replace(GESTURES[1], key="Ctrl+P")
     console.scenario = dataclasses.replace(console.scenario, gestures=(nod,))
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
     table = gestured.actions_table
     keys = {spec.id: spec.keys for spec in table.specs}
     assert (keys["gesture_1"], keys["photo"]) == ((), ("Ctrl+P",))

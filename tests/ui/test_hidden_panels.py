@@ -68,7 +68,7 @@ def go_on(console: FakeConsole, number: int) -> None:
     )
     state.everybody.set(state.persons.value)
     state.selected_person.set(state.persons.value[number % 2].person_id)
-    state.person_history.set_anew(PersonHistory("p1", f"{number}"))
+    state.person_history.reset_value(PersonHistory("p1", f"{number}"))
     state.drive.set(replace(state.drive.value, target_forward_mps=0.1 + number / 100, guard="slowing"))
     state.perception.set(PerceptionStatus("ready", "yolov8n", "", 20.0 + number))
     utterance = UtteranceChanged(now_ns, f"later{number}", "robot", f"Sentence {number}", "typed", "started")

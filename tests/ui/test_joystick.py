@@ -12,7 +12,7 @@ from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.joystick import Joystick, stick_wish
+from caris_desktop.ui.widgets.joystick import Joystick, stick_command
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -20,13 +20,13 @@ LEFT = Qt.MouseButton.LeftButton
 
 
 def test_a_stick_is_proportional_beyond_its_dead_zone() -> None:
-    assert stick_wish(0.05, 0.05, use="base", sideways=False) == AT_REST
-    assert stick_wish(0.0, 1.0, use="base", sideways=False) == TeleopCommand(forward=1.0)
-    assert stick_wish(1.0, 0.0, use="base", sideways=False) == TeleopCommand(turn=-1.0)
-    assert stick_wish(-1.0, 0.0, use="base", sideways=True) == TeleopCommand(left=1.0)
-    assert stick_wish(-1.0, -1.0, use="head", sideways=False).pan > 0
-    assert stick_wish(0.0, -1.0, use="head", sideways=False) == TeleopCommand(tilt=1.0)
-    half = stick_wish(0.0, 0.54, use="base", sideways=False)
+    assert stick_command(0.05, 0.05, use="base", sideways=False) == AT_REST
+    assert stick_command(0.0, 1.0, use="base", sideways=False) == TeleopCommand(forward=1.0)
+    assert stick_command(1.0, 0.0, use="base", sideways=False) == TeleopCommand(turn=-1.0)
+    assert stick_command(-1.0, 0.0, use="base", sideways=True) == TeleopCommand(left=1.0)
+    assert stick_command(-1.0, -1.0, use="head", sideways=False).pan > 0
+    assert stick_command(0.0, -1.0, use="head", sideways=False) == TeleopCommand(tilt=1.0)
+    half = stick_command(0.0, 0.54, use="base", sideways=False)
     assert half == TeleopCommand(forward=0.5)
 
 

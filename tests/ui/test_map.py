@@ -78,7 +78,7 @@ def grid_of(cells: np.ndarray) -> OccupancyGrid:
 def render(raster: GridRaster) -> int:
     bands = 0
     while not raster.done:
-        raster.render_band()
+        raster.render_stripe()
         bands += 1
     return bands
 

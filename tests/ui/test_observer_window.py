@@ -98,7 +98,7 @@ def test_what_happened_before_is_still_told_with_another_scenario(window: MainWi
     window.show_scenario(console.scenario)
     log = observer.findChild(SessionPanel)
     assert log is not None
-    assert any("The robot waved." in entry.sentence for entry in log.what_lasts())
+    assert any("The robot waved." in entry.sentence for entry in log.save_state())
 
 
 def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(

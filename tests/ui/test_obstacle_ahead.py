@@ -13,7 +13,7 @@ from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.obstacle_ahead import Ahead, ahead_of, ahead_words, looks_away
+from caris_desktop.ui.obstacle_ahead import Ahead, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panels.video_panel import VideoPanel, guard_chip
 from tests.ui import samples
 from tests.ui.conftest import freshen
@@ -69,15 +69,15 @@ def test_where_the_lidar_does_not_look_nothing_is_said_to_be_free(scan: LaserSca
 def test_the_words_speak_of_the_base_while_the_picture_looks_elsewhere() -> None:
     head = HeadState(1, None, pan_rad=0.6, tilt_rad=0.0)
     on_head = robot_with(dataclasses.replace(MODEL, on_head=True))
-    assert looks_away(on_head, FRAME, head) == "the picture looks left"
-    assert looks_away(on_head, FRAME, dataclasses.replace(head, pan_rad=-0.6)) == "the picture looks right"
-    assert looks_away(on_head, FRAME, dataclasses.replace(head, pan_rad=0.1)) == ""
-    assert looks_away(on_head, FRAME, None) == "the head may look elsewhere"
-    assert looks_away(robot_with(MODEL), FRAME, head) == "", "this camera is not on the head"
-    assert looks_away(robot_with(dataclasses.replace(MODEL, heading_rad=math.pi)), FRAME, None) == (
+    assert gaze_is_away(on_head, FRAME, head) == "the picture looks left"
+    assert gaze_is_away(on_head, FRAME, dataclasses.replace(head, pan_rad=-0.6)) == "the picture looks right"
+    assert gaze_is_away(on_head, FRAME, dataclasses.replace(head, pan_rad=0.1)) == ""
+    assert gaze_is_away(on_head, FRAME, None) == "the head may look elsewhere"
+    assert gaze_is_away(robot_with(MODEL), FRAME, head) == "", "this camera is not on the head"
+    assert gaze_is_away(robot_with(dataclasses.replace(MODEL, heading_rad=math.pi)), FRAME, None) == (
         "the picture looks back"
     )
-    assert looks_away(robot_with(None), FRAME, None) == looks_away(None, None, None) == ""
+    assert gaze_is_away(robot_with(None), FRAME, None) == gaze_is_away(None, None, None) == ""
     assert ahead_words(Ahead(0.4, 1.0), "the picture looks left") == (
         "Close! Obstacle 0.4 m ahead of the base · the picture looks left",
         True,

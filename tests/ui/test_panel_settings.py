@@ -53,7 +53,7 @@ def console() -> FakeConsole:
 
 def switch(window: MainWindow, console: FakeConsole, scenario: Scenario) -> None:
     console.scenario = scenario
-    console.state.scenario.set_anew(scenario)
+    console.state.scenario.reset_value(scenario)
     window.board.complete()
 
 

@@ -51,7 +51,7 @@ from caris_desktop.ui.widgets.frame_view import (
     BOXES_SOLID_S,
     FrameView,
     box_strength,
-    boxes_fit,
+    detections_fit,
     moved_since,
 )
 from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
@@ -145,10 +145,10 @@ def test_a_fresh_picture_says_its_age(window: MainWindow, console: FakeConsole) 
 def test_boxes_belong_to_about_the_frame_on_show() -> None:
     frame = FrameRef(1, None, "front", "r", 0, 100, 640, 480)
     people = People(1, "front", 1, 640, 480, (), 30.0)
-    assert boxes_fit(people, frame), "other cameras count frames too"
-    assert not boxes_fit(people, dataclasses.replace(frame, stamp_ns=1 + round(BOXES_GONE_S * 1e9)))
-    assert not boxes_fit(dataclasses.replace(people, camera="rear"), frame)
-    assert not boxes_fit(None, frame)
+    assert detections_fit(people, frame), "other cameras count frames too"
+    assert not detections_fit(people, dataclasses.replace(frame, stamp_ns=1 + round(BOXES_GONE_S * 1e9)))
+    assert not detections_fit(dataclasses.replace(people, camera="rear"), frame)
+    assert not detections_fit(None, frame)
 
 
 def frame_at(stamp_s: float) -> FrameRef:
@@ -183,7 +183,7 @@ def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, conso
     frame = show_flat(console, (0, 0, 0))
     boxes = [(60.0, 100.0, 120.0, 300.0), (260.0, 100.0, 120.0, 300.0), (460.0, 100.0, 120.0, 300.0)]
     console.state.take(samples.people_for(frame.sequence, 640, 480, boxes))
-    assert view.visible_boxes() == [("Luis", True), ("Ana Torres", True), ("Person 3", False)]
+    assert view.visible_detections() == [("Luis", True), ("Ana Torres", True), ("Person 3", False)]
     named, unnamed = window.theme.color("box_named"), window.theme.color("box_unnamed")
     image, rect = view.grab().toImage(), view.picture_rect()
 
@@ -204,7 +204,7 @@ def test_black_frames_without_people_have_no_boxes(window: MainWindow, console: 
     _, view = video(window)
     frame = show_flat(console, (0, 0, 0))
     console.state.take(samples.people_for(frame.sequence, 640, 480, []))
-    assert view.visible_boxes() == []
+    assert view.visible_detections() == []
 
 
 # Map
@@ -708,7 +708,7 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
     panel.show_category("Session")
     console.state.take(Marked(now_ns + 1, "between"))
     assert panel.log_lines()[-5:] == [expected[0], "Marked: between", *expected[1:]]
-    panel.take_over(list(reversed(panel.what_lasts())))
+    panel.restore_state(list(reversed(panel.save_state())))
     assert panel.log_lines()[-3] == "Marked: two"
 
 

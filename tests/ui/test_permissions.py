@@ -84,7 +84,7 @@ class Desk:
 
     def show(self, scenario: Scenario) -> None:
         self.console.scenario = scenario
-        self.console.state.scenario.set_anew(scenario)
+        self.console.state.scenario.reset_value(scenario)
 
     def pressed(self) -> list[Intent]:
         """What is asked for when everything in the window is pressed that can be."""

@@ -143,13 +143,13 @@ def test_the_file_says_how_a_panel_is_at_first_and_the_wizard_from_then_on(qtbot
     whole = replace(TOUR, path=samples.MENTAL.path)
     for scenario in (following, whole, following):
         console.scenario = scenario
-        console.state.scenario.set_anew(scenario)
+        console.state.scenario.reset_value(scenario)
         qtbot.waitUntil(lambda: window.board.whole)
         assert panel(window, MapPanel).view.follow is (scenario is following), "nobody chose otherwise"
     panel(window, MapPanel).view.set_follow(False)
     for scenario in (whole, following):
         console.scenario = scenario
-        console.state.scenario.set_anew(scenario)
+        console.state.scenario.reset_value(scenario)
         qtbot.waitUntil(lambda: window.board.whole)
     assert not panel(window, MapPanel).view.follow
 
@@ -162,7 +162,7 @@ def test_levels_are_never_raised_by_it(qtbot: QtBot, start: Start, settings: Mem
     again, console = start()
     assert console.state.levels.value == LevelsStatus("suggest", "act", "off")
     console.state.levels.set(LevelsStatus("off", "off", "suggest"))
-    again.kept_choices._use_kept()
+    again.kept_choices._use_stored()
     assert console.state.levels.value == LevelsStatus("off", "off", "off")
 
 
@@ -173,7 +173,7 @@ def test_a_camera_and_a_model_are_waited_for(qtbot: QtBot, start: Start, setting
     window, console = start()
     console.state.cameras.set(("front",))
     console.state.assistant_setup.set(replace(SETUP, models=()))
-    window.kept_choices._use_kept()
+    window.kept_choices._use_stored()
     assert console.state.assistant_setup.value.model == "embedded"
     console.state.assistant_setup.set(replace(console.state.assistant_setup.value, models=SETUP.models))
     assert console.state.assistant_setup.value.model == "ollama:small"

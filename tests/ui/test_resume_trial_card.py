@@ -119,7 +119,7 @@ def test_what_is_recorded_is_shown_as_it_is_set_now(window: MainWindow, console:
         console.scenario,
         permissions=replace(permissions, video_recording=False, cloud_models=False, transcription=True),
     )
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
     assert "No video" in box.text() and "Language models are asked on this computer only." in box.text()
     assert "What participants say is turned into text." in box.text()
     assert card.height() >= card.layout().heightForWidth(card.width()), "all of it can be read"

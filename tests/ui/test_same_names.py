@@ -34,7 +34,7 @@ pytestmark = pytest.mark.panels("map")
 
 @pytest.fixture
 def dialog(window: MainWindow, console: FakeConsole) -> QWidget:
-    console.state.import_question.set_anew(QUESTION)
+    console.state.import_question.reset_value(QUESTION)
     return find(window, "same_names_dialog")
 
 

@@ -32,7 +32,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel
 from caris_desktop.ui.session_table import COLUMNS, lacks_words
 from caris_desktop.ui.sessions_window import SessionsWindow
-from caris_desktop.ui.start_dialog import StartDialog, kept_words, last_details
+from caris_desktop.ui.start_dialog import StartDialog, last_details, stored_words
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -174,7 +174,7 @@ def test_a_jump_in_time_rebuilds_the_log(window: MainWindow, console: FakeConsol
 @pytest.mark.panels()
 def test_a_replay_records_and_marks_nothing(window: MainWindow, console: FakeConsole) -> None:
     panel = session_panel(window)
-    window.actions_table.keep_only(("Window",))
+    window.actions_table.drop_all_but(("Window",))
     window.actions_table.rebuild(console.scenario)
     change(console, written_bytes=1_000_000)
     for name in ("session_toggle", "session_pause", "session_note", "session_label_1"):
@@ -234,7 +234,7 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     window.sessions.open_start_dialog()
     assert window.findChild(QWidget, "start_microphone") is None
     find(window, "start_dialog").close()
-    assert kept_words(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
+    assert stored_words(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
 
 
 def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
@@ -253,11 +253,11 @@ def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
 
 def test_it_is_said_that_people_will_be_pixelated() -> None:
     film = Permissions(photos=False, audio_recording=False)
-    assert "video (people pixelated)" in kept_words(film, None, BlurSettings("everybody"))
-    faces = kept_words(film, None, BlurSettings("without_consent", "faces"))
+    assert "video (people pixelated)" in stored_words(film, None, BlurSettings("everybody"))
+    faces = stored_words(film, None, BlurSettings("without_consent", "faces"))
     assert "video (faces pixelated of those who did not agree)" in faces
     nothing = Permissions(video_recording=False, photos=False)
-    assert "pixelated" not in kept_words(nothing, None, BlurSettings("everybody"))
+    assert "pixelated" not in stored_words(nothing, None, BlurSettings("everybody"))
 
 
 def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
@@ -568,7 +568,7 @@ def test_names_leave_the_study_only_where_that_is_chosen(
 
 def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:
     asked: list[Callable[[Path], None]] = []
-    library.look_for_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
+    library.choose_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
     dialog.show_sessions([SESSIONS[0].folder])
     folder = find(dialog, "export_folder")
     asked.pop()(tmp_path / "s1")
@@ -583,7 +583,7 @@ def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: Fak
 
 def test_a_folder_that_is_typed_before_the_disk_tells_stays(dialog: ExportDialog, library: FakeLibrary) -> None:
     asked: list[Callable[[Path], None]] = []
-    library.look_for_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
+    library.choose_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
     dialog.show_sessions([SESSIONS[0].folder])
     folder = find(dialog, "export_folder")
     assert isinstance(folder, QLineEdit)

@@ -77,7 +77,7 @@ def alone(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[MainWin
 
 def switch(console: FakeConsole, scenario: samples.Scenario) -> None:
     console.scenario = scenario
-    console.state.scenario.set_anew(scenario)
+    console.state.scenario.reset_value(scenario)
 
 
 def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
@@ -303,7 +303,7 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
         assert isinstance(map_, MapPanel)
         assert isinstance(conversation, ConversationPanel)
         assert isinstance(people, PeoplePanel)
-        said = (video.view.visible_boxes(), map_.view.shown.people, conversation.view.rows, people.model.persons)
+        said = (video.view.visible_detections(), map_.view.shown.people, conversation.view.rows, people.model.persons)
         return {name: "Luis" in str(words) for name, words in zip(NAMING, said, strict=True)}
 
     switch(console, NAMED)

@@ -90,7 +90,7 @@ class Picture:
     def __init__(self) -> None:
         self.boxes: list[tuple[str, bool]] = []
 
-    def visible_boxes(self) -> list[tuple[str, bool]]:
+    def visible_detections(self) -> list[tuple[str, bool]]:
         return self.boxes
 
 

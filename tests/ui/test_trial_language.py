@@ -105,7 +105,7 @@ class Spoken:
         found = []
         for scenario in self.scenarios:
             self.console.scenario = scenario
-            self.console.state.scenario.set_anew(scenario)
+            self.console.state.scenario.reset_value(scenario)
             for name in self.window.board.possible():
                 self.window.open_panel(name)
             self._drawn.clear()
@@ -137,7 +137,7 @@ class Spoken:
         # More panels in one row of tabs than it has room for.
         crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(PanelName)))
         self.console.scenario = crowded
-        self.console.state.scenario.set_anew(crowded)
+        self.console.state.scenario.reset_value(crowded)
         self.console.state.places.set(crowded.places)
         self.console.do = lambda _intent: ""  # type: ignore[method-assign] # what is pressed changes nothing
         window = self.window

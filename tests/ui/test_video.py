@@ -237,7 +237,7 @@ def test_boxes_and_words_cost_no_more_than_the_picture_under_them(panel: VideoPa
         painter.end()
 
     whole()
-    assert len(view.visible_boxes()) == 4
+    assert len(view.visible_detections()) == 4
     ratio = in_yardsticks(whole, tries=60) / in_yardsticks(bare, tries=60)
     assert ratio < 2.0
 

@@ -147,10 +147,10 @@ def test_saving_a_scenario_leaves_the_keys_in_its_editor(
     before = focused()
     QTest.keyClick(before, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
     ((text, path, _edited, _replaces),) = console.named("save_scenario")
-    console.state.saved_scenario.set_anew(SavedScenario(path, text, "1" * 64))
+    console.state.saved_scenario.reset_value(SavedScenario(path, text, "1" * 64))
     changed = dataclasses.replace(console.scenario, title="Another", phrases=("One",), sha256="1" * 64)
     console.scenario = changed
-    console.state.scenario.set_anew(changed)
+    console.state.scenario.reset_value(changed)
     window.board.complete()
     QApplication.processEvents()
     assert QApplication.activeWindow() is editor
@@ -165,7 +165,7 @@ def test_a_scenario_that_changes_gives_the_keys_to_nobody_who_had_them_not(
     window: MainWindow, console: FakeConsole
 ) -> None:
     find(window, "speak_field").setFocus()
-    console.state.scenario.set_anew(dataclasses.replace(console.scenario, title="Another", phrases=("One",)))
+    console.state.scenario.reset_value(dataclasses.replace(console.scenario, title="Another", phrases=("One",)))
     window.board.complete()
     assert focused().objectName() == "speak_field"
     assert not window.actions_table.driving_focus
@@ -418,7 +418,7 @@ def not_recording(console: FakeConsole) -> None:
 def without_naming(console: FakeConsole) -> None:
     permitted = dataclasses.replace(console.scenario.permissions, naming_people=False)
     console.scenario = dataclasses.replace(console.scenario, permissions=permitted)
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
 
 
 IN_VAIN = {

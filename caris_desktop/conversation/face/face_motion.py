@@ -81,7 +81,7 @@ class FaceMotion:
     def express(self, name: str) -> None:
         self._expression = self._face.expression(name)
 
-    def look_to(self, right: float, up: float) -> None:
+    def turn_gaze_to(self, right: float, up: float) -> None:
         """Set the gaze, -1 to 1 as seen on the screen."""
         self._gaze = (max(-1.0, min(1.0, right)), max(-1.0, min(1.0, up)))
 

@@ -143,7 +143,7 @@ class EchoCanceller:
     def play_ended(self, ended: PlayedSoundEnded) -> None:
         """Truncate sound that was cut off."""
         self._played.end(ended)
-        self._look_back_from(self._next_frame - HOP)
+        self._smooth_from(self._next_frame - HOP)
 
     def process(self, chunk: AudioChunk) -> CleanSound:
         """Remove the robot from a chunk."""
@@ -172,7 +172,7 @@ class EchoCanceller:
         self._catch_up()
         last = self._next_frame - HOP
         if self._may_sound_from is not None and last - self._looked_at >= _LOOKED_FOR_EVERY // 2 * HOP:
-            self._look_for_robot(last)
+            self._find_robot(last)
         return self._share(self._place_of(started_ns), self._place_of(ended_ns))
 
     def plays_at(self, moment_ns: int) -> bool:
@@ -259,7 +259,7 @@ class EchoCanceller:
             self._may_sound_from -= later
         if self._began is not None:
             self._began = None if -self._last_played > _SAME_ROOM_FOR else self._began - later
-        self._look_back_from(-HOP)
+        self._smooth_from(-HOP)
 
     def _reference(self, at: int, count: int) -> NDArray[np.float32]:
         """Played sound as heard from that position."""
@@ -299,14 +299,14 @@ class EchoCanceller:
         if self._began is not None and (at - self._began) // HOP in _MEASURED_AFTER_FRAMES:
             self._measure(at)
         elif (at - self._may_sound_from) // HOP % _LOOKED_FOR_EVERY == _LOOKED_FOR_EVERY - 1:
-            self._look_for_robot(at)
+            self._find_robot(at)
 
     def _begin(self, at: int) -> None:
         """Start of robot speech, possibly in another room than before."""
         self._began = self._last_played = at
         self._known_before = self._room.weights
         self._loudness = _MARGIN * (self._room.loudness or _USUAL_LOUDNESS)
-        self._room.doubt(self._loudness, self._known_before)
+        self._room.reduce_step_size(self._loudness, self._known_before)
 
     def _learn(self, at: int, reference: NDArray[np.float32]) -> None:
         self._frames[:, 1:] = self._frames[:, :-1]
@@ -336,10 +336,10 @@ class EchoCanceller:
         elif loudness * 1.5 < self._loudness < loudness * 24.0:
             return
         self._loudness = _MARGIN * loudness
-        self._room.doubt(self._loudness, self._known_before)
+        self._room.reduce_step_size(self._loudness, self._known_before)
         self._learn_again(start, at + HOP)
 
-    def _look_for_robot(self, at: int) -> None:
+    def _find_robot(self, at: int) -> None:
         """Search for another delay, if the robot is not heard where expected."""
         self._looked_at = at
         bad_from = self._unexplained_from(at)
@@ -364,7 +364,7 @@ class EchoCanceller:
         start = first if before is None else self._again_from(first, at, loudness)
         self._began = self._last_played = start
         self._loudness = _MARGIN * loudness
-        self._room.doubt(self._loudness, self._known_before)
+        self._room.reduce_step_size(self._loudness, self._known_before)
         self._learn_again(start, at + HOP)
         # And once more with the final room estimate, also for frames that were not learned from, as the robot may have
         # been silent there.
@@ -412,11 +412,11 @@ class EchoCanceller:
         if start < self._given_until:
             self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
         self._robot[start - self._heard_from :] = 0
-        self._look_back_from(start - HOP)
+        self._smooth_from(start - HOP)
         for at in range(start, until, HOP):
             self._learn(at, self._reference(at, FRAME))
 
-    def _look_back_from(self, at: int) -> None:
+    def _smooth_from(self, at: int) -> None:
         """Recompute the reference spectra after a change of the playback data."""
         for tap in range(TAPS):
             reference = self._reference(at - tap * HOP, FRAME)

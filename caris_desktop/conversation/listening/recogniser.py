@@ -117,7 +117,7 @@ class _Recogniser:
                         ear.another_spoke()
                     elif message.state != "requested":
                         ear.another_ended(message.stamp_ns)
-                    ear.look_back()
+                    ear.smooth_offline()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
             case EndTurns():
@@ -136,7 +136,7 @@ class _Recogniser:
             return
         ear = self._ears.get(chunk.source)
         if ear is None:
-            ear = self._ears[chunk.source] = self._new_ear(chunk.source)
+            ear = self._ears[chunk.source] = self._new_segmenter(chunk.source)
         if chunk.source != WIZARD_MICROPHONE:
             peak = int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)) / 32768
             if self._signal.hear(chunk.source, chunk.stamp_ns, peak):
@@ -145,7 +145,7 @@ class _Recogniser:
         self._ask()
         ear.judge()
 
-    def _new_ear(self, source: str) -> SpeechSegmenter:
+    def _new_segmenter(self, source: str) -> SpeechSegmenter:
         canceller = EchoCanceller()
         for sound in self._played:
             canceller.play(sound)

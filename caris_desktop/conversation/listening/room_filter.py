@@ -86,7 +86,7 @@ class RoomFilter:
         """Energy of the robot at the microphone relative to the playback; 0 if unknown."""
         return float((np.abs(self._weights) ** 2).sum(axis=1).mean())
 
-    def doubt(self, loudness: float, known: NDArray[np.complex64]) -> None:
+    def reduce_step_size(self, loudness: float, known: NDArray[np.complex64]) -> None:
         """Restart from the ``known`` room with large uncertainty; ``loudness`` is the expected relative energy."""
         self._weights = known * np.complex64(_KEPT)
         self._covariance[:] = 0

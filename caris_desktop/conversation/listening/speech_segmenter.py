@@ -159,22 +159,22 @@ class SpeechSegmenter:
         """The robot's utterance ended."""
         self._robot_speaks, self._robot_until_ns = False, stamp_ns
 
-    def look_back(self) -> None:
+    def smooth_offline(self) -> None:
         """Reassign finished turns that were the robot's own speech, by later reports of its utterances."""
         finished = list(self._finished)
         runs = [finished[first:last] for first, last in itertools.combinations(range(len(finished) + 1), 2)]
-        robots = max(runs, key=self._told_late, default=[])
-        if not self._told_late(robots):
+        robots = max(runs, key=self._reported_late, default=[])
+        if not self._reported_late(robots):
             return
         for turn in robots:
             self._finished.remove(turn)
             self._tell(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
 
-    def _told_late(self, turns: Sequence[_Finished]) -> float:
+    def _reported_late(self, turns: Sequence[_Finished]) -> float:
         if not turns:
             return 0.0
         text = " ".join(turn.text for turn in turns)
-        return self._own_words.told_late(text, turns[0].began_ns)
+        return self._own_words.reported_late(text, turns[0].began_ns)
 
     def judge(self) -> None:
         """Estimate the end of turn by sound at a new pause. It takes 0.1 s, during which its words can be recognised:
@@ -184,7 +184,7 @@ class SpeechSegmenter:
         if to_judge and turn is not None and self._turn_over is not None and not self._turns.speaking:
             turn.sounds_over = self._turn_over(turn.sound_to_judge())
             if self._judge_words(turn):
-                self._tell_hearing(turn)
+                self._report_hearing(turn)
 
     def wanted(self, every_s: float) -> Stretch | None:
         """Interval to transcribe now; ``every_s``: minimum new sound during continuous speech."""
@@ -207,11 +207,11 @@ class SpeechSegmenter:
             changed = turn.take(stretch, heard)
             changed |= self._leave_out_the_robot(turn)
             if not turn.told and turn.own_words and not self._is_robots(turn):
-                self._tell_beginning(turn)
+                self._report_beginning(turn)
             if not turn.over:
                 judged = self._judge_words(turn)
                 if self._settle(turn) or changed or judged:
-                    self._tell_hearing(turn)
+                    self._report_hearing(turn)
             elif turn.known_whole:
                 self._finish(turn)
 
@@ -236,14 +236,14 @@ class SpeechSegmenter:
             case "spoke on":
                 turn.turn_over = turn.sounds_over = None
                 turn.revision += 1
-                self._tell_hearing(turn)
+                self._report_hearing(turn)
             case "paused":
                 self._to_judge = self._turn_over is not None
-                self._tell_hearing(turn)
+                self._report_hearing(turn)
             case "over":
                 self._end(turn)
             case _ if self._settle(turn):
-                self._tell_hearing(turn)
+                self._report_hearing(turn)
 
     def _begin(self) -> None:
         lead, self._lead = self._lead, []
@@ -259,7 +259,7 @@ class SpeechSegmenter:
             or self._own_words.may_be_heard(turn.voice_began_ns, _ROBOT_RINGS_NS)
         )
         if self._of_wizard or not robot_heard:
-            self._tell_beginning(turn)
+            self._report_beginning(turn)
 
     def _judge_words(self, turn: HeardTurn) -> bool:
         """Update the end-of-turn estimate by words once the transcript reaches the pause. True if it changed."""
@@ -297,23 +297,27 @@ class SpeechSegmenter:
             whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
             if self.canceller.share_between(began_ns, until_ns) is None:
                 # The robot's own speech synthesis: its reported times are not from samples.
-                self._tell_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
+                self._show_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
         if not turn.told:
             return
         if self._of_wizard:
             # No further report after it: only the newest is retained, and this one has all words.
             turn.turn_over = 1.0
-            self._tell_hearing(turn)
+            self._report_hearing(turn)
             return
         if not text:
-            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were made out in it"))
+            self._report_utterance(
+                turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were made out in it")
+            )
         elif robots:
-            self._tell_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice"))
+            self._report_utterance(
+                turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice")
+            )
         else:
             if turn.voice_began_ns != turn.told_began_ns:
                 began = UtteranceCorrected(self._until_ns, turn.turn_id, start_ns=turn.voice_began_ns, actor=CONSOLE)
                 self._tell(began)
-            self._tell_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
+            self._report_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
             self._finished.append(_Finished(turn.turn_id, text, turn.voice_began_ns))
         if self._turn is None:
             self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
@@ -358,7 +362,7 @@ class SpeechSegmenter:
         )
         return robots >= _ROBOTS_WORDS
 
-    def _tell_utterance(
+    def _report_utterance(
         self, turn: HeardTurn, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""
     ) -> None:
         if self._of_wizard:
@@ -372,7 +376,7 @@ class SpeechSegmenter:
             )
         )  # fmt: skip
 
-    def _tell_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
+    def _show_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
         """Report measured start and end times of the robot's utterances."""
         for utterance_id, begins, ends in whole:
             start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
@@ -381,12 +385,12 @@ class SpeechSegmenter:
                     UtteranceCorrected(self._until_ns, utterance_id, start_ns=start_ns, end_ns=end_ns, actor=CONSOLE)
                 )
 
-    def _tell_beginning(self, turn: HeardTurn) -> None:
+    def _report_beginning(self, turn: HeardTurn) -> None:
         turn.told, turn.told_began_ns = True, turn.voice_began_ns
-        self._tell_utterance(turn, "started", turn.voice_began_ns)
-        self._tell_hearing(turn)
+        self._report_utterance(turn, "started", turn.voice_began_ns)
+        self._report_hearing(turn)
 
-    def _tell_hearing(self, turn: HeardTurn) -> None:
+    def _report_hearing(self, turn: HeardTurn) -> None:
         if not turn.told:
             return
         speaking = turn is self._turn and self._turns.speaking

@@ -27,7 +27,7 @@ class TurnModel:
 
     def __init__(self, session: object) -> None:
         self._session = session
-        self._bands = _mel_bands()
+        self._bands = _mel_filters()
         self._window = np.hanning(_WINDOW + 1)[:-1]
 
     def turn_over(self, turn: NDArray[np.float32]) -> float:
@@ -50,7 +50,7 @@ class TurnModel:
         return np.asarray((log + 4.0) / 4.0, np.float32)
 
 
-def _mel_bands() -> NDArray[np.float64]:
+def _mel_filters() -> NDArray[np.float64]:
     """Mel filter bank, Slaney's scale with equal areas; shape (bands, frequencies of the spectrum)."""
     edges = _hz(np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2))
     frequencies = np.linspace(0, RATE_HZ / 2, _WINDOW // 2 + 1)

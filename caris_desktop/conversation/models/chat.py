@@ -360,11 +360,11 @@ async def _raise_status(endpoint: ModelEndpoint, request: Request, response: "ht
         raise _LeaveOutError(refused)
     failure = failures.of_status(endpoint, response.status_code, detail)
     if response.status_code in _BUSY:
-        raise _TryAgainError(failure, _told_wait_s(response.headers.get("retry-after", ""), body))
+        raise _TryAgainError(failure, _reported_wait_s(response.headers.get("retry-after", ""), body))
     raise failure
 
 
-def _told_wait_s(header: str, body: dict[str, Any]) -> float | None:
+def _reported_wait_s(header: str, body: dict[str, Any]) -> float | None:
     """Server's wait in seconds: from a header in seconds or as a date, or from Gemini's error details."""
     if header.strip().isdecimal():
         return float(header)

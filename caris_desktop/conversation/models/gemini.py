@@ -13,7 +13,7 @@ from caris_desktop.conversation.models.question import (
     Question,
     Request,
     Schema,
-    told_name,
+    recorded_name,
 )
 
 _ROLES = {"user": "user", "assistant": "model"}
@@ -76,7 +76,7 @@ def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> 
     candidates = message.get("candidates") or []
     if not isinstance(candidates, list):
         raise unusable(endpoint, "a message has no candidates")
-    version = told_name(endpoint, message.get("modelVersion"), key)
+    version = recorded_name(endpoint, message.get("modelVersion"), key)
     if not candidates:
         return Chunk(version=version)
     candidate = candidates[0]

@@ -7,7 +7,7 @@ from typing import Any
 from caris_desktop.conversation.models.connection import api_key, connected
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.question import told_name
+from caris_desktop.conversation.models.question import recorded_name
 from caris_desktop.conversation.models.stream import small_object
 
 _log = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ async def model_version(endpoint: ModelEndpoint, *, local_only: bool) -> str:
         return _listed_digest(endpoint, listed)
     loaded = listed.get("data")
     first = loaded[0] if isinstance(loaded, list) and loaded else None
-    return told_name(endpoint, first.get("id")) if isinstance(first, dict) else ""
+    return recorded_name(endpoint, first.get("id")) if isinstance(first, dict) else ""
 
 
 async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ async def models_here(endpoint: ModelEndpoint) -> tuple[str, ...]:
     models = listed.get("models" if endpoint.provider == "ollama" else "data")
     key = "name" if endpoint.provider == "ollama" else "id"
     names = [
-        told_name(endpoint, model.get(key))
+        recorded_name(endpoint, model.get(key))
         for model in (models if isinstance(models, list) else ())
         # Aliases of Ollama's cloud models are not local.
         if isinstance(model, dict) and not (model.get("remote_host") or model.get("remote_model"))

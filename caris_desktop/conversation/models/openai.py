@@ -17,7 +17,7 @@ from caris_desktop.conversation.models.question import (
     Question,
     Request,
     Schema,
-    told_name,
+    recorded_name,
 )
 from caris_desktop.domain.translation import QT_TR_NOOP
 
@@ -77,7 +77,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 
 def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> Chunk:
     """Parse a message of the stream, or a complete answer without streaming. Raises LanguageModelError."""
-    version = _told_version(endpoint, message, key)
+    version = _reported_version(endpoint, message, key)
     choices = message.get("choices")
     if not choices:
         return Chunk(version=version)  # usage or filter results
@@ -117,11 +117,11 @@ def refuses_schema(request: Request, status: int, said: str) -> bool:
     )
 
 
-def _told_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
+def _reported_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
     """Model and fingerprint from a message of the stream."""
-    told = [told_name(endpoint, message.get("model"), key)]
+    told = [recorded_name(endpoint, message.get("model"), key)]
     if endpoint.provider != "embedded":  # the fingerprint of the embedded build has no information
-        told.append(told_name(endpoint, message.get("system_fingerprint"), key))
+        told.append(recorded_name(endpoint, message.get("system_fingerprint"), key))
     return " ".join(part for part in told if part)
 
 

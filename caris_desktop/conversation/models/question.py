@@ -68,7 +68,7 @@ class Chunk:
     why: str = ""
 
 
-def told_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
+def recorded_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
     """Model name from a server, sanitised for the record: no key, no address, only the last part of a path."""
     if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
         return ""

@@ -65,7 +65,7 @@ class ReplyGrounds:
     people: Sequence[str] = ()
 
 
-def turns_told(turns: Iterable[Turn]) -> list[Turn]:
+def reported_turns(turns: Iterable[Turn]) -> list[Turn]:
     """Newest turns that the model gets.
 
     Old turns are dropped in groups: dropping one per turn would invalidate the prompt cache each time.

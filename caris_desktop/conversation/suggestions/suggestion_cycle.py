@@ -148,7 +148,7 @@ class SuggestionCycle:
         from_ns = now_ns + TO_READ_NS if now_ns - self._gone_ns < TO_READ_NS else 0
         card = Suggested(self._new_id(), begun.turn_id, begun.revision, rank, text, model, now_ns, from_ns)
         self.cards = (*self.cards, card)
-        self._tell(card, "displayed", now_ns, latency_ms=(now_ns - current.voice_ended_ns) / 1e6)
+        self._notify(card, "displayed", now_ns, latency_ms=(now_ns - current.voice_ended_ns) / 1e6)
         return True
 
     # Outcomes
@@ -163,7 +163,7 @@ class SuggestionCycle:
     def take(self, card: Suggested, said: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
         """``card`` was said, unchanged or edited, which supersedes the others."""
         distance = characters_changed(card.text, said)
-        self._tell(
+        self._notify(
             card, "edited" if distance else "taken", now_ns,
             edit_distance=distance or None, utterance_id=utterance_id, actor=actor,
         )  # fmt: skip
@@ -261,14 +261,14 @@ class SuggestionCycle:
         if self.round is None:
             return
         for card in self.cards:
-            self._tell(card, fate, now_ns, actor=actor)
+            self._notify(card, fate, now_ns, actor=actor)
         if self.cards:
             self._gone_ns = now_ns
         self.cards = ()
         self.round = None
         self._follower.drop(why)
 
-    def _tell(
+    def _notify(
         self,
         card: Suggested,
         state: SuggestionState,

@@ -79,7 +79,7 @@ class AlarmsService(Service):
         met = self._met_robot == (link.robot, link.address)
         found = conditions(state, self._book.causes(), met_robot=met)
         self._book.look(tuple(found), endings(state), now_ns)
-        self._tell()
+        self._notify()
 
     def dismiss(self, asked: intents.DismissAlarm) -> None:
         if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
@@ -87,7 +87,7 @@ class AlarmsService(Service):
                 tr("That is still wrong, or it is over already."), tr("Nothing was changed."),
                 tr("What ends by itself leaves the list when it is over."), severity="warning",
             )  # fmt: skip
-        self._tell()
+        self._notify()
 
     def stop(self) -> None:
         self._again.stop()
@@ -97,19 +97,19 @@ class AlarmsService(Service):
         self.look()
 
     def _on_session_started(self, _session: SessionStarted) -> None:
-        self._book.tell_all(self._now_ns())
-        self._tell()
+        self._book.report_all(self._now_ns())
+        self._notify()
 
     def _on_recording_paused(self, event: RecordingPaused) -> None:
         """On resuming, record again what is still wrong."""
         if not event.paused:
-            self._book.tell_all(self._now_ns())
-            self._tell()
+            self._book.report_all(self._now_ns())
+            self._notify()
 
     def _on_changed(self, _value: object) -> None:
         self.look()
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         for change in self._book.take_changes():
             self._publish(change)
         self._state.alarms.set(self._book.alarms)

@@ -26,7 +26,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.exchanges import Exchanges
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
-from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.process_manager import ProcessManager, reported_here
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
@@ -205,7 +205,7 @@ class AssistantService(Service):
             self._send(exchange_id, question, asked, [])
 
     def _send(self, exchange_id: str, question: str, asked: intents.Ask, jpegs: Sequence[bytes]) -> None:
-        what = self._may_tell()
+        what = self._may_report()
         settings = self._scenario.assistant
         self._exchanges.ask(
             exchange_id,
@@ -218,7 +218,7 @@ class AssistantService(Service):
             jpegs=jpegs,
         )
 
-    def _may_tell(self) -> AssistantPeople:
+    def _may_report(self) -> AssistantPeople:
         return self._scenario.assistant.people if self._scenario.permissions.naming_people else "numbers"
 
     def _messages(
@@ -243,13 +243,13 @@ class AssistantService(Service):
             )
         if asked.model != self._setup.model:
             self._setup.model = asked.model
-            self._tell("model", asked.model, "", asked.actor)
+            self._notify("model", asked.model, "", asked.actor)
             self._use_chosen()
 
     def _choose_prompt(self, asked: intents.ChoosePrompt) -> None:
         self._check_prompt(asked.kind, asked.name)
         self._setup.choose(asked.kind, asked.name)
-        self._tell(asked.kind, asked.name, self._setup.text_of(asked.kind, asked.name), asked.actor)
+        self._notify(asked.kind, asked.name, self._setup.text_of(asked.kind, asked.name), asked.actor)
 
     def _edit_prompt(self, asked: intents.EditPrompt) -> None:
         if asked.kind in ("role", "style"):
@@ -264,7 +264,7 @@ class AssistantService(Service):
                 severity="warning",
             )  # fmt: skip
         self._setup.edit(asked.kind, asked.name, text)
-        self._tell(asked.kind, asked.name, text, asked.actor)
+        self._notify(asked.kind, asked.name, text, asked.actor)
 
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
@@ -278,11 +278,11 @@ class AssistantService(Service):
     def _reset(self, asked: intents.ResetPrompts) -> None:
         before = self._setup.model
         self._setup.reset()
-        self._tell("reset", "", "", asked.actor)
+        self._notify("reset", "", "", asked.actor)
         if self._setup.model != before:
             self._use_chosen()
 
-    def _tell(self, setting: Setting, name: str, text: str, actor: Actor) -> None:
+    def _notify(self, setting: Setting, name: str, text: str, actor: Actor) -> None:
         self._bus.publish(AssistantChanged(clock.now_ns(), setting, name, text, actor))
         self._show_setup()
 
@@ -299,7 +299,7 @@ class AssistantService(Service):
                 server="" if where == _here() else where,
                 models=models,
                 pictures=pictures,
-                parts=self._context.parts(self._may_tell(), setup.notes),
+                parts=self._context.parts(self._may_report(), setup.notes),
             )
         )
 
@@ -363,7 +363,7 @@ class AssistantService(Service):
                 if self._asks_embedded():
                     self._use_endpoint()
             case EmbeddedFailed(problem):
-                self._bus.publish(told_here(problem))
+                self._bus.publish(reported_here(problem))
                 if self._asks_embedded():
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
 
@@ -375,11 +375,11 @@ class AssistantService(Service):
             return  # replaced while its exit was being reported
         self._server = self._server_url = None
         if self._asks_embedded():
-            self._restarts.after_end(self._tell_server_ended, self._use_chosen)
+            self._restarts.after_end(self._report_server_ended, self._use_chosen)
         else:
             self._restarts.another()
 
-    def _tell_server_ended(self, advice: str) -> None:
+    def _report_server_ended(self, advice: str) -> None:
         self._exchanges.show_status(AssistantStatus(state="failed", detail=QT_TR_NOOP("The language model stopped.")))
         self._bus.problem(
             "warning",

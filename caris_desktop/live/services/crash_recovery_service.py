@@ -74,7 +74,7 @@ class CrashRecoveryService(Service):
         """The step of the protocol in which the next recording goes on; empty where none broke off in one."""
         self._kept: UnfinishedTrial | None = None
         self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
-        self._soon.timeout.connect(self._keep)
+        self._soon.timeout.connect(self._persist)
         self._told_to_end = False
         self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)
         self._shut_down_soon.timeout.connect(self._on_not_shut_down)
@@ -95,7 +95,7 @@ class CrashRecoveryService(Service):
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._scenario, scenario
         status: CrashRecoveryStatus = self._state.going_on.value
-        if status.state in ("unconfirmed", "confirmed") and (before is None or _keeps(before) != _keeps(scenario)):
+        if status.state in ("unconfirmed", "confirmed") and (before is None or _stores(before) != _stores(scenario)):
             # The confirmation was given for another scenario.
             left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
             self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
@@ -105,7 +105,7 @@ class CrashRecoveryService(Service):
             found = unfinished_trial.take_newest(self._parts.folder, self._parts.study)
             return (found, self._parts.details(found.session)) if found is not None else None
 
-        self._slow_work.do(_told(work), self._on_found, _tell)
+        self._slow_work.do(_told(work), self._on_found, _notify)
 
     def end(self) -> None:
         """Called when the recording has ended normally."""
@@ -131,7 +131,7 @@ class CrashRecoveryService(Service):
         self._told_to_end = False
         if self._kept is not None:
             self._kept = None
-            self._keep()
+            self._persist()
 
     def standing(self, now_ns: int) -> list[Event]:
         """Initial events in the recording of a resumed trial."""
@@ -145,11 +145,11 @@ class CrashRecoveryService(Service):
         if status.state in ("recording", "paused"):
             if self._kept is None:
                 self._state.going_on.set(CrashRecoveryStatus())
-                self._keep()
+                self._persist()
         elif status.state in ("idle", "failed") and self._kept is not None:
             self._kept = None
             self._soon.stop()
-            self._slow_work.do(_told(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _tell)
+            self._slow_work.do(_told(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify)
             self._over()
 
     def _over(self) -> None:
@@ -161,7 +161,7 @@ class CrashRecoveryService(Service):
         if self._kept is not None and not self._soon.isActive():
             self._soon.start()
 
-    def _keep(self) -> None:
+    def _persist(self) -> None:
         state, scenario, connection = self._state, self._scenario, self._robot.connection
         folder: Path | None = state.recording.value.folder
         if folder is None or self._told_to_end:
@@ -176,7 +176,7 @@ class CrashRecoveryService(Service):
         )
         if trial != self._kept:
             self._kept = trial
-            self._slow_work.do(_told(lambda: self._write(trial)), lambda _done: None, _tell)
+            self._slow_work.do(_told(lambda: self._write(trial)), lambda _done: None, _notify)
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread
         if not self._told_to_end:
@@ -264,7 +264,7 @@ class CrashRecoveryService(Service):
         self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
 
 
-def _keeps(scenario: Scenario) -> tuple[object, ...]:
+def _stores(scenario: Scenario) -> tuple[object, ...]:
     """Permissions to record, and to pass data to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
 
@@ -279,6 +279,6 @@ def _told(work: Callable[[], T]) -> Callable[[], T]:
     return run
 
 
-def _tell(failure: UserFacingError) -> None:
+def _notify(failure: UserFacingError) -> None:
     # No session data is lost: the log suffices.
     _log.warning("%s %s", failure.what, failure.meaning)

@@ -99,7 +99,7 @@ class FaceService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.UseFace: lambda asked: self._use(asked.face, asked.actor),
-            intents.KeepFace: self._keep,
+            intents.KeepFace: self._persist,
             intents.ShowExpression: self._express,
             intents.ShowOnFace: self._show_on_face,
             intents.ShowFaceWindow: self._show_window,
@@ -132,7 +132,7 @@ class FaceService(Service):
         self._voices.clear()
         self._state.face.set(FaceStatus())
         self._shown = None
-        self._state.face_drawing.set_anew(None)
+        self._state.face_drawing.reset_value(None)
 
     # Face and contents
 
@@ -143,11 +143,11 @@ class FaceService(Service):
             if self._wanted == name:
                 self._begin_with(face, actor)
 
-        self._slow_work.do(lambda: self._load(name), loaded, self._tell)
+        self._slow_work.do(lambda: self._load(name), loaded, self._notify)
 
-    def _keep(self, asked: intents.KeepFace) -> None:
+    def _persist(self, asked: intents.KeepFace) -> None:
         face = parse_face(asked.content, file_name=tr("The face"), name=asked.name)
-        self._slow_work.do(lambda: self._save(face), lambda _path: self._use(asked.name, asked.actor), self._tell)
+        self._slow_work.do(lambda: self._save(face), lambda _path: self._use(asked.name, asked.actor), self._notify)
 
     def _begin_with(self, face: Face, actor: Actor) -> None:
         if self._motion is None:
@@ -228,7 +228,7 @@ class FaceService(Service):
             )
         return self._motion
 
-    def _tell(self, failure: UserFacingError) -> None:
+    def _notify(self, failure: UserFacingError) -> None:
         self._bus.answer(failure)
         if self._face is None and isinstance(failure, FaceError) and self._wanted != DEFAULT_FACE:
             self._use(DEFAULT_FACE, CONSOLE)
@@ -267,15 +267,15 @@ class FaceService(Service):
                 if self._shown is not None:
                     page.show(self._shown)
             case PageFailed(why):
-                self._tell_not_served(tr("The page with the face cannot be served ({error}).").format(error=why))
+                self._report_not_served(tr("The page with the face cannot be served ({error}).").format(error=why))
             case PagesOpen(pages) if pages != self._state.face.value.pages:
                 self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
     def _on_page_ended(self, page: "FacePageProcess") -> None:
         if page is self._page:
-            self._tell_not_served(tr("The page with the face has ended by itself."))
+            self._report_not_served(tr("The page with the face has ended by itself."))
 
-    def _tell_not_served(self, what: str) -> None:
+    def _report_not_served(self, what: str) -> None:
         self._close_page()
         self._bus.answer(
             UserFacingError(
@@ -342,12 +342,12 @@ class FaceService(Service):
         box = next((one for one in people.boxes if one.person_id == meant), None)
         box = box or max(people.boxes, key=lambda one: one.height_px, default=None)
         if box is None or not people.frame_width_px or not people.frame_height_px:
-            self._motion.look_to(0.0, 0.0)
+            self._motion.turn_gaze_to(0.0, 0.0)
         else:
             middle = (box.left_px + box.width_px / 2) / people.frame_width_px
             eyes = (box.top_px + _HEAD_SHARE * box.height_px) / people.frame_height_px
             # The left of the camera picture is the robot's left, which is the right of its screen.
-            self._motion.look_to(1.0 - 2.0 * middle, 1.0 - 2.0 * eyes)
+            self._motion.turn_gaze_to(1.0 - 2.0 * middle, 1.0 - 2.0 * eyes)
         self._move()
 
     def _on_frame(self, frame: FrameRef) -> None:
@@ -357,7 +357,7 @@ class FaceService(Service):
         image_bgr = self._frames.read(frame)
         if image_bgr is not None:
             self._shown = None
-            self._state.face_drawing.set_anew(image_bgr)
+            self._state.face_drawing.reset_value(image_bgr)
             if self._page is not None:
                 self._page.show(image_bgr)
 
@@ -391,7 +391,7 @@ class FaceService(Service):
     def _show(self, shown: Drawing | bytes) -> None:
         if shown != self._shown:
             self._shown = shown
-            self._state.face_drawing.set_anew(shown)
+            self._state.face_drawing.reset_value(shown)
             if self._page is not None:
                 self._page.show(shown)
 

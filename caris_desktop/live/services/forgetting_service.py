@@ -128,7 +128,7 @@ class ForgettingService(Service):
             self._bus.problem("error", tr(what), tr(meaning), tr(advice), cause="forgetting")
         else:
             self._forget_here()
-            self._tell(ended.outcome)
+            self._notify(ended.outcome)
 
     def _forget_here(self) -> None:
         """Erase in-memory data after the database."""
@@ -138,7 +138,7 @@ class ForgettingService(Service):
             # Without perception nothing is in memory.
             self._bus.publish(PersonForgotten(clock.now_ns(), self._asked.person_id, self._asked.actor))
 
-    def _tell(self, outcome: Forgotten) -> None:
+    def _notify(self, outcome: Forgotten) -> None:
         if outcome.review is not None:
             places = tr("1 place") if outcome.waiting == 1 else tr("%n places", "", outcome.waiting)
             self._bus.problem(

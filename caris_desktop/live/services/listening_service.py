@@ -28,7 +28,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.listening_feed import ListeningFeed
-from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.process_manager import ProcessManager, reported_here
 from caris_desktop.live.service import Follows, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
@@ -93,7 +93,7 @@ class ListeningService(Service):
         told = scenario.listening
         self._silence = UseSilence(told.silence_at_least_s, told.silence_at_most_s)
         if wanted == self._wanted:
-            self._tell_silence()
+            self._report_silence()
             if self._soon.isActive():
                 self._soon.start()
             return
@@ -129,11 +129,11 @@ class ListeningService(Service):
             case RecogniserAway(problem):
                 status: ListeningStatus = self._state.listening.value
                 self._state.listening.set(ListeningStatus("failed", status.model, status.language, problem.what))
-                self._bus.publish(told_here(problem))
+                self._bus.publish(reported_here(problem))
             case RecogniserFailed(problem):
                 self._to_recogniser = None
                 self._state.listening.set(ListeningStatus("failed", detail=problem.what))
-                self._bus.publish(told_here(problem))
+                self._bus.publish(reported_here(problem))
 
     def _on_microphone_changed(self, _status: object) -> None:
         self._begin()
@@ -159,9 +159,9 @@ class ListeningService(Service):
         self._state.listening.set(ListeningStatus("loading"))
         self._child = self._children.start(self._wanted, ended=self._on_ended, heard=self.on_heard)
         self._feed = ListeningFeed(self._child, self._bus.publish)
-        self._tell_silence()
+        self._report_silence()
 
-    def _tell_silence(self) -> None:
+    def _report_silence(self) -> None:
         if self._feed is not None:
             self._feed.put(pickle.dumps(self._silence, protocol=pickle.HIGHEST_PROTOCOL))
 
@@ -181,9 +181,9 @@ class ListeningService(Service):
             return
         self._feed.end()
         self._child = self._feed = self._to_recogniser = None
-        self._restarts.after_end(self._tell_ended, self._begin)
+        self._restarts.after_end(self._report_ended, self._begin)
 
-    def _tell_ended(self, advice: str) -> None:
+    def _report_ended(self, advice: str) -> None:
         self._bus.problem(
             "warning",
             tr("Turning speech into text stopped unexpectedly."),

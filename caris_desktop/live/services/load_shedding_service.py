@@ -146,12 +146,12 @@ class LoadLevels:
         if self.step < worth:
             if since_ns >= _STEP_AFTER_NS:
                 self._go(self.step + 1, now_ns)
-        elif since_ns >= _BACK_AFTER_NS and self.step > self._kept:
+        elif since_ns >= _BACK_AFTER_NS and self.step > self._stored:
             self._go(self.step - 1, now_ns)
         return self.step
 
     @property
-    def _kept(self) -> int:
+    def _stored(self) -> int:
         """Lowest level that the samples permit."""
         if not (self._stalls.in_time and self._frames.in_time):
             return self.step
@@ -250,6 +250,6 @@ class LoadSheddingService(Service):
     def _apply(self) -> None:
         number, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
         step = steps[number]
-        self._people.look_at_most_every(steps[max(number, self._waited_for())].look_every_s)
+        self._people.limit_detection_rate(steps[max(number, self._waited_for())].look_every_s)
         self._bus.pass_at_most_every(panels_s=step.panels_every_s, picture_s=step.picture_every_s)
         self._state.load.set(LoadStatus(number, step.detail))

@@ -54,25 +54,25 @@ class MarksService(Service):
     def mark(self, asked: intents.Mark) -> None:
         now_ns = clock.now_ns()
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS) if asked.earlier_s > 0 else None
-        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, actor=asked.actor))
+        self._persist(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, actor=asked.actor))
 
     def begin(self, asked: intents.BeginMark) -> None:
         now_ns = clock.now_ns()
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
-        self._keep(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
+        self._persist(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
 
     def stretch(self, asked: intents.StretchMark) -> None:
         """Turn the moment into an open interval."""
         mark = self._marks.get(asked.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
             now_ns = clock.now_ns()
-            self._keep(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=asked.actor))
+            self._persist(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=asked.actor))
 
     def end_mark(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.get(mark_id)
         if mark is not None and mark.state == "open":
             now_ns = clock.now_ns()
-            self._keep(replace(mark, stamp_ns=now_ns, end_ns=now_ns, state="done", actor=actor))
+            self._persist(replace(mark, stamp_ns=now_ns, end_ns=now_ns, state="done", actor=actor))
 
     def end_all(self, actor: Actor = CONSOLE) -> None:
         """End all open intervals with the session."""
@@ -86,14 +86,14 @@ class MarksService(Service):
         start_ns = _moment_ns(mark) - round(asked.earlier_s * _NANOSECONDS)
         label = mark.label if asked.label is None else asked.label
         # The stamp becomes the time of the change.
-        self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=asked.actor))
+        self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=asked.actor))
 
     def withdraw(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.pop(mark_id, None)
         if mark is None:
             return
         self._withdrawn[mark_id] = mark
-        self._tell(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=actor))
+        self._notify(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=actor))
         self._show(None)
 
     def add_note(self, asked: intents.AddNote) -> None:
@@ -105,14 +105,14 @@ class MarksService(Service):
             )  # fmt: skip
         now_ns = clock.now_ns()
         at_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
-        self._keep(Marked(now_ns, "", "note", asked.note_id, at_ns, note=text, actor=asked.actor))
+        self._persist(Marked(now_ns, "", "note", asked.note_id, at_ns, note=text, actor=asked.actor))
 
     def write_note(self, note_id: str, text: str, actor: Actor) -> None:
         mark = self._of_this_session(note_id)
         if mark.kind == "note":
             text = _written(text)
         at_ns = _moment_ns(mark)
-        self._keep(replace(mark, stamp_ns=clock.now_ns(), start_ns=at_ns, note=" ".join(text.split()), actor=actor))
+        self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=at_ns, note=" ".join(text.split()), actor=actor))
 
     def remove_note(self, asked: intents.RemoveNote) -> None:
         if self._of_this_session(asked.note_id).kind == "note":
@@ -123,7 +123,7 @@ class MarksService(Service):
     def restore_note(self, asked: intents.RestoreNote) -> None:
         note = self._withdrawn.pop(asked.note_id, None)
         if note is not None:
-            self._keep(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=asked.actor))
+            self._persist(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=asked.actor))
 
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)
@@ -134,12 +134,12 @@ class MarksService(Service):
             )  # fmt: skip
         return mark
 
-    def _keep(self, mark: Marked) -> None:
+    def _persist(self, mark: Marked) -> None:
         self._marks[mark.mark_id] = mark
-        self._tell(mark)
+        self._notify(mark)
         self._show(mark)
 
-    def _tell(self, mark: Marked) -> None:
+    def _notify(self, mark: Marked) -> None:
         self._publish(mark)
         known = any(earlier.mark_id == mark.mark_id for earlier in self._of_notes)
         if known or mark.kind == "note" or mark.note:

@@ -74,7 +74,7 @@ class PeopleService(Service):
         state.robot.changed.connect(self._on_cameras_changed)
         state.own_cameras.changed.connect(self._on_cameras_changed)
         state.camera.changed.connect(self._on_camera_changed)
-        state.going_on.changed.connect(self._on_going_on_changed)
+        state.going_on.changed.connect(self._on_crash_recovery_changed)
         state.practice.changed.connect(self._on_practice_changed)
         bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
@@ -106,7 +106,7 @@ class PeopleService(Service):
                 self._worker.use_body(self._placed(self._inference))
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
-            self._worker.look_to_cover(self._cover)
+            self._worker.request_for_blurring(self._cover)
 
     def _placed(self, body: ProcessSpec) -> ProcessSpec:
         return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
@@ -131,10 +131,10 @@ class PeopleService(Service):
         worker.moveToThread(self._thread)
         worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)
         worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
-        worker.history_found.connect(self._state.person_history.set_anew, Qt.ConnectionType.QueuedConnection)
+        worker.history_found.connect(self._state.person_history.reset_value, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
-        worker.look_to_cover(self._cover)
+        worker.request_for_blurring(self._cover)
         worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
         worker.practise(_is_practice(self._state.practice.value))
         self._thread.started.connect(worker.run)
@@ -159,10 +159,10 @@ class PeopleService(Service):
         if self._worker is not None and not self._thread.wait(_ENDS_WITHIN_MS):
             _log.error("the perception thread did not end")
 
-    def look_at_most_every(self, seconds: float) -> None:
+    def limit_detection_rate(self, seconds: float) -> None:
         """Set the minimum interval between detections; 0 for none."""
         if self._worker is not None:
-            self._worker.look_at_most_every(seconds)
+            self._worker.limit_detection_rate(seconds)
 
     def forget_robot(self) -> None:
         """Reset for another robot with other cameras: nobody is present."""
@@ -218,7 +218,7 @@ class PeopleService(Service):
         if self._worker is not None:
             self._worker.show_camera(name)
 
-    def _on_going_on_changed(self, status: CrashRecoveryStatus) -> None:
+    def _on_crash_recovery_changed(self, status: CrashRecoveryStatus) -> None:
         if self._worker is not None:
             self._worker.ask_consents_again("consent" in status.unconfirmed)
 

@@ -147,7 +147,7 @@ class PhotosService(Service):
 
         def done(entry: PhotoEntry | None) -> None:
             if entry is not None and entry.file_name not in self._kept:
-                self._keep(_Kept(entry, self._study, of_session=False))
+                self._persist(_Kept(entry, self._study, of_session=False))
             self._read_next(names[1:])
 
         self._slow_work.do(lambda: _earlier(self._study, names[0]), done, self._bus.answer)
@@ -160,7 +160,7 @@ class PhotosService(Service):
         def done(shown: PhotoEntry) -> None:
             if of_session and folder != self._session:
                 return  # of a session that has ended meanwhile
-            self._keep(_Kept(shown, folder, of_session))
+            self._persist(_Kept(shown, folder, of_session))
 
         self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._bus.answer)
 
@@ -184,7 +184,7 @@ class PhotosService(Service):
             lie_aside = [self._lies_aside(kept) for kept in gone]
             self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._bus.answer)
 
-    def _keep(self, kept: _Kept) -> None:
+    def _persist(self, kept: _Kept) -> None:
         self._kept[kept.entry.file_name] = kept
         self._show()
 
@@ -192,7 +192,7 @@ class PhotosService(Service):
         """Update an entry in its current state: it may have changed or be gone."""
         kept = self._kept.get(file_name)
         if kept is not None:
-            self._keep(replace(kept, entry=replace(kept.entry, **changes)))
+            self._persist(replace(kept, entry=replace(kept.entry, **changes)))
 
     def _show(self) -> None:
         entries = (kept.entry for kept in self._kept.values()) if self._permitted else ()

@@ -198,14 +198,14 @@ class PracticeService(Service):
             return
         ended = self._practice.take(value, self._now_s())
         if ended is not None:
-            self._tell(ended, getattr(value, "actor", "") or CONSOLE)
+            self._notify(ended, getattr(value, "actor", "") or CONSOLE)
 
     def _skip(self, actor: Actor) -> None:
         ended = self._practice.skip(self._now_s()) if self._practice is not None else None
         if ended is not None:
-            self._tell(ended, actor)
+            self._notify(ended, actor)
 
-    def _tell(self, ended: EndedStep, actor: Actor) -> None:
+    def _notify(self, ended: EndedStep, actor: Actor) -> None:
         practice = self._practice
         if practice is None:
             return

@@ -60,7 +60,7 @@ class PreflightService(Service):
         self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
         self._timer.timeout.connect(self.look)
         self._disk_timer = QTimer(self, interval=_DISK_EVERY_MS)
-        self._disk_timer.timeout.connect(self._look_at_disk)
+        self._disk_timer.timeout.connect(self._check_disk)
         for value in (state.link, state.recording):
             value.changed.connect(self.look)
         self._emergency_stop = state.drive.value.emergency_stop
@@ -82,13 +82,13 @@ class PreflightService(Service):
         if before is not None and before.path != scenario.path:
             self._reset("")
         if self._disk_timer.isActive():
-            self._look_at_disk()
+            self._check_disk()
         self.look()
 
     def start(self) -> None:
         self._timer.start()
         self._disk_timer.start()
-        self._look_at_disk()
+        self._check_disk()
 
     def stop(self) -> None:
         self._timer.stop()
@@ -211,7 +211,7 @@ class PreflightService(Service):
             self._loud = True
             self.look()
 
-    def _look_at_disk(self) -> None:
+    def _check_disk(self) -> None:
         scenario = self._scenario
         if scenario is not None and self._state.recording.value.state not in IN_SESSION:
             self._slow_work.do(lambda: self._disk_of(scenario), self._on_disk_looked_at, lambda _failure: None)

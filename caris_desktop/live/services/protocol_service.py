@@ -36,11 +36,13 @@ class ProtocolService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.NextStep: lambda asked: self._tell(self._walk.next(clock.now_ns(), asked.actor)),
-            intents.PreviousStep: lambda asked: self._tell(self._walk.back(clock.now_ns(), asked.actor)),
-            intents.SkipStep: lambda asked: self._tell(self._walk.skip(clock.now_ns(), asked.actor)),
-            intents.TakeBranch: lambda asked: self._tell(self._walk.branch(asked.branch, clock.now_ns(), asked.actor)),
-            intents.GoToStep: lambda asked: self._tell(self._walk.choose(asked.step_id, clock.now_ns(), asked.actor)),
+            intents.NextStep: lambda asked: self._notify(self._walk.next(clock.now_ns(), asked.actor)),
+            intents.PreviousStep: lambda asked: self._notify(self._walk.back(clock.now_ns(), asked.actor)),
+            intents.SkipStep: lambda asked: self._notify(self._walk.skip(clock.now_ns(), asked.actor)),
+            intents.TakeBranch: lambda asked: self._notify(
+                self._walk.branch(asked.branch, clock.now_ns(), asked.actor)
+            ),
+            intents.GoToStep: lambda asked: self._notify(self._walk.choose(asked.step_id, clock.now_ns(), asked.actor)),
             intents.TickItem: self._tick,
         }
 
@@ -53,7 +55,7 @@ class ProtocolService(Service):
             self._walk.pause(self._since_pause is not None, clock.now_ns())
         self._walk.follow(steps)
         if steps != known:
-            self._tell(self._walk.opened(clock.now_ns()), shown=False)
+            self._notify(self._walk.opened(clock.now_ns()), shown=False)
         if another and self._in_session:
             self._begin(CONSOLE, shown=False)
         self._show()
@@ -65,7 +67,7 @@ class ProtocolService(Service):
         self._in_session, self._since_pause = True, None
         if self._walk.has(step_id):
             self._walk = ProtocolRun(self._walk.steps)
-            self._tell(self._walk.choose(step_id, clock.now_ns(), actor))
+            self._notify(self._walk.choose(step_id, clock.now_ns(), actor))
         else:
             self._begin(actor)
 
@@ -98,14 +100,14 @@ class ProtocolService(Service):
             self._walk = ProtocolRun(self._scenario.protocol.steps)
             self._walk.pause(self._since_pause is not None, clock.now_ns())
             if self._walk.steps:
-                self._tell(self._walk.start(clock.now_ns(), actor), shown=shown)
+                self._notify(self._walk.start(clock.now_ns(), actor), shown=shown)
 
     def _tick(self, asked: intents.TickItem) -> None:
         event = self._walk.tick(asked.item, asked.on, clock.now_ns(), asked.actor)
         if event is not None:
-            self._tell(event)
+            self._notify(event)
 
-    def _tell(self, event: ProtocolEvent, *, shown: bool = True) -> None:
+    def _notify(self, event: ProtocolEvent, *, shown: bool = True) -> None:
         """Publish an event; ``shown``: update the state, once after several events."""
         if isinstance(event, StepEntered):
             self._entered = event

@@ -107,7 +107,7 @@ class RecordingService(Service):
     def start(self) -> None:
         self._started = True
         self._recorder.start()
-        self._tell_consents()
+        self._report_consents()
         if self._scenario is not None:
             self._offer_markers(self._scenario)
 
@@ -275,7 +275,7 @@ class RecordingService(Service):
             if self._started:
                 self._feed.request(consents)
 
-    def _tell_consents(self) -> None:
+    def _report_consents(self) -> None:
         """Send the consents to a new recorder, which starts without any."""
         if self._consents != UseConsents():
             self._feed.request(self._consents)
@@ -314,7 +314,7 @@ class RecordingService(Service):
             self._recorder.start()
         self._feed.use_recorder(self._recorder)
         if again:
-            self._tell_consents()
+            self._report_consents()
         if self._feed.holds and again:
             return  # the announced session begins with the new recorder
         self._feed.drop()

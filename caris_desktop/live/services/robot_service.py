@@ -292,13 +292,13 @@ class RobotService(Service):
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
         self._restarts[name].after_end(
-            lambda _advice: self._tell_ended(name),
+            lambda _advice: self._report_ended(name),
             lambda: self._restart_link(name),
             after_ms=0 if worked else _RESTART_AFTER_MS,
             within=self,
         )
 
-    def _tell_ended(self, name: str) -> None:
+    def _report_ended(self, name: str) -> None:
         self._problem(
             "warning",
             tr("The connection to the robot broke inside the console.")
@@ -362,13 +362,13 @@ class RobotService(Service):
             self._restart_link("media")
 
         media.ask_to_end()
-        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._tell_failure)
+        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._report_failure)
 
     def _forget_cameras(self, cameras: tuple[CameraTopic, ...]) -> None:
         for camera in cameras:
             self._state.forget_camera(camera.name)
 
-    def _tell_failure(self, failure: UserFacingError) -> None:
+    def _report_failure(self, failure: UserFacingError) -> None:
         self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
     # Robot messages
@@ -430,9 +430,9 @@ class RobotService(Service):
                 self.send(SetEmergencyStop(clock.now_ns(), latched=True, actor=CONSOLE))
             self._control_is_new = False
             self._offer_controls()
-            self._tell_of_timeout()
+            self._report_timeout()
 
-    def _tell_of_timeout(self) -> None:
+    def _report_timeout(self) -> None:
         """Warn once per robot: if its rosbridge dies, a base without a command timeout cannot be stopped."""
         connection = self._connection
         if connection is None or connection.profile.stops_by_itself:
@@ -511,13 +511,13 @@ class RobotService(Service):
     # Map
 
     def set_initial_pose(self, pose_in_map: Pose2D, actor: Actor = CONSOLE) -> None:
-        self._send_or_tell(
+        self._send_or_report(
             SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), tr("The robot was not told where it is.")
         )
 
     def request_map(self, operation: MapOperation, name: str = "", actor: Actor = CONSOLE) -> None:
         request_id = f"m-{secrets.token_hex(4)}"
-        self._send_or_tell(RequestMap(clock.now_ns(), request_id, operation, name, actor), tr(_MAP_WORDS[operation]))
+        self._send_or_report(RequestMap(clock.now_ns(), request_id, operation, name, actor), tr(_MAP_WORDS[operation]))
 
     # Controls
 
@@ -537,7 +537,7 @@ class RobotService(Service):
         if control is None:
             return
         request_id = f"c-{secrets.token_hex(4)}"
-        self._send_or_tell(
+        self._send_or_report(
             UseControl(clock.now_ns(), request_id, control_id, value, actor),
             tr("{control}: the robot was not asked.").format(control=control.title),
         )
@@ -553,7 +553,7 @@ class RobotService(Service):
         ]
         self._state.controls.set(tuple(one for one in every if self._driving_permitted or not one.is_motion))
 
-    def _send_or_tell(self, command: RobotCommand, what: str) -> None:
+    def _send_or_report(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
             self._problem(
                 "warning", what, tr("It is not connected, and nothing is kept for later."),

@@ -139,7 +139,7 @@ class ScenarioService(Service):
             intents.ShareScenario: self._share,
             intents.SavePlace: self._save_place,
             intents.RemovePlace: self._remove_place,
-            intents.KeepLayout: self._keep_layout,
+            intents.KeepLayout: self._store_layout,
             intents.SaveLayout: self._save_layout,
             intents.ResetLayout: self._reset_layout,
         }
@@ -287,7 +287,7 @@ class ScenarioService(Service):
 
         def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeededError | None]) -> None:
             saved, filed = outcome
-            self._state.saved_scenario.set_anew(saved)
+            self._state.saved_scenario.reset_value(saved)
             if isinstance(filed, ConfirmationNeededError):
                 self._bus.answer(filed)
             elif filed is not None:
@@ -295,7 +295,7 @@ class ScenarioService(Service):
 
         def failed(failure: UserFacingError) -> None:
             taken = isinstance(failure.__cause__, OtherFileError)
-            self._state.saved_scenario.set_anew(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
+            self._state.saved_scenario.reset_value(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
             self._bus.answer(failure)
 
         self._slow_work.do(work, done, failed)
@@ -311,7 +311,7 @@ class ScenarioService(Service):
 
         def done(outcome: tuple[Imported, Filed] | ImportQuestion) -> None:
             if isinstance(outcome, ImportQuestion):
-                self._state.import_question.set_anew(outcome)
+                self._state.import_question.reset_value(outcome)
                 return
             imported, filed = outcome
             self._use(filed, asked.actor)
@@ -369,7 +369,7 @@ class ScenarioService(Service):
 
     def _show_current(self) -> None:
         # Reopened with the layout of its file.
-        self._state.scenario.set_anew(self.current)
+        self._state.scenario.reset_value(self.current)
 
     def _opened(self) -> ScenarioOpened:
         scenario = self.current
@@ -415,6 +415,6 @@ class ScenarioService(Service):
 
         self._slow_work.do(work, done, self._bus.answer)
 
-    def _keep_layout(self, asked: intents.KeepLayout) -> None:
+    def _store_layout(self, asked: intents.KeepLayout) -> None:
         self._layout = LayoutChanged(clock.now_ns(), asked.layout, asked.actor)
         self._bus.publish(self._layout)

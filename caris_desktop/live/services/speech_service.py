@@ -27,7 +27,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.dual_speech_output import DualSpeechOutput
-from caris_desktop.live.process_manager import ProcessManager, told_here
+from caris_desktop.live.process_manager import ProcessManager, reported_here
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
@@ -181,10 +181,10 @@ class SpeechService(Service):
             case VoicesFound(voices):
                 self._state.voice.set(replace(self._state.voice.value, choices=voices))
             case SynthesisFailed(problem):
-                self._tell(told_here(problem))
+                self._notify(reported_here(problem))
                 self._on_voice_lost("computer", problem.what)
             case Problem():
-                self._tell(told_here(message))
+                self._notify(reported_here(message))
 
     def _set_voice(self, asked: intents.SetVoice) -> None:
         settings = replace(
@@ -245,9 +245,9 @@ class SpeechService(Service):
         if event.state == "started":
             self._begun = event.utterance_id
         elif event.state == "failed":
-            self._tell_failed(event, begun=event.utterance_id == self._begun)
+            self._report_failed(event, begun=event.utterance_id == self._begun)
 
-    def _tell_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
+    def _report_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
         what = tr("“{text}” was perhaps not said to its end.") if begun else tr("“{text}” was not said.")
         why = tr("The voice gave up: {reason}.") if event.detail else tr("The voice gave up.")
         what, why = what.format(text=_without_ids(event.text)), why.format(reason=tr(event.detail))
@@ -294,7 +294,7 @@ class SpeechService(Service):
         else:
             self.read(value, raw)
 
-    def _tell(self, problem: Problem) -> None:
+    def _notify(self, problem: Problem) -> None:
         """Report a problem of this computer's voice once a scenario uses it."""
         if self._settings.at_hand:
             self._bus.publish(problem)
@@ -314,11 +314,11 @@ class SpeechService(Service):
             return  # replaced while its exit was being reported
         self._child = None
         self._state.speech.set(replace(self._state.speech.value, ready=False, detail=QT_TR_NOOP("the voice stopped")))
-        self._restarts.after_end(self._tell_ended, self._begin)
+        self._restarts.after_end(self._report_ended, self._begin)
         self._on_voice_lost("computer", QT_TR_NOOP("speech stopped unexpectedly"))
 
-    def _tell_ended(self, advice: str) -> None:
-        self._tell(
+    def _report_ended(self, advice: str) -> None:
+        self._notify(
             Problem(
                 clock.now_ns(),
                 "warning",

@@ -25,15 +25,15 @@ class TranscriptService(Service):
         return {intents.CorrectUtterance: self._correct}
 
     def follows(self) -> Follows:
-        return {UtteranceChanged: self._take, UtteranceCorrected: self._take, SessionStarted: self._begin_anew}
+        return {UtteranceChanged: self._take, UtteranceCorrected: self._take, SessionStarted: self._restart}
 
     def _take(self, event: UtteranceReport) -> None:
         self._transcript.take(event)
-        self._state.transcript.set_anew(self._transcript.turns)
+        self._state.transcript.reset_value(self._transcript.turns)
 
-    def _begin_anew(self, event: SessionStarted) -> None:
+    def _restart(self, event: SessionStarted) -> None:
         self._transcript.forget_before(event.stamp_ns)
-        self._state.transcript.set_anew(self._transcript.turns)
+        self._state.transcript.reset_value(self._transcript.turns)
 
     def _correct(self, asked: intents.CorrectUtterance) -> None:
         if self._transcript.turn(asked.utterance_id) is None:

@@ -57,7 +57,7 @@ class OpenvinoNetwork:
             content = file.read_bytes()
             model, facts = _read_onnx(core, content), facts_of(describe(content).metadata)
         else:
-            model, facts = core.read_model(str(file)), facts_of(_metadata_beside(file))
+            model, facts = core.read_model(str(file)), facts_of(_metadata_alongside(file))
         if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
             raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
         undecoded = facts.undecoded or model.output().get_partial_shape()[1] == 4 * BINS + len(facts.class_names)
@@ -87,7 +87,7 @@ def _read_onnx(core: Any, content: bytes) -> Any:
     return core.read_model(io.BytesIO(content))
 
 
-def _metadata_beside(file: Path) -> Mapping[str, object]:
+def _metadata_alongside(file: Path) -> Mapping[str, object]:
     try:
         found = parse_yaml((file.parent / "metadata.yaml").read_text(encoding="utf-8")).data
     except (OSError, YamlSourceError, UnicodeDecodeError):

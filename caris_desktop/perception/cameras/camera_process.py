@@ -91,7 +91,7 @@ class _Running:
         """Run until a recorded video ends. Raises EOFError when the connection closes."""
         name = self._chosen.name
         failures = 0
-        self._tell_state("connecting")
+        self._report_state("connecting")
         while True:
             camera: CameraSource | None = None
             try:
@@ -114,21 +114,21 @@ class _Running:
                 if self._chosen.recorded:
                     self._wait(PLAY_AFTER_S)
                 self._play(camera, first)
-                self._tell_state("ended", QT_TR_NOOP("The video has been played to its end."))
+                self._report_state("ended", QT_TR_NOOP("The video has been played to its end."))
                 break
             except CameraError as error:
                 log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
                 if self._chosen.recorded:
-                    self._tell_problem(error, "error", QT_TR_NOOP("There is no picture from this video."))
-                    self._tell_state("ended", str(error), error.advice)
+                    self._report_problem(error, "error", QT_TR_NOOP("There is no picture from this video."))
+                    self._report_state("ended", str(error), error.advice)
                     break
                 if failures == 0:
-                    self._tell_problem(
+                    self._report_problem(
                         error,
                         "warning",
                         QT_TR_NOOP("There is no picture from this camera until it is back; it is retried."),
                     )
-                    self._tell_state("lost", str(error), error.advice)
+                    self._report_state("lost", str(error), error.advice)
             finally:
                 if camera is not None:
                     camera.close()
@@ -142,7 +142,7 @@ class _Running:
                 picture = camera.read()
                 return None if picture is None else replace(picture, image=fitted(picture.image))
             except PictureError as refused:
-                self._tell_refused(refused)
+                self._report_refused(refused)
         raise CameraError(
             localized(
                 QT_TR_NOOP("The camera {name} sends only pictures that cannot be shown."), name=self._chosen.name
@@ -186,13 +186,13 @@ class _Running:
         if self._hears:
             self._connection.send(AudioChunk(stamp_ns, ROBOT_MICROPHONE, SOUND_RATE_HZ, samples))
 
-    def _tell_state(self, state: Literal["connecting", "lost", "ended"], detail: str = "", advice: str = "") -> None:
+    def _report_state(self, state: Literal["connecting", "lost", "ended"], detail: str = "", advice: str = "") -> None:
         self._connection.send(CameraState(clock.now_ns(), self._chosen.name, state, detail, advice))
 
-    def _tell_problem(self, error: CameraError, severity: Literal["warning", "error"], meaning: str) -> None:
+    def _report_problem(self, error: CameraError, severity: Literal["warning", "error"], meaning: str) -> None:
         self._connection.send(Problem(clock.now_ns(), severity, str(error), meaning, error.advice, until="picture"))
 
-    def _tell_refused(self, refused: PictureError) -> None:
+    def _report_refused(self, refused: PictureError) -> None:
         log.info("camera %s: a picture %s", self._chosen.name, refused)
         if str(refused) in self._refusals_told or len(self._refusals_told) > 3:
             return

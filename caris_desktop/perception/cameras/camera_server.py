@@ -128,7 +128,7 @@ class CameraServer:
             # A web page in a local browser must not reach us under a name of its own (DNS rebinding).
             known = is_own_host([request.head.get("host", "")], only_loopback=True)
             return None if known else _Answer(403, b"Without a token only this computer is answered.")
-        if hmac.compare_digest(_told_token(request.head.get("authorization", "")), self._token.encode()):
+        if hmac.compare_digest(_given_token(request.head.get("authorization", "")), self._token.encode()):
             return None
         return _Answer(401, b"A token is needed.", head={"WWW-Authenticate": 'Basic realm="camera"'})
 
@@ -201,7 +201,7 @@ def _when(captured_ns: int) -> dict[str, str]:
     return {"X-Timestamp": f"{utc_ns / 1e9:.6f}", "X-Captured-Monotonic-Ns": str(captured_ns)}
 
 
-def _told_token(authorization: str) -> bytes:
+def _given_token(authorization: str) -> bytes:
     kind, _, told = authorization.strip().partition(" ")
     if kind.lower() == "bearer":
         return told.strip().encode()

@@ -52,7 +52,7 @@ class ServedClock:
         self._chosen = chosen
         self._path = path
         self._connection: CameraConnection | None = None
-        self._clock = RemoteClockEstimate(self._tell)
+        self._clock = RemoteClockEstimate(self._notify)
         self._asked_ns = 0
         for _ in range(_FIRST_ROUND_TRIPS):
             self._ask()
@@ -67,7 +67,7 @@ class ServedClock:
         if self._connection is not None:
             self._connection.close()
 
-    def _tell(self) -> int:
+    def _notify(self) -> int:
         if self._connection is None:
             self._connection = CameraConnection(self._chosen)
         return int(self._connection.ask("GET", self._path)[1])

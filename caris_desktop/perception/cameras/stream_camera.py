@@ -52,7 +52,7 @@ class StreamCamera:
         self._frames: Iterator[Any] = iter(self._container.decode(self._stream))
         self._quarter_turns = 0
         if self._recorded:
-            self._turn_as_told()
+            self._turn_as_commanded()
         self._first_pts_s: float | None = None
         self._last_due_s = 0.0
         self._round_began_s = 0.0
@@ -88,7 +88,7 @@ class StreamCamera:
             image_bgr = np.ascontiguousarray(np.rot90(image_bgr, self._quarter_turns))
         return Picture(image_bgr, self._due_s(frame) if self._recorded else None)
 
-    def _turn_as_told(self) -> None:
+    def _turn_as_commanded(self) -> None:
         """Apply the rotation of the video's metadata, as of an upright phone: counterclockwise, in degrees."""
         try:
             first = next(self._frames, None)

@@ -175,7 +175,7 @@ def remove_annotation(document: AnnotationDocument, annotation_id: str) -> Annot
     return _without(document, annotation_id)
 
 
-def free_stretch(document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int) -> tuple[int, int] | None:
+def free_interval(document: AnnotationDocument, tier_id: str, start_ms: int, end_ms: int) -> tuple[int, int] | None:
     """The longest free part of the interval on the tier within the session; None if it is fully covered."""
     start_ms, end_ms = max(start_ms, 0), min(end_ms, document.duration_ms) if document.duration_ms else end_ms
     best: tuple[int, int] | None = None
@@ -341,7 +341,7 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
     )
 
 
-def take_over(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
+def restore_state(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
     """Merge the coders' tiers of ``imported`` into ``document``; tiers derived from the recording are ignored.
 
     A tier exported from here (same coder and id) replaces the original. Others are appended; where their coder already

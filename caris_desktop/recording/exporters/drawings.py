@@ -286,7 +286,7 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
 # Trajectory on the map
 
 
-def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
+def path_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
     """Trajectory on the map. ``grid`` may be None; at least one point is required."""
     left, bottom, right, top = _bounds(way, grid)
     scale = _MAP_PX / (right - left)
@@ -302,7 +302,7 @@ def way_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> M
         parts += [_beyond(grid, spot, width, whole), _map_picture(grid, spot, scale)]
     inside = [pin for pin in places if left < pin.x_m - 0.2 and pin.x_m + 0.2 < right and bottom < pin.y_m < top]
     parts += [_pin(pin, spot, width) for pin in inside]
-    parts += _way_lines(way, spot)
+    parts += _path_lines(way, spot)
     parts += _minutes(way, spot, [spot(pin.x_m, pin.y_m) for pin in inside])
     parts += [_pin(pin, spot, width) for pin in way.pins]
     parts.append(_start(spot(*way.points_m[0])))
@@ -388,7 +388,7 @@ def map_png(grid: OccupancyGrid) -> bytes:
     return content.tobytes()
 
 
-def _way_lines(way: Way, spot: Any) -> list[Markup]:
+def _path_lines(way: Way, spot: Any) -> list[Markup]:
     """Trajectory in pieces that darken with time; dashed where the robot navigated autonomously."""
     count = len(way.points_m)
     if count < 2:

@@ -85,7 +85,7 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
             if picture is None:
                 missing += 1
                 continue
-            boxes = _boxes(people, picture.image_bgr)
+            boxes = _detections(people, picture.image_bgr)
             jpeg = jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY)
             for one in wanted:
                 one.pace.take(people.camera, people.stamp_ns)
@@ -93,7 +93,7 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
     return missing
 
 
-def _boxes(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
+def _detections(people: People, image_bgr: NDArray[np.uint8]) -> list[_Box]:
     """Boxes in pixels of the image, clipped to its borders; those outside are left out."""
     height, width = image_bgr.shape[:2]
     # Encoders drop an odd last row or column; a larger difference means a different resolution.
@@ -161,11 +161,11 @@ class _Yolo:
         label.write_text("".join(lines), encoding="utf-8")
         image = self._folder / "images" / part / f"{name}.jpg"
         self.paths += [image, label]
-        self._tell(people, boxes, image)
+        self._notify(people, boxes, image)
         self.boxes += len(boxes)
         return image
 
-    def _tell(self, people: People, boxes: list[_Box], image: Path) -> None:
+    def _notify(self, people: People, boxes: list[_Box], image: Path) -> None:
         clock = self._session.clock
         moment = [
             image.relative_to(self._folder).as_posix(),

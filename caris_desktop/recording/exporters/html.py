@@ -50,8 +50,8 @@ from caris_desktop.recording.studies.measures import (
     Reply,
     SessionData,
     SummaryStats,
-    driving_stretches,
-    goal_stretches,
+    driving_intervals,
+    goal_intervals,
     link_trouble,
     measure,
     nearest_index,
@@ -312,14 +312,14 @@ class _Seen:
             )  # fmt: skip
         moves = [
             self._item(stretch.start_ns, stretch.end_ns, "driven", _SOURCES.get(stretch.label, stretch.label))
-            for stretch in driving_stretches(facts)
+            for stretch in driving_intervals(facts)
         ]
         moves += [
             self._item(
                 stretch.start_ns, stretch.end_ns, "failed-goal" if stretch.label == "failed" else "navigated",
                 f"Navigation, {stretch.label}",
             )
-            for stretch in goal_stretches(facts)
+            for stretch in goal_intervals(facts)
         ]  # fmt: skip
         yield Row(
             "Protocol",
@@ -411,7 +411,7 @@ def _way(
         return {"way": None, "way_fact": "", "way_legend": []}
     headings_rad = points[:, 2] if in_map else _headings(points[:, :2])
     thin = max(1, stamps_ns.size // _MAX_WAY_POINTS)
-    goals = goal_stretches(facts)
+    goals = goal_intervals(facts)
     by_itself = np.zeros(stamps_ns.size, bool)
     for stretch in goals:
         by_itself |= (stamps_ns >= stretch.start_ns) & (stamps_ns <= stretch.end_ns)
@@ -440,7 +440,7 @@ def _way(
         if look in looks:
             legend.append(_Legend(_sample("bar" if shape == "square" else shape, look), words))
     return {
-        "way": drawings.way_on_map(way, grid if in_map else None, places),
+        "way": drawings.path_on_map(way, grid if in_map else None, places),
         "way_fact": " · ".join(fact),
         "way_legend": legend,
     }

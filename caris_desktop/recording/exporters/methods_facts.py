@@ -108,7 +108,7 @@ class PracticeSession:
     score: int | None = None
 
 
-def practice_beside(sessions: Sequence[Session]) -> list[PracticeSession]:
+def practice_available(sessions: Sequence[Session]) -> list[PracticeSession]:
     """Practice sessions in the parent folders of ``sessions``."""
     found: dict[Any, PracticeSession] = {}
     for parent in sorted({session.folder.absolute().parent for session in sessions}):

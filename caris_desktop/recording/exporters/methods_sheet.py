@@ -32,7 +32,7 @@ from caris_desktop.recording.exporters.methods_facts import (
     PRACTICE,
     PracticeSession,
     StudyFacts,
-    practice_beside,
+    practice_available,
     purpose_of,
     read_known,
     wizard_of,
@@ -131,7 +131,7 @@ def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None]
             progress(0.95 * (before + fraction) / len(counting))
 
         known.append(read_known(session, tell))
-    return _Answers(StudyFacts(known, practice_beside(sessions), len(copies))).sheet()
+    return _Answers(StudyFacts(known, practice_available(sessions), len(copies))).sheet()
 
 
 class _Answers:

@@ -245,7 +245,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
             original = _sha256(source, lambda _: None)
             description += f" {_SCRUBBED}"
         elif name == MANIFEST_NAME and told_anew:
-            target.write_bytes(_manifest_told_anew(source.read_bytes(), told_anew))
+            target.write_bytes(_manifest_renewed(source.read_bytes(), told_anew))
             description += " Of files that are not as they were recorded it has the checksums of these copies."
         else:
             _copy(source, target)
@@ -387,7 +387,7 @@ def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes 
     return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
-def _manifest_told_anew(content: bytes, told_anew: dict[str, tuple[str, str]]) -> bytes:
+def _manifest_renewed(content: bytes, told_anew: dict[str, tuple[str, str]]) -> bytes:
     """Manifest with the checksums of the copies; lines of files changed earlier stay."""
     lines = content.decode("utf-8", "surrogateescape").splitlines(keepends=True)
     for name, (original, copy) in told_anew.items():

@@ -90,7 +90,7 @@ class Bag(Protocol):
         """All messages in file order. Raises BagError, OSError."""
 
 
-def looks_like_bag(path: Path) -> bool:
+def is_probably_bag(path: Path) -> bool:
     """True if ``path`` begins like a file that :func:`open_bag` reads."""
     try:
         if path.is_dir():

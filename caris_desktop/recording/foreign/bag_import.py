@@ -39,9 +39,9 @@ from caris_desktop.recording.foreign.bag_values import (
     OwnSession,
     TopicMapping,
     TopicRole,
+    has_mountings,
     map_bag_topics,
     own_session,
-    tells_mounts,
 )
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
@@ -277,11 +277,11 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
             minute.first_ns, minute.last_ns = min(minute.first_ns, message.at_ns), max(minute.last_ns, message.at_ns)
             minute.count += 1
         few = len(survey.mounts) < _MAX_MOUNTS and len(message.data) < _MAX_MOUNT_BYTES
-        if tells_mounts(message.channel) and few:
+        if has_mountings(message.channel) and few:
             survey.mounts.append((message.channel, message.data))
         if survey.own is None and message.channel.topic == SESSION_TOPIC:
             survey.own = _own_session(message.channel, message.data, message.at_ns)
-    survey.stretches = _stretches([minutes[minute] for minute in sorted(minutes)])
+    survey.stretches = _intervals([minutes[minute] for minute in sorted(minutes)])
     if survey.own is None:
         _take_out_gaps(survey.stretches, notes)
     kept = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
@@ -295,7 +295,7 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
     return survey
 
 
-def _stretches(minutes: list[_Stretch]) -> list[_Stretch]:
+def _intervals(minutes: list[_Stretch]) -> list[_Stretch]:
     """Merge parts that no hour-long gap separates."""
     joined: list[_Stretch] = []
     for minute in minutes:

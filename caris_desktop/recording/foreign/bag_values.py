@@ -116,7 +116,7 @@ def own_session(data: Any) -> OwnSession | None:
         return None
 
 
-def tells_mounts(channel: BagChannel) -> bool:
+def has_mountings(channel: BagChannel) -> bool:
     """True if the channel's transforms hold for the whole bag."""
     return plain_name(channel.type) in ("tf2_msgs/TFMessage", "tf/tfMessage") and channel.topic.endswith("static")
 

@@ -163,8 +163,8 @@ def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
         if stamp is not None and camera is not None:
             looks_ns.setdefault(json.loads(b'"' + camera[1] + b'"'), []).append(int(stamp[1]))
         if _NAMELESS.search(data) or any(person_id in data for person_id in wanted):
-            boxes += _boxes_in(data, person_ids)
-    return _put_together(boxes, looks_ns)
+            boxes += _detections_in(data, person_ids)
+    return _combine(boxes, looks_ns)
 
 
 def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
@@ -218,7 +218,7 @@ def _read(data: bytes) -> Mapping[str, Any]:
     return message if isinstance(message, dict) else {}
 
 
-def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
+def _detections_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
     """Camera, track, time, id and area of each box that is the person's or unidentified."""
     message = _read(data)
     try:
@@ -237,7 +237,7 @@ def _boxes_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, in
         _log.warning("boxes that cannot be read are left out", exc_info=True)
 
 
-def _put_together(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> PersonTracks:
+def _combine(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> PersonTracks:
     theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
     of_track: dict[tuple[str, int], _Track] = {}
     visits: list[int] = []

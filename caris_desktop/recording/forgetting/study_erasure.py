@@ -221,16 +221,16 @@ class _Forgetting:
             for link, target in listed.refused
         ]
         self._note_same_bytes(listed.files)
-        self._look_for_sightings(sessions)
-        self._look_for_speech(sessions)
-        self._tell(0.05, QT_TR_NOOP("Searching the study"))
+        self._find_person_tracks(sessions)
+        self._find_speech(sessions)
+        self._notify(0.05, QT_TR_NOOP("Searching the study"))
         found = self._found_in(self._files())
         if self._journal.noted("found") is None:
             self._journal.note(found=_counts(found.values()), files=sum(bool(one.hits) for one in found.values()))
         found = self._without_exports(found, exports)
         for number, folder in enumerate(sessions):
             session = localized(QT_TR_NOOP("Session {number} of {count}"), number=number + 1, count=len(sessions))
-            self._tell(0.1 + 0.7 * number / len(sessions), session)
+            self._notify(0.1 + 0.7 * number / len(sessions), session)
             self._in_session(folder, found, 0.7 / len(sessions))
         if not self._request.only_texts:
             for path in photos_of(self._study / "photos", self._ids):
@@ -245,15 +245,15 @@ class _Forgetting:
         for path, searched in found.items():
             if path.exists() and not any(path.is_relative_to(folder) for folder in sessions):
                 self._in_file(path, searched, self._texts)
-        self._look_at_unexamined(found, sessions, exports)
+        self._inspect_unexamined(found, sessions, exports)
         self._in_own_files()
-        self._kept_texts().treat()
+        self._stored_texts().treat()
         for folder in sessions:
             self._in_events(folder)
         self._drop_index()
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
-        self._tell(0.85, QT_TR_NOOP("Searching every byte again"))
+        self._notify(0.85, QT_TR_NOOP("Searching every byte again"))
         proof = self._proof(sessions)
         proof["not_looked_at"] = sorted(
             place.file for place in self._texts.places.values() if place.kind == "unexamined"
@@ -266,7 +266,7 @@ class _Forgetting:
 
     # Tracks of the person
 
-    def _look_for_sightings(self, sessions: list[Path]) -> None:
+    def _find_person_tracks(self, sessions: list[Path]) -> None:
         links: list[tuple[bool, str, str]] = []
         for folder in sessions:
             with self._told(folder):
@@ -275,11 +275,11 @@ class _Forgetting:
                 links += links_in(folder / "events.mcap")
         self._ids = everyone_who_is(self._request.person_ids, links)
         for number, folder in enumerate(sessions):
-            self._tell(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
+            self._notify(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
             with self._told(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
-    def _look_for_speech(self, sessions: list[Path]) -> None:
+    def _find_speech(self, sessions: list[Path]) -> None:
         """Collect the person's speech, before it is removed from the recording."""
         for folder in sessions:
             seen = self._seen_in.get(folder)
@@ -366,7 +366,7 @@ class _Forgetting:
 
     # Media without detection
 
-    def _look_at_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
+    def _inspect_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
         """List archives, and media without detection that may show the person or contain their voice."""
         blind = {folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.looks_ns}
         examined = {change.file for change in self._journal.changes() if change.what == "copy"}
@@ -444,13 +444,13 @@ class _Forgetting:
         try:
             session = open_session(folder, repair=False)
         except SessionError as error:
-            self._problems.append(_told_of(folder, error))
+            self._problems.append(_message_for(folder, error))
             session = None
         work = self._work_in(folder)
         with hold(folder):
             for path in mine:
                 if path.suffix == ".mcap":
-                    self._events[path] = text_erasure.look_at_events(
+                    self._events[path] = text_erasure.inspect_events(
                         work, path, self._journal.name_of(path), _moments_of(session)
                     )
             if session is not None and seen is not None:
@@ -459,14 +459,14 @@ class _Forgetting:
                 if not self._request.only_texts:
                     of_media.treat_pictures(
                         self._request.recordings,
-                        progress=lambda done, what: self._tell(before + 0.9 * share * done, f"{folder.name}: {what}"),
+                        progress=lambda done, what: self._notify(before + 0.9 * share * done, f"{folder.name}: {what}"),
                     )
                 # Before the person's speech is removed, which determines where to silence.
                 spoken, speech = self._spoken.get(folder, frozenset()), self._speech.get(folder, Speech())
                 named_in = frozenset().union(*(self._events[path].utterances for path in mine if path in self._events))
                 audible = [said for said in (*speech.others, *speech.doubtful) if said.utterance_id not in spoken]
                 of_media.treat_sound(self._request.recordings, named_in | spoken, audible)
-                self._problems += [_told_of(folder, problem) for problem in of_media.problems]
+                self._problems += [_message_for(folder, problem) for problem in of_media.problems]
             for path, searched in mine.items():
                 if path.exists() and path not in self._events:
                     self._in_file(path, searched, work)
@@ -518,15 +518,15 @@ class _Forgetting:
         if not searched.hits and (not work.sentences.texts or is_opaque(path)):
             return
         if path.suffix == ".mcap":
-            if text_erasure.look_at_events(work, path, file, str).to_change:
+            if text_erasure.inspect_events(work, path, file, str).to_change:
                 self._journal.replace(path, "text", lambda part: text_erasure.rewrite_events(work, path, file, part))
             return
         if path.suffix.lower() == ".png" and all(hit.what == "name" and not hit.inside for hit in searched.hits):
-            if text_erasure.look_at_photo(work, path, file):
+            if text_erasure.inspect_photo(work, path, file):
                 self._journal.replace(path, "text", lambda part: text_erasure.rewrite_photo(work, path, file, part))
             return
         if encoding is not None and all(hit.what == "name" and not hit.inside for hit in searched.hits):
-            if text_erasure.look_at_text(work, path, file, encoding):
+            if text_erasure.inspect_text(work, path, file, encoding):
                 self._journal.replace(
                     path, "text", lambda part: text_erasure.rewrite_text(work, path, file, encoding, part)
                 )
@@ -542,7 +542,7 @@ class _Forgetting:
         try:
             told = read_header(folder)
         except SessionError as error:
-            self._problems.append(_told_of(folder, error))
+            self._problems.append(_message_for(folder, error))
             return
         if header.is_file():
             begun = self._journal.noted("begun")
@@ -554,7 +554,7 @@ class _Forgetting:
             }
             data = _sealed(told, folder, begun, removed=removed, covered=covered)
             if any(change.what == "text" and change.file.endswith(".mcap") for change in changes):
-                _tell_checksum_of_scenario(data, folder)
+                _report_checksum_of_scenario(data, folder)
             content = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
             if content != header.read_bytes():
                 self._journal.replace(header, "header", lambda part: part.write_bytes(content) and 1)
@@ -563,7 +563,7 @@ class _Forgetting:
 
     # The rest of the study
 
-    def _kept_texts(self) -> DatabaseTexts:
+    def _stored_texts(self) -> DatabaseTexts:
         return DatabaseTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
 
     def _drop_index(self) -> None:
@@ -630,10 +630,10 @@ class _Forgetting:
         }
 
     def _finish(self, begun: str, proof: dict[str, Any], waiting: int) -> Forgotten:
-        self._tell(0.97, QT_TR_NOOP("Erasing them from the study's database"))
+        self._notify(0.97, QT_TR_NOOP("Erasing them from the study's database"))
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
-        in_database = sum(len(self._search.file(path).hits) for path in database) + self._kept_texts().naming()
+        in_database = sum(len(self._search.file(path).hits) for path in database) + self._stored_texts().naming()
         left = [*proof["left"], *([_PEOPLE] if in_database else [])]
         outcome = Forgotten(
             self._study / FOLDER / RECEIPT,
@@ -651,7 +651,7 @@ class _Forgetting:
                 if review is not None:
                     review.unlink(missing_ok=True)
         self._journal.end()
-        self._tell(1.0, QT_TR_NOOP("Done"))
+        self._notify(1.0, QT_TR_NOOP("Done"))
         return outcome
 
     def _write_receipt(self, outcome: Forgotten, begun: str, proof: dict[str, Any], in_database: int) -> None:
@@ -680,7 +680,7 @@ class _Forgetting:
 
     _progress_at = 0.0
 
-    def _tell(self, fraction: float, what: str) -> None:
+    def _notify(self, fraction: float, what: str) -> None:
         self._progress_at = fraction
         # Translatable texts with values contain no names.
         self._progress(min(1.0, fraction), what if isinstance(what, LocalizedText) else self._without_names(what))
@@ -691,12 +691,12 @@ class _Forgetting:
         try:
             yield
         except SessionError as error:
-            self._problems.append(_told_of(folder, error))
+            self._problems.append(_message_for(folder, error))
         except FileNotFoundError as error:
-            self._problems.append(_told_of(folder, localized(QT_TR_NOOP("{file} is missing"), file=error.filename)))
+            self._problems.append(_message_for(folder, localized(QT_TR_NOOP("{file} is missing"), file=error.filename)))
 
 
-def _told_of(folder: Path, told: object) -> LocalizedText:
+def _message_for(folder: Path, told: object) -> LocalizedText:
     return localized(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
 
 
@@ -783,7 +783,7 @@ def _sealed(
     return data
 
 
-def _tell_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
+def _report_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
     """Update the checksum of the scenario's text to the recorded one."""
     told = header.get("scenario")
     opened = [parse_json(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]

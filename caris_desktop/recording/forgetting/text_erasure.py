@@ -152,7 +152,7 @@ def lines_of(path: Path, encoding: str) -> Iterator[str]:
         yield from file
 
 
-def look_at_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
+def inspect_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
     """List the places of a file; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for number, line in enumerate(lines_of(path, encoding), start=1):
@@ -175,7 +175,7 @@ def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: P
 # Photos, whose tags are text
 
 
-def look_at_photo(work: TextWork, path: Path, file: str) -> bool:
+def inspect_photo(work: TextWork, path: Path, file: str) -> bool:
     """List the places in a PNG's texts; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for name, text in _photo_texts(path).items():
@@ -208,7 +208,7 @@ class EventTexts:
     utterances: set[str] = field(default_factory=set)
 
 
-def look_at_events(work: TextWork, path: Path, file: str, moment: Callable[[int], str]) -> EventTexts:
+def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int], str]) -> EventTexts:
     """List the places of an MCAP file. Raises OSError."""
     found = EventTexts()
     with path.open("rb") as opened:
@@ -256,7 +256,7 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         beside = tuple(_changed_metadata(record, change) for record in index.beside)
         written = DiskFile(target)
         try:
-            copy_changed(opened, _with_beside(index, beside), written, change)
+            copy_changed(opened, _with_neighbours(index, beside), written, change)
             written.sync()
         finally:
             written.close()
@@ -276,7 +276,7 @@ def _with_own_checksum(message: str) -> str:
     return message[: checksum.start(1)] + digest + message[checksum.end(1) :]
 
 
-def _with_beside(index: mcap_chunks.BlockIndex, beside: tuple[bytes, ...]) -> mcap_chunks.BlockIndex:
+def _with_neighbours(index: mcap_chunks.BlockIndex, beside: tuple[bytes, ...]) -> mcap_chunks.BlockIndex:
     return replace(index, beside=beside)
 
 

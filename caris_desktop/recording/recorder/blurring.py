@@ -155,7 +155,7 @@ class Blurring:
     def _pass_on(self, line: "_Line") -> None:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
-        near = line.looks_around(waiting.ref.stamp_ns)
+        near = line.gaze_wanders(waiting.ref.stamp_ns)
         agreed = self._consents.photos if waiting.photo else self._consents.video
         stamp_ns = waiting.ref.stamp_ns
         parts = None if near is None else parts_at(stamp_ns, near, self._demand, agreed, self._covering)
@@ -191,7 +191,7 @@ class _Line:
         silent = self._heard_ns is None or now_ns - self._heard_ns > _SILENT_AFTER_NS
         return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
 
-    def looks_around(self, stamp_ns: int) -> list[People] | None:
+    def gaze_wanders(self, stamp_ns: int) -> list[People] | None:
         """Detections around this time; None if they are missing or too far apart."""
         looks = self._looks
         after = bisect_right(looks, stamp_ns, key=_stamp_of)
@@ -261,7 +261,7 @@ def _where(way: Sequence[_Seen], stamp_ns: int) -> Corners:
     corners = nearest.corners
     if len(way) > 1 and away_s > 0:
         one, other = (way[-2], way[-1]) if after else (way[0], way[1])
-        corners = _together(corners, _between(one, other, stamp_ns))
+        corners = _combined(corners, _between(one, other, stamp_ns))
     return _grown(corners, (_MARGIN + _GROWTH_PER_S * away_s) * wide_px)
 
 
@@ -284,7 +284,7 @@ def _distance_px(one: Corners, other: Corners) -> float:
     return max(abs(b - a) for a, b in zip(one, other, strict=True))
 
 
-def _together(one: Corners, other: Corners) -> Corners:
+def _combined(one: Corners, other: Corners) -> Corners:
     return min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])
 
 

@@ -151,7 +151,7 @@ class _Recorder:
                     self._send_report(self._session.status())
             case TakePhoto():
                 if self._session is None:
-                    self._keep_photo(message)
+                    self._store_photo(message)
                 else:
                     self._session.take_photo(message)
             case SetRecordingPermissions():
@@ -162,18 +162,18 @@ class _Recorder:
             case UseConsents():
                 self._blurring.use_consents(message)
             case OfferMarkers():
-                self._tell_outlet(self._offer_markers(offered=message.offered, words=message.words))
+                self._report_outlet(self._offer_markers(offered=message.offered, words=message.words))
             case _:
                 if isinstance(message, People):
                     self._blurring.look(message, clock.now_ns())
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
 
-    def _keep_photo(self, wanted: TakePhoto) -> None:
+    def _store_photo(self, wanted: TakePhoto) -> None:
         """Save a photo without a session: nothing else needs this process then."""
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
-            self._tell_problem(
+            self._report_problem(
                 QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The picture was gone before it could be kept."),
                 QT_TR_NOOP("Take it again."), "warning",
                 cause=ANSWER,
@@ -189,7 +189,7 @@ class _Recorder:
             path = write_photo(image_bgr, _not_taken(wanted.without_session), texts=texts_for(wanted, _utc(wanted.ref)))
         except (OSError, ValueError) as error:
             _log.exception("photo %s", wanted.without_session)
-            self._tell_problem(
+            self._report_problem(
                 QT_TR_NOOP("The photo could not be kept."),
                 localized(
                     QT_TR_NOOP("{parent} cannot be written ({error})."),
@@ -218,11 +218,11 @@ class _Recorder:
         except OSError as error:
             _log.exception("no session in %s", start.folder)
             what, meaning, advice = explain_start_error(error, start.folder)
-            self._tell_problem(what, meaning, advice)
+            self._report_problem(what, meaning, advice)
             self._send_report(RecorderReport(clock.now_ns(), "failed", start.folder, detail=what))
             return
         self._session = session
-        self._tell_outlet(unavailable)
+        self._report_outlet(unavailable)
         self._send_report(session.status())
 
     def _stop(self, reason: str, actor: Actor, at_ns: int) -> None:
@@ -287,9 +287,9 @@ class _Recorder:
             self._outlet.offer(spec, value)
         except OutletUnavailableError as error:
             self._outlet = None
-            self._tell_outlet(error)
+            self._report_outlet(error)
 
-    def _tell_outlet(self, error: OutletUnavailableError | None) -> None:
+    def _report_outlet(self, error: OutletUnavailableError | None) -> None:
         if error is None:
             return
         meaning = QT_TR_NOOP("Everything is recorded here all the same; other recorders get no markers.")
@@ -300,7 +300,7 @@ class _Recorder:
 
     # To the console
 
-    def _tell_problem(
+    def _report_problem(
         self, what: str, meaning: str, advice: str, severity: Severity = "error", *, cause: str = ""
     ) -> None:
         self._send(Problem(clock.now_ns(), severity, what, meaning, advice, "recording", cause))

@@ -57,7 +57,7 @@ from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
 from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
-from caris_desktop.recording.session.progress_counts import forget_counts, keep_counts
+from caris_desktop.recording.session.progress_counts import forget_counts, store_counts
 from caris_desktop.recording.session.session_clock import SessionClock
 
 _log = logging.getLogger(__name__)
@@ -241,18 +241,18 @@ class SessionRecorder:
             return
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
-            self._tell_photo_gone()
+            self._report_photo_gone()
             return
-        self._when_covered(wanted.ref, image_bgr, lambda covered: self._keep_photo(wanted, covered), photo=True)
+        self._when_covered(wanted.ref, image_bgr, lambda covered: self._store_photo(wanted, covered), photo=True)
 
-    def _keep_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
+    def _store_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         photo = photo_event(wanted, f"photos/{self._photos + 1:04d}.png")
         if self._media.add_photo(photo, image_bgr, texts_for(wanted, self._clock.utc(wanted.ref.stamp_ns))):
             self._photos += 1
         else:
-            self._tell_photo_gone()
+            self._report_photo_gone()
 
-    def _tell_photo_gone(self) -> None:
+    def _report_photo_gone(self) -> None:
         self.problem(
             "warning", QT_TR_NOOP("No photo was taken."),
             QT_TR_NOOP("The picture was gone before it could be kept."), QT_TR_NOOP("Take it again."),
@@ -305,7 +305,7 @@ class SessionRecorder:
             self._let_go_of_pictures()
             self._put_held()
             self._put_blocks(self._audio.finish_blocks())
-            self._tell_missed()
+            self._report_missed()
             self._record(RecordingPaused(at_ns, True, actor), arrived_ns=at_ns)
             self._pauses.append([at_ns, None])
             self._guarded(self._log.flush)
@@ -327,14 +327,14 @@ class SessionRecorder:
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._guarded(self._log.flush)
-            self._keep_counts(now_ns)
+            self._store_counts(now_ns)
             self._update_sound_headers()
             self._log_sync.ask()
             self._watch_disk(now_ns)
         if now_ns - self._housekept_ns >= _SECOND_NS:
             self._housekept_ns = now_ns
             self._put_held(older_than_ns=now_ns)
-            self._tell_missed()
+            self._report_missed()
             self._guarded(self._plain.write_people)
             for path in self._plain.take_replaced():
                 self._log_sync.note(path)
@@ -378,7 +378,7 @@ class SessionRecorder:
         # On a full disk the first writer gets the space: nothing else is waited for from here on.
         self._reserve.release()
         self._closing_room.release()
-        self._tell_missed()
+        self._report_missed()
         now_ns = clock.now_ns()
         self._ended_ns, self._reason = now_ns if at_ns is None else at_ns, reason
         self._record(SessionEnded(self._ended_ns, self.folder.name, reason, actor), arrived_ns=now_ns)
@@ -530,7 +530,7 @@ class SessionRecorder:
     def _make_room(self) -> bool:
         """Release a step of the reserve on a full disk, except the part for closing."""
         self._on_reserve = True
-        self._media.give_way()
+        self._media.yield_control()
         if self._reserve.release_step():
             return True
         self.full = True
@@ -540,7 +540,7 @@ class SessionRecorder:
         self.dropped[stream] += count
         self._missed[(stream, reason)] += count
 
-    def _tell_missed(self) -> None:
+    def _report_missed(self) -> None:
         missed, self._missed = self._missed, Counter()
         for (stream, reason), count in missed.items():
             self._record(Gap(clock.now_ns(), stream, count, reason))
@@ -646,13 +646,13 @@ class SessionRecorder:
 
     # The disk
 
-    def _keep_counts(self, now_ns: int) -> None:
+    def _store_counts(self, now_ns: int) -> None:
         """Store the counts of flushed values; they do not justify using the reserve."""
         if now_ns - self._counted_ns < _COUNT_EVERY_NS or self._on_reserve:
             return
         self._counted_ns = now_ns
         try:
-            self._log_sync.note(keep_counts(self.folder, self._log.counts))
+            self._log_sync.note(store_counts(self.folder, self._log.counts))
         except OSError:
             _log.warning("the counts of %s", self.folder, exc_info=True)
 
@@ -677,11 +677,11 @@ class SessionRecorder:
             for delay_s in lane.delays_s(now_s, within_s=_DELAYS_WITHIN_S)
         ]
         disk = self._disk.observe(now_ns, free_bytes=free_bytes, written_bytes=self._written_bytes(), delays_s=delays_s)
-        self._tell_disk(disk)
+        self._report_disk(disk)
         if (before.slow, before.stage) != (disk.slow, disk.stage):
             _log.info("disk: %s", disk)
         behind_s, self._behind_ns = self._behind_ns / 1e9, 0
-        self._tell_behind(behind_s)
+        self._report_behind(behind_s)
         self._spared_because = (
             gap_messages.DISK_NEARLY_FULL
             if disk.stage in ("low", "out")
@@ -695,7 +695,7 @@ class SessionRecorder:
         if self._log_sync.disk_full or self._media_sync.disk_full:
             self._on_reserve = True
 
-    def _tell_behind(self, behind_s: float) -> None:
+    def _report_behind(self, behind_s: float) -> None:
         if behind_s < _BEHIND_S or self._told_behind:
             return
         self._told_behind = True
@@ -724,7 +724,7 @@ class SessionRecorder:
             cause="disk",
         )
 
-    def _tell_disk(self, disk: DiskState) -> None:
+    def _report_disk(self, disk: DiskState) -> None:
         free = _megabytes(disk.free_bytes or 0)
         if disk.stage == "out" and self._video_permitted:
             self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} are left."), free=free))

@@ -21,7 +21,7 @@ from caris_desktop.recording.session.frame_times import (
 )
 from caris_desktop.recording.session.media_names import camera_of_video, video_file_name
 from caris_desktop.recording.session.media_repair import content_of
-from caris_desktop.recording.session.missing_data import told_bytes_of
+from caris_desktop.recording.session.missing_data import recorded_bytes_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 
@@ -63,7 +63,7 @@ class VideoReader:
         self.problems: list[str] = []
         files = _files_of(session, self.problems)
         for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):
-            video = _Video(path, first_ns, told_bytes_of(session.header, path.name))
+            video = _Video(path, first_ns, recorded_bytes_of(session.header, path.name))
             self._videos.setdefault(camera, []).append(video)
 
     @property

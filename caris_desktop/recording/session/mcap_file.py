@@ -67,9 +67,9 @@ class McapFile:
 
     def add_metadata(self, name: str, entries: dict[str, str]) -> None:
         """Write a metadata record. Call before the first message."""
-        self.copy_beside(record(records.METADATA, text(name) + records.text_map(entries)))
+        self.copy_alongside(record(records.METADATA, text(name) + records.text_map(entries)))
 
-    def copy_beside(self, whole: bytes) -> None:
+    def copy_alongside(self, whole: bytes) -> None:
         """Copy a metadata or attachment record. Call before the first message."""
         place = struct.pack("<QQ", self._file.tell(), len(whole))
         body = whole[records.HEAD.size :]

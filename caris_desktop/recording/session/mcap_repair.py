@@ -95,7 +95,7 @@ def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
     writer = McapFile(target, library="caris-desktop", header=header)
     for record in index.beside:
         if record[0] != records.HEADER:
-            writer.copy_beside(record)
+            writer.copy_alongside(record)
     for channel in index.channels.values():
         if channel.schema:
             writer.declare(channel.schema)

@@ -23,7 +23,7 @@ def losses_of(folder: Path, header: Mapping[str, Any], missing: Mapping[str, int
     Includes the findings of a repair, :func:`missing values <missing_values>`, and files that are missing or shorter
     than at the close. Other changes are a matter of checksums.
     """
-    return (*told_losses(header), *missing_words(header, missing), *files_lacking(folder, header))
+    return (*recorded_losses(header), *missing_words(header, missing), *files_lacking(folder, header))
 
 
 def missing_words(header: Mapping[str, Any], missing: Mapping[str, int]) -> tuple[str, ...]:
@@ -69,7 +69,7 @@ def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
     return found
 
 
-def told_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
+def recorded_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
     """Missing data found by a repair, as sentences."""
     told = header.get("losses")
     return tuple(words.read_loss(str(sentence)) for sentence in told) if isinstance(told, list) else ()
@@ -89,7 +89,7 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
         return ()
     sentences: list[str] = []
     others: list[str] = []
-    for name, told_bytes in _told_files(header):
+    for name, told_bytes in _recorded_files(header):
         path = folder / name
         try:
             found_bytes = path.stat().st_size
@@ -109,12 +109,12 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def told_bytes_of(header: Mapping[str, Any], name: str) -> int | None:
+def recorded_bytes_of(header: Mapping[str, Any], name: str) -> int | None:
     """Size of a file when the session was closed; None if the header lacks it."""
-    return next((size for told, size in _told_files(header) if told == name), None)
+    return next((size for told, size in _recorded_files(header) if told == name), None)
 
 
-def _told_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
+def _recorded_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
     files = header.get("files")
     for entry in files if isinstance(files, list) else ():
         if not isinstance(entry, dict):

@@ -16,7 +16,7 @@ COUNTS_NAME = "counts.json"
 _MAX_BYTES = 1024 * 1024
 
 
-def keep_counts(folder: Path, counts: Mapping[str, int]) -> Path:
+def store_counts(folder: Path, counts: Mapping[str, int]) -> Path:
     """Store the number of values per stream, without fsync; return the path.
 
     Raises OSError.

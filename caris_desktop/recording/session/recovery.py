@@ -29,7 +29,7 @@ from caris_desktop.recording.session.mcap_chunks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
-from caris_desktop.recording.session.missing_data import lost_values, told_bytes_of, told_losses
+from caris_desktop.recording.session.missing_data import lost_values, recorded_bytes_of, recorded_losses
 from caris_desktop.recording.session.progress_counts import counts_of, forget_counts, last_counts
 from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
@@ -156,7 +156,7 @@ def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Liter
         path = folder / _EVENTS
         if times.ended_ns is None or not mcap_chunks.has_summary(path):
             return "end"
-        if path.stat().st_size != (told_bytes_of(header, _EVENTS) or path.stat().st_size):
+        if path.stat().st_size != (recorded_bytes_of(header, _EVENTS) or path.stat().st_size):
             return "end"
     except OSError as error:
         raise SessionError(
@@ -174,7 +174,7 @@ class _Repair:
         self._header = read_header(folder)
         self._times = times_of(self._header, folder)
         self._sentences: list[str] = []
-        self._losses = [*told_losses(self._header)]
+        self._losses = [*recorded_losses(self._header)]
         self._lost: Counter[str] = Counter()
         # A closed session was complete: it was damaged later, and its header is the reference.
         self._finished = self._times.ended_ns is not None
@@ -199,7 +199,7 @@ class _Repair:
             else:
                 sounds = self._repair_sounds()
                 videos = self._repair_videos()
-                self._keep_leftovers()
+                self._store_leftovers()
                 self._write_header(videos, sounds)
         else:
             self._sentences.append(
@@ -235,13 +235,13 @@ class _Repair:
             else:
                 for number in range(index.count):
                     try:
-                        self._look_at(index, mcap_chunks.read_block(file, index, number))
+                        self._inspect(index, mcap_chunks.read_block(file, index, number))
                     except mcap_chunks.DamagedBlockError:
                         _log.warning("%s: the block at byte %d is damaged", path, index.offsets[number])
         if not broken:
             self._complete = self._record.ended is not None
             self._settle_end()
-        self._tell_of_events()
+        self._report_events()
 
     def _rewrite_events(self, file: Any, index: BlockIndex) -> None:
         self._damaged_bytes = index.damaged_bytes
@@ -252,13 +252,13 @@ class _Repair:
         target = DiskFile(part)
         try:
             end = self._end_event(index, file)
-            rewrite(file, index, target, added=end, look_at=lambda content: self._look_at(index, content))
+            rewrite(file, index, target, added=end, look_at=lambda content: self._inspect(index, content))
             target.sync()
         finally:
             target.close()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
-        self._keep(self._folder / _EVENTS)
+        self._persist(self._folder / _EVENTS)
         part.replace(self._folder / _EVENTS)
         bring_to_disk(self._folder)
 
@@ -267,7 +267,7 @@ class _Repair:
         spec = BY_TYPE[SessionEnded]
         for channel, its in index.channels.items():
             for number in index.blocks_of.get(channel, ()) if its.topic == f"/{spec.name}" else ():
-                self._look_at(index, mcap_chunks.read_block(file, index, number), only=channel)
+                self._inspect(index, mcap_chunks.read_block(file, index, number), only=channel)
         self._settle_end()
         self._complete = self._record.ended is not None
         if self._record.ended is not None:
@@ -295,7 +295,7 @@ class _Repair:
         else:
             self._ended_ns, self._reason = max(newest_ns, self._times.clock.started_ns), "recovered"
 
-    def _look_at(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
+    def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
         record = self._record
         for message in mcap_chunks.messages_of(content):
             channel = index.channels.get(message.channel)
@@ -326,14 +326,14 @@ class _Repair:
                 case SessionEnded():
                     record.ended = value
 
-    def _tell_of_events(self) -> None:
-        if self._damaged_bytes is None and self._kept(_EVENTS):
+    def _report_events(self) -> None:
+        if self._damaged_bytes is None and self._stored(_EVENTS):
             # An earlier attempt came this far and was interrupted.
-            with (self._folder / KEPT_FOLDER / self._kept(_EVENTS)).open("rb") as original:
+            with (self._folder / KEPT_FOLDER / self._stored(_EVENTS)).open("rb") as original:
                 self._damaged_bytes = mcap_chunks.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
         lasted_s = self._times.clock.session_s(self._ended_ns)
-        if self._kept(_EVENTS):
+        if self._stored(_EVENTS):
             what = new_index_words(left, finished=self._finished)
             self._sentences.append(localized(what, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
@@ -425,7 +425,7 @@ class _Repair:
         lines = media_repair.index_lines(path, content, recorded, self._times.clock)
         if lines is not None:
             if index.exists():
-                self._keep(index)
+                self._persist(index)
             replace_file(index, lines, durable=True)
             self._sentences.append(
                 localized(
@@ -484,7 +484,7 @@ class _Repair:
 
     # The rest
 
-    def _keep_leftovers(self) -> None:
+    def _store_leftovers(self) -> None:
         """Move half-written files aside without deleting them."""
         for path in sorted(self._folder.rglob(".*.part")):
             if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
@@ -537,7 +537,7 @@ class _Repair:
         }
         path = self._folder / "session.json"
         if path.exists() and not (self._folder / KEPT_FOLDER / f"{path.name}.original").exists():
-            self._keep(path)
+            self._persist(path)
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         replace_file(self._folder / "session.json", text.encode("utf-8", "replace"), durable=True)
 
@@ -550,12 +550,12 @@ class _Repair:
                 pauses[-1]["resumed_ns"] = event.stamp_ns
         return pauses
 
-    def _kept(self, name: str) -> str:
+    def _stored(self, name: str) -> str:
         """Name of the newest preserved original of a file; empty if there is none."""
         found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
         return found[-1].name if found else ""
 
-    def _keep(self, path: Path) -> None:
+    def _persist(self, path: Path) -> None:
         """Preserve a file that will be replaced."""
         kept_folder = self._folder / KEPT_FOLDER
         kept_folder.mkdir(exist_ok=True)

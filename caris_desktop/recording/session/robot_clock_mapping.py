@@ -110,7 +110,7 @@ class RobotClock:
         best = self._runs[here].measured(robot_stamp_ns)
         for other in self._runs[max(0, here - 1) : here] + self._runs[here + 1 : here + 2]:
             candidate = other.measured(robot_stamp_ns)
-            if _way_ns(candidate, arrival_ns) < _way_ns(best, arrival_ns):
+            if _travel_ns(candidate, arrival_ns) < _travel_ns(best, arrival_ns):
                 best = candidate
         return best if best.uncertainty_ns <= _UNKNOWN_ABOVE_NS else None
 
@@ -146,7 +146,7 @@ def _between(values: list[float], before: int, share: float) -> float:
     return values[before] + share * (values[before + 1] - values[before])
 
 
-def _way_ns(measured: Measured, arrival_ns: int) -> float:
+def _travel_ns(measured: Measured, arrival_ns: int) -> float:
     """Transmission time; negative values, which are implausible, are penalised by their size."""
     way_ns = arrival_ns - measured.stamp_ns
     return way_ns if way_ns >= -measured.uncertainty_ns else -1e3 * way_ns

@@ -55,7 +55,7 @@ def read_header(folder: Path) -> dict[str, Any]:
                     path=folder / name,
                 )
             )
-    header = _told_header(folder, path)
+    header = _recorded_header(folder, path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise SessionError(localized(QT_TR_NOOP("{path} does not head a session of CARIS Desktop."), path=path))
     version = header.get("format_version")
@@ -89,7 +89,7 @@ def is_session(folder: Path) -> bool:
     return (folder / "session.json").exists() or holds_record(folder)
 
 
-def _told_header(folder: Path, path: Path) -> Any:
+def _recorded_header(folder: Path, path: Path) -> Any:
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_HEADER_BYTES + 1)

@@ -83,7 +83,7 @@ class Session:
         whose = (self.trial.get(name, "") for name in ("participant", "condition", "trial", "recording", "wizard"))
         return anchor.utc_ns - anchor.monotonic_ns, self.started_ns, *whose
 
-    def told_losses(self) -> tuple[str, ...]:
+    def recorded_losses(self) -> tuple[str, ...]:
         """Alias of ``losses``, which scripts of studies use."""
         return self.losses
 

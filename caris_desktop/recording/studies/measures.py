@@ -66,7 +66,7 @@ from caris_desktop.recording.session.session_protocol import (
 )
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, most_at_once, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_of
+from caris_desktop.recording.session.utterances import SpokenUtterance, mentioned
 
 T = TypeVar("T")
 
@@ -149,7 +149,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
     poses = _in_time(events.pop(RobotPose))
     return SessionData(
         session=session,
-        utterances=spoken_of(
+        utterances=mentioned(
             [*events[UtteranceChanged], *events[UtteranceCorrected]],
             ended_ns=session.ended_ns,
             paused_ns=[event.stamp_ns for event in events[RecordingPaused] if event.paused],
@@ -524,7 +524,7 @@ def _since_connected(changes: Iterable[LinkChanged]) -> list[LinkChanged]:
     return control[first:]
 
 
-def driving_stretches(facts: SessionData) -> tuple[Interval, ...]:
+def driving_intervals(facts: SessionData) -> tuple[Interval, ...]:
     """Intervals of driving by source: nonzero commands, each until the next one."""
     stretches: list[Interval] = []
     for start_ns, end_ns, source in _commanded(facts):
@@ -550,7 +550,7 @@ def goals_of(facts: SessionData) -> tuple[NavigationGoal, ...]:
     return navigation_goals(facts.of(GoalChanged), started_ns=facts.session.started_ns, pauses=_spans(facts.pauses))
 
 
-def goal_stretches(facts: SessionData) -> tuple[Interval, ...]:
+def goal_intervals(facts: SessionData) -> tuple[Interval, ...]:
     """Intervals of autonomous navigation; ``label`` is the outcome, ``unfinished`` if the session ended first.
 
     Excludes goals that were refused at once.
@@ -606,7 +606,7 @@ def _driving(facts: SessionData) -> Driving:
         emergency_stops=_rises([event.latched for event in facts.of(EmergencyStopChanged)]),
         ended_by_itself=dict(Counter(event.reason for event in facts.of(DriveEnded))),
         goals=dict(Counter(_outcome(goal) for goal in goals_of(facts))),
-        navigating_s=covered_s(goal_stretches(facts)),
+        navigating_s=covered_s(goal_intervals(facts)),
         guard_interventions=_rises([event.state in ("slowing", "blocked") for event in facts.of(GuardChanged)]),
         guard_s=guard_s,
     )

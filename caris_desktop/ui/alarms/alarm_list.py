@@ -84,7 +84,7 @@ class AlarmList(Overlay):
         self._ages = QTimer(self, interval=1000)
         self._ages.timeout.connect(self._show_ages)
         console.state.alarms.changed.connect(self._on_alarms_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def show_alarms(self) -> None:
         """Open the list."""
@@ -163,7 +163,7 @@ class AlarmRow(QWidget):
         row = layouts.row(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
         row.addWidget(self._seen_to, 0, Qt.AlignmentFlag.AlignTop)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _on_seen_to(self) -> None:
         if self._alarm is not None:

@@ -121,7 +121,7 @@ class TranscriptView(QAbstractScrollArea):
         self._field.entered.connect(self._on_written)
         # Leaving without Enter discards the edit.
         self._field.left.connect(self.give_up_writing)
-        self._told = AccessibleRegions(self.viewport(), self.viewport(), lambda: _spots(self), self._on_told_pressed)
+        self._told = AccessibleRegions(self.viewport(), self.viewport(), lambda: _spots(self), self._on_message_pressed)
         theme.changed.connect(self._on_theme_changed)
 
     # ---- display
@@ -145,7 +145,7 @@ class TranscriptView(QAbstractScrollArea):
                 self._current = ""
 
         self._change(put)
-        self._tell_below(0 if self._following or self._now_row is not None else self._below + came)
+        self._report_below(0 if self._following or self._now_row is not None else self._below + came)
 
     def show_now(self, row: int) -> None:
         """Replay: set the current turn; later ones are dimmed. -1 for before the first."""
@@ -170,7 +170,7 @@ class TranscriptView(QAbstractScrollArea):
         """Scroll to the newest turn and follow it."""
         self._following = True
         self._place(self._scroll_to_followed)
-        self._tell_below(0)
+        self._report_below(0)
 
     def row_rect(self, row: int) -> QRect:
         """Rectangle of a turn in the viewport."""
@@ -283,13 +283,13 @@ class TranscriptView(QAbstractScrollArea):
             else:
                 self._following = False
             if self._following:
-                self._tell_below(0)
+                self._report_below(0)
             if self._measure(self.visible_rows()):
                 self._change(lambda: None)
             self._place_field()
         self.viewport().update()
 
-    def _tell_below(self, count: int) -> None:
+    def _report_below(self, count: int) -> None:
         self._below = count
         self._to_newest.set_label(tr("%n new below", "", count) if count else tr("To the newest"))
         self._to_newest.setVisible(bool(count) and self._now_row is None)
@@ -393,9 +393,9 @@ class TranscriptView(QAbstractScrollArea):
         if event.button() != Qt.MouseButton.LeftButton or row is None:
             return
         utterance_id, button = self._rows[row].utterance_id, self._button_at(at)
-        self._on_told_pressed((utterance_id, button.act if button is not None else "pick"))
+        self._on_message_pressed((utterance_id, button.act if button is not None else "pick"))
 
-    def _on_told_pressed(self, key: tuple[str, ...]) -> None:
+    def _on_message_pressed(self, key: tuple[str, ...]) -> None:
         """Handle a click, also from the accessibility interface, on a turn or its button."""
         utterance_id, act = key
         button = next((button for button in _BUTTONS if button.act == act), None)

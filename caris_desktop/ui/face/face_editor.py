@@ -103,7 +103,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         self._speak.toggled.connect(self._on_speak)
         self._keep = ActionButton(theme, tr("Keep as"), icon="check", height_px=32, look="primary")
         self._keep.setObjectName("face_keep")
-        self._keep.clicked.connect(self._on_keep)
+        self._keep.clicked.connect(self._on_store)
         self._note = QLabel(wordWrap=True)
         self._note.setObjectName("face_note")
         buttons = QHBoxLayout()
@@ -179,7 +179,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
     def _on_speak(self, on: bool) -> None:
         self._motion.speak(SpokenLoudness(clock.now_ns()) if on else None)
 
-    def _on_keep(self) -> None:
+    def _on_store(self) -> None:
         name = self._name.text().strip()
         refused = self._console.do(intents.KeepFace(name, face_text(self._face)))
         self._say(refused or tr("Kept as “{name}”. The robot wears it now.").format(name=name))

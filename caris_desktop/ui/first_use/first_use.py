@@ -45,7 +45,7 @@ class FirstUse(QObject):
     def begin(self, *, with_simulated_robot: bool) -> None:
         """Start after the window is shown. With the simulated robot, only the driving hint appears."""
         if with_simulated_robot:
-            self._tell_how_to_drive()
+            self._show_how_to_drive()
         elif self._settings is not None and not self._settings.value(SET_UP_KEY, ""):
             self.open()
 
@@ -66,18 +66,18 @@ class FirstUse(QObject):
 
     def _on_simulated_wanted(self) -> None:
         self._console.do(intents.UseSimulatedRobot())
-        self._tell_how_to_drive()
+        self._show_how_to_drive()
 
     def _on_finished(self, through: bool) -> None:
-        self._keep(SET_UP_KEY, "done" if through else "skipped")
+        self._persist(SET_UP_KEY, "done" if through else "skipped")
 
-    def _tell_how_to_drive(self) -> None:
+    def _show_how_to_drive(self) -> None:
         if self._settings is not None and not self._settings.value(DRIVEN_KEY, ""):
             self.hint.begin()
 
     def _on_driven(self) -> None:
-        self._keep(DRIVEN_KEY, "yes")
+        self._persist(DRIVEN_KEY, "yes")
 
-    def _keep(self, key: str, value: str) -> None:
+    def _persist(self, key: str, value: str) -> None:
         if self._settings is not None:
             self._settings.setValue(key, value)

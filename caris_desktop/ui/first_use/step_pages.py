@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.remote_microphone import ear_of
+from caris_desktop.live.remote_microphone import segmenter_of
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import RobotProfile
@@ -99,7 +99,7 @@ class RobotPage(StepPage):
         self._add_robots()
         self.console.state.robot.changed.connect(self._show_present)
         self.column.addWidget(self._flow)
-        if self._robots.can_look:
+        if self._robots.can_detect:
             other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
             other.setObjectName("first_use_another_robot")
             other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
@@ -221,8 +221,8 @@ class SoundPage(StepPage):
             return
         self._microphones = QWidget()
         self.add_choice(tr("Microphone"), self._make_microphones(), holder=self._microphones)
-        console.state.robot.changed.connect(self._show_whose_microphone)
-        self._show_whose_microphone(console.state.robot.value)
+        console.state.robot.changed.connect(self._show_microphone_owner)
+        self._show_microphone_owner(console.state.robot.value)
         self._level = QProgressBar(textVisible=False)
         self._level.setObjectName("first_use_level")
         self._level.setAccessibleName(tr("How loud the microphone hears"))
@@ -240,9 +240,9 @@ class SoundPage(StepPage):
         choice.activated.connect(lambda index: self.console.do(intents.UseMicrophone(choice.itemData(index))))
         return choice
 
-    def _show_whose_microphone(self, robot: RobotProfile | None) -> None:
+    def _show_microphone_owner(self, robot: RobotProfile | None) -> None:
         """Hidden if the robot, chosen in an earlier step, has a microphone."""
-        self._microphones.setVisible(ear_of(self.console.scenario, robot) == "computer")
+        self._microphones.setVisible(segmenter_of(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
         if self._output is not None:

@@ -16,8 +16,8 @@ from caris_desktop.ui.layout.layout_tree import (
     front_of,
     groups_in,
     panels_in,
+    place_next_to,
     put_at_edge,
-    put_beside,
     tidy,
     with_current,
     with_weights,
@@ -106,12 +106,12 @@ def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Sid
         rest = without(loose.tree, {panel})
         if rest is None:
             return arrangement
-        return replace(loose, tree=put_beside(rest, beside, panel, side, at), hidden=hidden)
+        return replace(loose, tree=place_next_to(rest, beside, panel, side, at), hidden=hidden)
     # Its place in the main window is kept for docking it again.
     index = _window_of(loose, beside)
     if index is None:
         return arrangement
-    moved = _with_window(loose, index, lambda tree: put_beside(tree, beside, panel, side, at))
+    moved = _with_window(loose, index, lambda tree: place_next_to(tree, beside, panel, side, at))
     return replace(moved, hidden=hidden)
 
 
@@ -156,7 +156,7 @@ def add(arrangement: DockLayout, panel: PanelName, beside: Sequence[PanelName]) 
         return show(arrangement, panel)
     docked = arrangement.docked
     among = [each for each in (*beside, *arrangement.panels) if each in docked] or list(arrangement.panels)
-    return replace(arrangement, tree=put_beside(arrangement.tree, among[0], panel, "tab"))
+    return replace(arrangement, tree=place_next_to(arrangement.tree, among[0], panel, "tab"))
 
 
 def remove(arrangement: DockLayout, panels: Collection[PanelName]) -> DockLayout | None:

@@ -36,7 +36,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         self._shown = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
         self._rest = QTimer(self, singleShot=True, interval=200)
-        self._rest.timeout.connect(self._tell)
+        self._rest.timeout.connect(self._notify)
 
     def show_panels(self, tree: LayoutNode, shown: frozenset[PanelName], place: Rect) -> None:
         self.area.show_tree(tree, shown)
@@ -61,7 +61,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         if self.isVisible() and not self._settling.isActive():
             self._rest.start()
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         now = self.geometry()
         self._placed = Rect(now.x(), now.y(), now.width(), now.height())
         self.moved_by_hand.emit(self._placed)

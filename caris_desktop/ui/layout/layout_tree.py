@@ -120,7 +120,9 @@ def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName, at: int | No
     return TabNode((*tabs[:index], panel, *tabs[index:]), panel)
 
 
-def put_beside(node: LayoutNode, beside: PanelName, panel: PanelName, side: Side, at: int | None = None) -> LayoutNode:
+def place_next_to(
+    node: LayoutNode, beside: PanelName, panel: PanelName, side: Side, at: int | None = None
+) -> LayoutNode:
     """Canonical tree with the new ``panel`` at ``side`` of the group of ``beside``, with half of its space."""
     if side == "tab":
         return tidy(with_tab(node, beside, panel, at))

@@ -59,7 +59,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self.sees: Sees = sees
         only_looks = watched(console, discreet=sees == "no_names")
         actions = Actions(self, only_looks, self)
-        actions.keep_only(())
+        actions.drop_all_but(())
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
         self._column = layouts.column(self, margins_px=(0, 8, 0, 8))
         # An observer cannot scroll: content that does not fit is clipped.
@@ -85,7 +85,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         scenario = self._context.console.scenario
         self._context.actions.rebuild(scenario)
         if self._shown is not None:
-            self._lasting.update((name, panel.what_lasts()) for name, panel in self._panels.items())
+            self._lasting.update((name, panel.save_state()) for name, panel in self._panels.items())
             self._panels.clear()
             self._shown.hide()
             self._shown.setParent(None)
@@ -136,7 +136,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self._panels[name] = panel
         lasting = self._lasting.pop(name, None)
         if lasting is not None:
-            panel.take_over(lasting)
+            panel.restore_state(lasting)
         panel.set_in_view(True)
         return card
 
@@ -183,7 +183,7 @@ class ObserverWindows:
         if geometry is not None:
             self.shown.restoreGeometry(geometry)
         self.shown.closed.connect(self._on_closed)
-        self._keep(sees)
+        self._persist(sees)
         self.shown.show()
 
     def restore(self) -> None:
@@ -200,9 +200,9 @@ class ObserverWindows:
         if self.shown is not None:
             sees = self.shown.sees
             self.close()
-            self._keep(sees)
+            self._persist(sees)
 
-    def _keep(self, sees: Sees | Literal[""]) -> None:
+    def _persist(self, sees: Sees | Literal[""]) -> None:
         if self._settings is not None:
             self._settings.setValue(_SEES_KEY, sees)
 
@@ -225,6 +225,6 @@ class ObserverWindows:
         if self.shown is not None:
             if self._settings is not None:
                 self._settings.setValue(_GEOMETRY_KEY, self.shown.saveGeometry())
-            self._keep("")
+            self._persist("")
             self.shown.deleteLater()
             self.shown = None

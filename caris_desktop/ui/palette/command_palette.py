@@ -100,7 +100,7 @@ class CommandPalette(Overlay):
             self._memory.note(entry)
         entry.do()
 
-    def tell_current(self) -> None:
+    def report_current(self) -> None:
         """Describe the current item on the field, the only widget that a screen reader follows."""
         entry = self.list.current
         self.field.setAccessibleDescription("" if entry is None else entry.spoken)
@@ -164,7 +164,7 @@ class _EntryList(QWidget):
         self._breaks: Sequence[int] = ()
         self.asked_again: Entry | None = None
         self.setMouseTracking(True)
-        self._told = AccessibleRegions(self, self, self._spots, self._on_told_pressed)
+        self._told = AccessibleRegions(self, self, self._spots, self._on_message_pressed)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -202,7 +202,7 @@ class _EntryList(QWidget):
         self._index = row
         if self.current is not self.asked_again:
             self.asked_again = None
-        self._owner.tell_current()
+        self._owner.report_current()
         self.update()
 
     def _first(self) -> int:
@@ -226,7 +226,7 @@ class _EntryList(QWidget):
             for line, entry in enumerate(shown)
         ]
 
-    def _on_told_pressed(self, key: tuple[str, ...]) -> None:
+    def _on_message_pressed(self, key: tuple[str, ...]) -> None:
         row = int(key[0])
         # The list may have changed since the region was reported.
         if row < len(self._entries) and self._entries[row].text == key[1]:

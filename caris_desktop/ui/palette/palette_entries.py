@@ -476,7 +476,7 @@ class PaletteEntries:
             )
             for choice in robots.others()
         ]
-        if robots.can_look:
+        if robots.can_detect:
             entries.append(
                 Entry(
                     tr("Connect another robot…"),

@@ -165,15 +165,15 @@ class AssistantPanel(Panel):
         # Edited prompts belong to the former scenario and must not leak into this one.
         self._words.forget()
         self._pages.setCurrentWidget(self._main)
-        self.catch_up()
+        self.update_view()
 
     def use_settings(self, settings: PanelSettings) -> None:
         self.along.keep(settings.assistant.left_out, self.along.pictures)
 
-    def what_lasts(self) -> Any:
+    def save_state(self) -> Any:
         return self.field.text(), self.along.left_out, self.along.pictures
 
-    def take_over(self, lasting: Any) -> None:
+    def restore_state(self, lasting: Any) -> None:
         text, left_out, pictures = lasting
         self.field.setText(text)
         self.along.keep(left_out, pictures)
@@ -190,7 +190,7 @@ class AssistantPanel(Panel):
     def _style(self) -> None:
         for label in (self._question, self._note):
             label.setFont(self.theme.font(tokens.STATUS_PX))
-        self.catch_up()
+        self.update_view()
 
     # Question
 
@@ -224,7 +224,7 @@ class AssistantPanel(Panel):
             self.field.clear()
             self.with_what.setChecked(False)
             self.along.forget_pictures()
-            self.catch_up()
+            self.update_view()
 
     def _show_parts(self) -> None:
         """Show the widgets that fit: while a question is written, its context takes precedence over the last answer."""
@@ -262,7 +262,7 @@ class AssistantPanel(Panel):
         if exchange_id != self._shown.exchange_id:
             self._chosen = exchange_id
             self._stop_editing()
-            self.catch_up()
+            self.update_view()
 
     def _step(self, by: int) -> None:
         """Select the previous or next question."""
@@ -342,7 +342,7 @@ class AssistantPanel(Panel):
 
     # Display
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_setup_changed(self.state.assistant_setup.value)
         self._on_assistant_changed(self.state.assistant.value)
 

@@ -92,7 +92,7 @@ class ConversationPanel(Panel):
         self.state.everybody.changed.connect(self._on_persons_changed)
         self.state.time_jumped.connect(self._on_time_jumped)
         self.every(_TICK_MS, self._tick)
-        self.catch_up()
+        self.update_view()
 
     def title_widgets(self) -> list[QWidget]:
         scenario = self.console.scenario
@@ -116,7 +116,7 @@ class ConversationPanel(Panel):
 
     # ---- display
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._take_names()
         self._refresh()
         self._tick()
@@ -170,7 +170,7 @@ class ConversationPanel(Panel):
         self._under_way = self._heard()
         self.view.show_rows(self._maker.rows(self._turns(), self._names, self._under_way))
         if self._search.isVisible():
-            self._look_again()
+            self._check_again()
         self._tick()
 
     def _on_time_jumped(self, _events: object) -> None:
@@ -185,9 +185,9 @@ class ConversationPanel(Panel):
             if self._under_way != self._heard():  # the turn ended without an event
                 self._refresh()
             self.view.show_now(bisect_right(self.view.rows, now_ns, key=lambda row: row.begins_ns) - 1)
-        self._tell_waiting(now_ns)
+        self._report_waiting(now_ns)
 
-    def _tell_waiting(self, now_ns: int) -> None:
+    def _report_waiting(self, now_ns: int) -> None:
         stands = waiting(self._turns_until(now_ns), self._under_way.values(), now_ns)
         if stands is None:
             count = len(self.view.rows)
@@ -221,7 +221,7 @@ class ConversationPanel(Panel):
         self._search.show()
         focus_widget(self._search.field)
         self._search.field.selectAll()
-        self._look_again()
+        self._check_again()
 
     def close_search(self) -> None:
         if self._search.isVisible():
@@ -238,7 +238,7 @@ class ConversationPanel(Panel):
         self.view.show_found(self._matches, query)
         self.go_to_match(-1)
 
-    def _look_again(self) -> None:
+    def _check_again(self) -> None:
         query = self._search.field.text()
         self._matches = found_in(self.view.rows, query)
         self._match = min(self._match, len(self._matches) - 1)

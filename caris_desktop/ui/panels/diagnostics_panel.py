@@ -270,7 +270,7 @@ def _sort_key(row: TopicRow, column: int) -> float | str:
     return numbers[column] if column in numbers else cell_text(row, column).casefold()
 
 
-def look_words(perception: PerceptionStatus) -> list[str]:
+def detection_words(perception: PerceptionStatus) -> list[str]:
     """Detector and detection rate per camera; empty while detection is off."""
     if perception.state != "ready":
         return []
@@ -322,7 +322,7 @@ def report(
         tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock_words(link, anchor)),
         *(link_words(measured) for measured in traffic.values()),
         *raw_picture_words(traffic),
-        *look_words(perception),
+        *detection_words(perception),
         *process_words(health or {}),
         "",
         "\t".join(map(tr, _COLUMNS)),
@@ -391,7 +391,7 @@ class DiagnosticsPanel(Panel):
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
         self.state.health.changed.connect(self._on_health_changed)
-        self.theme.keep_styled(self._style)
+        self.theme.restyle_on_change(self._style)
         self.refresh()
 
     def title_widgets(self) -> list[QWidget]:
@@ -424,7 +424,7 @@ class DiagnosticsPanel(Panel):
         self._copied_at_s = time.monotonic()
         self._copy.set_label(tr("Copied"), icon="check")
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self.refresh()
 
     def _on_robot_changed(self, _robot: object) -> None:
@@ -464,7 +464,7 @@ class DiagnosticsPanel(Panel):
             lines = [text_formatting.with_detail(tr("The robot is not connected"), link.detail)]
         lines += [link_words(measured) for measured in traffic.values()]
         lines += raw_picture_words(traffic)
-        lines += look_words(self.state.perception.value)
+        lines += detection_words(self.state.perception.value)
         lines += process_words({name: how for name, how in self.state.health.value.items() if how != "running"})
         self._summary.setToolTip("\n".join(lines))
         # A low panel has room for rows or totals; rows are more informative.

@@ -124,7 +124,7 @@ class DrivePanel(Panel):
         self.state.drive.changed.connect(self._show_now)
         self.state.goal.changed.connect(self._show_now)
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.state.look.changed.connect(self._on_look_changed)
+        self.state.look.changed.connect(self._on_detection_changed)
         self.hold.motion.held_changed.connect(self._show_now)
         self.hold.key_owner_changed.connect(self._show_now)
         self.table.keys_changed.connect(self._show_now)
@@ -205,10 +205,10 @@ class DrivePanel(Panel):
         self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
         self._pad.show_rows()
         self._arrange_views()
-        self._on_look_changed(self.state.look.value)
+        self._on_detection_changed(self.state.look.value)
         self._show_now()
 
-    def _on_look_changed(self, _look: object) -> None:
+    def _on_detection_changed(self, _look: object) -> None:
         if not self.in_view:
             return
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
@@ -243,7 +243,7 @@ class DrivePanel(Panel):
         self._guard_hint.start()
         self._show_now()
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_robot_changed(self.state.robot.value)
 
     def _show_now(self) -> None:
@@ -441,7 +441,7 @@ class HeadControl(QWidget):
         row = layouts.row(self, margins_px=0, spacing_px=6)
         row.addWidget(self.stick, 1)
         row.addLayout(column)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())

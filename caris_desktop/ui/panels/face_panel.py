@@ -86,14 +86,14 @@ class FacePanel(Panel):
         self.state.face_drawing.changed.connect(self._on_drawing)
         self.state.face_page.changed.connect(self._on_page)
         self.table.rows_changed.connect(self._fill)
-        self.theme.keep_styled(self._style)
+        self.theme.restyle_on_change(self._style)
         self._fill()
-        self.catch_up()
+        self.update_view()
 
     def show_scenario(self) -> None:
         self._text.clear()
         self._fill()
-        self.catch_up()
+        self.update_view()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._window, self._page] if self.state.present.live else []
@@ -122,7 +122,7 @@ class FacePanel(Panel):
         low = self.height() < _LOW_PX
         chip.set_size(height_px=26 if low else 30, text_px=tokens.STATUS_PX if low else tokens.BODY_PX)
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_face(self.state.face.value)
         self._on_drawing(self.state.face_drawing.value)
         self._on_page(self.state.face_page.value)

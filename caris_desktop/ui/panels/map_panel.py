@@ -22,7 +22,7 @@ from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_told
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_reported
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
@@ -58,11 +58,11 @@ class MapPanel(Panel):
         self._follows_on_map = False  # in the odometry frame the view always follows the robot
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
-        self._told = ThrottledAccessibleDescription(self.view, self._told_words, every_ms=TOLD_EVERY_MS)
+        self._told = ThrottledAccessibleDescription(self.view, self._message_text, every_ms=TOLD_EVERY_MS)
         layout = layouts.column(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
-        self.tools.told.connect(self._on_told)
+        self.tools.told.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_title_widgets()
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
@@ -100,9 +100,9 @@ class MapPanel(Panel):
         state.event_happened.connect(self._on_event)
         for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
             stream.freshness_changed.connect(self._on_freshness_changed)
-        self.catch_up()
+        self.update_view()
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         state, view = self.state, self.view
         if state.map.value is not None:
             view.show_map(state.map.value)
@@ -209,7 +209,7 @@ class MapPanel(Panel):
             self.view.fit()
 
     def _on_view_chosen(self, _on: bool) -> None:
-        self.tell_choices()
+        self.report_choices()
 
     def _open_go_menu(self) -> None:
         menu = self._go_menu
@@ -382,7 +382,7 @@ class MapPanel(Panel):
         )
         self._refresh()
 
-    def _on_told(self, text: str, role: str, shown_s: float) -> None:
+    def _on_reported(self, text: str, role: str, shown_s: float) -> None:
         self._ended = (text, role, time.monotonic() + shown_s)
         self._refresh()
 
@@ -441,9 +441,9 @@ class MapPanel(Panel):
             chips.append(self._ended[:2])
         return chips
 
-    def _told_words(self) -> str:
+    def _message_text(self) -> str:
         scan = self.state.scan
-        return map_told(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
+        return map_reported(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
 
     def _refresh(self) -> None:
         if not self.in_view:

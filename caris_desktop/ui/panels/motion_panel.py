@@ -158,7 +158,7 @@ class MotionPanel(Panel):
             self._widget.ci.addItem(turning, row=0 if side_by_side else 1, col=1 if side_by_side else 0)
 
     @property
-    def points_kept(self) -> int:
+    def visited_points(self) -> int:
         return len(self._commanded) + len(self._measured) + len(self._limited)
 
     def shown(self, row: int, line: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -202,7 +202,7 @@ class MotionPanel(Panel):
         twist = odometry.twist
         self._measured.add(odometry.stamp_ns, twist.forward_mps, math.degrees(twist.turn_radps), twist.left_mps)
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_drive_changed(self.state.drive.value)
         self._draw()
 

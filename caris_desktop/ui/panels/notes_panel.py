@@ -115,7 +115,7 @@ class NotesPanel(Panel):
         self.state.notes.changed.connect(self._on_changed)
         self.state.recording.changed.connect(self._on_changed)
         self.view.selectionModel().currentChanged.connect(self._on_changed)
-        self.theme.keep_styled(self.catch_up)
+        self.theme.restyle_on_change(self.update_view)
 
     def _small_button(self, name: str, text: str, icon: str, slot: Any) -> ActionButton:
         button = ActionButton(self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
@@ -132,7 +132,7 @@ class NotesPanel(Panel):
 
     def show_scenario(self) -> None:
         self._show_study()
-        self.catch_up()
+        self.update_view()
 
     def _show_study(self) -> None:
         """Show the scenario's notes for the wizard with a button that folds them, if there are any."""
@@ -179,7 +179,7 @@ class NotesPanel(Panel):
 
     # ---- display
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_changed()
 
     def _on_changed(self, *_values: object) -> None:
@@ -288,10 +288,10 @@ class NotesPanel(Panel):
         else:
             self._on_clicked(index)
 
-    def what_lasts(self) -> tuple[str, int | None]:
+    def save_state(self) -> tuple[str, int | None]:
         return ("" if self._changing else self.field.text(), self._began_ns)
 
-    def take_over(self, lasting: tuple[str, int | None]) -> None:
+    def restore_state(self, lasting: tuple[str, int | None]) -> None:
         text, self._began_ns = lasting
         self.field.setText(text)
 

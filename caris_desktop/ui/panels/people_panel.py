@@ -61,7 +61,7 @@ class PeoplePanel(Panel):
         self.list = PeopleList(self.theme, self.model, self._pixmaps)
         self.list.setObjectName("people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
-        self.list.let_go.connect(self.catch_up)
+        self.list.let_go.connect(self.update_view)
         self.list.naming_changed.connect(self.state.named_person.set)
         self.list.picked.connect(self._on_picked)
         self.list.asked_for.connect(self._on_asked_for)
@@ -77,7 +77,9 @@ class PeoplePanel(Panel):
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
-        self._told = AccessibleRegions(holder, self.list.viewport(), self.list.told_spots, self.list.press_told)
+        self._told = AccessibleRegions(
+            holder, self.list.viewport(), self.list.accessible_spots, self.list.press_message
+        )
         layout = layouts.column(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(holder, 1)
@@ -85,16 +87,16 @@ class PeoplePanel(Panel):
         self._offer_names()
         self._listen()
         self.every(1000, self._on_second)
-        self.catch_up()
+        self.update_view()
 
     def _listen(self) -> None:
         state = self.state
         state.persons.changed.connect(self._show_everyone)
         state.everybody.changed.connect(self._show_everyone)
-        state.camera.changed.connect(self.catch_up)
+        state.camera.changed.connect(self.update_view)
         state.perception.changed.connect(self._refresh)
         state.frame.freshness_changed.connect(self._refresh)
-        state.selected_person.changed.connect(self._show_meant)
+        state.selected_person.changed.connect(self._show_selected)
         state.asked_person.changed.connect(self._show_asked)
         state.going_on.changed.connect(self._show_unconfirmed)
         state.event_happened.connect(self._on_event)
@@ -181,9 +183,9 @@ class PeoplePanel(Panel):
             if self._card is not None:
                 self._card.close_card()
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._show_everyone()
-        self._show_meant()
+        self._show_selected()
         self._show_asked()
         self._show_unconfirmed()
 
@@ -210,11 +212,11 @@ class PeoplePanel(Panel):
             held_rows=0 if self._search.hasFocus() else self.list.held_rows,
             camera=self.state.camera.value,
         )
-        self._tell_folded(persons)
-        self.list.look_whose_name_it_is()
+        self._report_folded(persons)
+        self.list.find_owner_of_name()
         self._renew_card()
         if not self._undo.isHidden():
-            self._tell_decision()
+            self._report_decision()
         self._refresh()
 
     def _is_folded(self, person: PersonRow, query: str = "") -> bool:
@@ -224,7 +226,7 @@ class PeoplePanel(Panel):
         card = self._card.person_id if self._card is not None else ""
         return person.person_id not in (self.list.naming, self.state.selected_person.value, card)
 
-    def _tell_folded(self, persons: Sequence[PersonRow]) -> None:
+    def _report_folded(self, persons: Sequence[PersonRow]) -> None:
         button = self._unfold_button
         if button is None or button.parent() is None:
             return
@@ -237,7 +239,7 @@ class PeoplePanel(Panel):
             button.setToolTip(tr("Show %n who left without a name", "", count))
         button.setAccessibleName(button.toolTip())
 
-    def _show_meant(self, _person_id: object = None) -> None:
+    def _show_selected(self, _person_id: object = None) -> None:
         if self.in_view:
             self.list.show_meant(self.state.selected_person.value)
 
@@ -324,10 +326,10 @@ class PeoplePanel(Panel):
         if self._search.hasFocus():
             self.list.setFocus(Qt.FocusReason.OtherFocusReason)
         self._search.hide()
-        self.catch_up()
+        self.update_view()
 
     def _on_search_changed(self, _text: str) -> None:
-        self.catch_up()
+        self.update_view()
         self.list.scrollToTop()
 
     def _pick_first(self) -> None:
@@ -397,7 +399,7 @@ class PeoplePanel(Panel):
     def _on_escape(self) -> None:
         self.list.give_up_naming()
         if self._card is not None:
-            self._card.give_way()
+            self._card.yield_control()
         if not self._search.isHidden():
             self._close_search()
 
@@ -451,10 +453,10 @@ class PeoplePanel(Panel):
             self._undo.put_away()
         elif isinstance(event, event_messages.DECISIONS_ABOUT_PEOPLE) and event.actor == WIZARD:
             self._decided = event
-            self._tell_decision()
+            self._report_decision()
             self._undo.offer()
 
-    def _tell_decision(self) -> None:
+    def _report_decision(self) -> None:
         """Describe the decision with the current name: the event precedes the rows that follow from it."""
         told = event_messages.event_sentence(self._decided, self._name_of)
         if told is not None:

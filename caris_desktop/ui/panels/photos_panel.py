@@ -104,7 +104,7 @@ class PhotosPanel(Panel):
         self.state.persons.changed.connect(self._on_persons_changed)
         self.table.keys_changed.connect(self._refresh)
         self.theme.changed.connect(self._refresh)
-        self.catch_up()
+        self.update_view()
 
     def sizeHint(self) -> QSize:
         return QSize(360, 320)
@@ -112,7 +112,7 @@ class PhotosPanel(Panel):
     def minimumSizeHint(self) -> QSize:
         return QSize(220, 160)
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_persons_changed(self.state.persons.value)
         self._on_photos_changed(self.state.photos.value)
 

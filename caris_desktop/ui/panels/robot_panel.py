@@ -231,7 +231,7 @@ class ControlEntry(QWidget):
         self._calm_down.timeout.connect(self._on_done_shown)
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
         self._give_up_asking.timeout.connect(self.stop_asking)
-        theme.keep_styled(self._show)
+        theme.restyle_on_change(self._show)
 
     @property
     def note(self) -> QLabel:
@@ -408,7 +408,7 @@ class _Heading(QLabel):
     def __init__(self, theme: Theme, text: str) -> None:
         super().__init__(text)
         self._theme = theme
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _style(self) -> None:
         self._theme.style_text(self, "dim", tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)

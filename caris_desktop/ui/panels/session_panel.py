@@ -179,10 +179,10 @@ class SessionPanel(Panel):
             button.set_label(label)
             button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark a stretch.").format(label=label))
 
-    def what_lasts(self) -> list[LogEntry]:
+    def save_state(self) -> list[LogEntry]:
         return self._model.entries()
 
-    def take_over(self, lasting: Sequence[LogEntry]) -> None:
+    def restore_state(self, lasting: Sequence[LogEntry]) -> None:
         self._model.replace(lasting)
         self._log.scrollToBottom()
 
@@ -202,7 +202,7 @@ class SessionPanel(Panel):
         self._model.set_in_view(in_view)
         super().set_in_view(in_view)
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._refresh()
 
     def _entry_of(self, event: object) -> LogEntry | None:
@@ -224,7 +224,7 @@ class SessionPanel(Panel):
         self._model.set_category(category)
         self._log.scrollToBottom()
         self._category = category
-        self.tell_choices()
+        self.report_choices()
 
     def choices(self) -> dict[str, Any]:
         return {"category": self._category}
@@ -253,7 +253,7 @@ class SessionPanel(Panel):
         if folder is not None:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
-    def _kept(self) -> str:
+    def _stored(self) -> str:
         """Short text on what a session contains."""
         permissions = self.console.scenario.permissions
         photos = tr("photos") if permissions.photos else tr("no photos")
@@ -314,7 +314,7 @@ class SessionPanel(Panel):
                 self.set_fact(tr("not recording"), "red")
             case _:
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text = tr("Keeps {what}").format(what=self._kept())
+                text = tr("Keeps {what}").format(what=self._stored())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
                 self.set_fact(tr("not recording"))
@@ -353,7 +353,7 @@ class SessionPanel(Panel):
         so_far = tr("{size} so far").format(size=text_formatting.size(status.written_bytes))
         if self.table.spec("mark") is not None:
             so_far = tr("{size} so far: {kept}").format(
-                size=text_formatting.size(status.written_bytes), kept=self._kept()
+                size=text_formatting.size(status.written_bytes), kept=self._stored()
             )
         parts = [so_far, text_formatting.all_missing(status.dropped)]
         low = status.room_s is not None and status.room_s < ROOM_LOW_S

@@ -98,7 +98,7 @@ class SpeakPanel(Panel):
         self.field.setPlaceholderText(tr(_HINT))
         self.field.textChanged.connect(self._on_text_changed)
         self._pause = QTimer(self, singleShot=True)
-        self._pause.timeout.connect(self._tell_draft)
+        self._pause.timeout.connect(self._report_draft)
         self._gap = PlaceholderPrompt(self.theme)
         self._gap.filled.connect(self._fill_gap)
         self._gap.given_up.connect(lambda: self._fill_gap(""))
@@ -141,7 +141,7 @@ class SpeakPanel(Panel):
         self.table.rows_changed.connect(self._fit)
         self.hold.escape_pressed.connect(self._on_escape)
         self.theme.changed.connect(self._show_hints)
-        self.every(_TICK_MS, self._tell_time_left)
+        self.every(_TICK_MS, self._show_time_left)
         self._on_speech_changed(self.state.speech.value)
         self._show_hints()
 
@@ -161,17 +161,17 @@ class SpeakPanel(Panel):
         if self._queue.isVisible():
             focus_widget(self._queue)
 
-    def what_lasts(self) -> str:
+    def save_state(self) -> str:
         return self.field.toPlainText()
 
-    def take_over(self, lasting: str) -> None:
+    def restore_state(self, lasting: str) -> None:
         self.field.bring(lasting)
 
     def show_scenario(self) -> None:
         self._say_instead = None  # a suggestion of the former scenario becomes ordinary text
         self._offer_talking()
         self._phrases.show_scenario()
-        self.catch_up()
+        self.update_view()
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)
@@ -249,7 +249,7 @@ class SpeakPanel(Panel):
         elif self.state.present.live:
             self._pause.start(0 if self.field.toPlainText().endswith(_ENDS) else _PAUSE_MS)
 
-    def _tell_draft(self) -> None:
+    def _report_draft(self) -> None:
         """Send a draft, so that synthesis finishes by the time Enter is pressed."""
         self.console.do(intents.DraftSpeech(self.field.toPlainText()))
 
@@ -297,7 +297,7 @@ class SpeakPanel(Panel):
 
     # ---- display
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         self._on_speech_changed(self.state.speech.value)
         self._say_to_whom()
         self._show_hints()
@@ -316,11 +316,11 @@ class SpeakPanel(Panel):
         if not self.in_view:
             return
         self._ask_for_gap(speech.gap)
-        self._tell_time_left()
+        self._show_time_left()
         self._queue.show_waiting(speech.waiting)
         self._fit()
 
-    def _tell_time_left(self) -> None:
+    def _show_time_left(self) -> None:
         speech: SpeechStatus = self.state.speech.value
         if speech.now is not None:
             said = text_formatting.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))

@@ -17,12 +17,12 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, looks_away
+from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, SeenLately, video_told
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, SeenLately, video_losses
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -69,7 +69,7 @@ class VideoPanel(Panel):
         self.view.setObjectName("video_view")
         self._seen = SeenLately()
         self._told = ThrottledAccessibleDescription(
-            self.view, lambda: video_told(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
+            self.view, lambda: video_losses(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
         )
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)
@@ -116,9 +116,9 @@ class VideoPanel(Panel):
         self.table.keys_changed.connect(self._name_people)
         self.table.asking.connect(self._on_asking)
         self.every(250, self._refresh)
-        self.catch_up()
+        self.update_view()
 
-    def catch_up(self) -> None:
+    def update_view(self) -> None:
         state = self.state
         self._on_cameras_changed(None)
         self._on_persons_changed(state.persons.value)
@@ -201,7 +201,7 @@ class VideoPanel(Panel):
             self._aspect = aspect
             self._place_strip()
         self.view.show_model(self._model(frame))
-        self._keep_ring_in_place()
+        self._hold_ring_in_place()
         self._latency_s = self.state.frame.age_s() or 0.0
         if not self.view.isVisible() or self.state.frame.freshness == "lost":
             return
@@ -212,7 +212,7 @@ class VideoPanel(Panel):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         if self.in_view:
-            self.catch_up()
+            self.update_view()
 
     def _on_people_changed(self, people: People) -> None:
         if self.in_view:
@@ -288,7 +288,7 @@ class VideoPanel(Panel):
             chips.append((tr("Where the LIDAR looks is not known"), "video_text"))
         elif state.scan.freshness == "fresh":
             head = state.head.value if state.head.freshness == "fresh" else None
-            away = looks_away(state.robot.value, self.view.frame, head)
+            away = gaze_is_away(state.robot.value, self.view.frame, head)
             text, warns = ahead_words(ahead_of(state.scan.value), away)
             chips.append((text, "warning" if warns else "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
@@ -354,7 +354,7 @@ class VideoPanel(Panel):
         pose: RobotPose | None = self.state.pose.value
         return pose.pose_in_map if pose is not None and self.state.pose.freshness == "fresh" else None
 
-    def _keep_ring_in_place(self) -> None:
+    def _hold_ring_in_place(self) -> None:
         """Keep the target marker on the floor while the robot moves; drop it when the popup closes."""
         pose = self._pose_now()
         if self._target is None:

@@ -85,14 +85,14 @@ class AboutPage(QWidget):
         self._how.setObjectName("person_how")
         self._not = self._button("person_not", "", "user-minus", self._on_not)
         self._suggested = [self._suggestion_row(number) for number in range(MOST_SUGGESTED)]
-        self._name = self._field("person_card_name_field", tr("Name"), tr("Name"), self._keep_name)
-        self._group = self._field("person_group", tr("Group"), tr("Group"), self._keep_group)
-        self._tags = self._field("person_tags", tr("Tags"), tr("Tags, with commas between"), self._keep_tags)
+        self._name = self._field("person_card_name_field", tr("Name"), tr("Name"), self._store_name)
+        self._group = self._field("person_group", tr("Group"), tr("Group"), self._store_group)
+        self._tags = self._field("person_tags", tr("Tags"), tr("Tags, with commas between"), self._store_tags)
         self._note = NoteField()
         self._note.setObjectName("person_note")
         self._note.setAccessibleName(tr("Note"))
         self._note.setPlaceholderText(tr("What to remember about this person"))
-        self._note.left.connect(self._keep_note)
+        self._note.left.connect(self._store_note)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
             box = self._consents[kind] = CheckBox(theme, event_messages.CONSENTS[kind])
@@ -113,7 +113,7 @@ class AboutPage(QWidget):
         self._split = self._button("person_split", tr("Split"), "users", self._on_split)
         self._forget = self._button("person_forget", tr("Forget…"), "trash", self.forget_wanted.emit)
         self._arrange()
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _button(self, name: str, text: str, icon: str, act: Callable[[], object]) -> ActionButton:
         button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
@@ -263,22 +263,22 @@ class AboutPage(QWidget):
 
     # ---- decisions
 
-    def _keep_name(self) -> None:
+    def _store_name(self) -> None:
         person, name = self._person, " ".join(self._name.text().split())
         if person is not None and name and name != person.name:
             self._do(intents.NamePerson(person.person_id, name))
 
-    def _keep_group(self) -> None:
+    def _store_group(self) -> None:
         person, group = self._person, " ".join(self._group.text().split())
         if person is not None and group != person.group:
             self._do(intents.SetPersonGroup(person.person_id, group))
 
-    def _keep_tags(self) -> None:
+    def _store_tags(self) -> None:
         person, tags = self._person, tags_of(self._tags.text())
         if person is not None and tags != person.tags:
             self._do(intents.TagPerson(person.person_id, tags))
 
-    def _keep_note(self) -> None:
+    def _store_note(self) -> None:
         person, note = self._person, self._note.toPlainText().strip()
         if person is not None and note != person.note:
             self._do(intents.NotePerson(person.person_id, note))

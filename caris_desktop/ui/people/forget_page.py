@@ -44,7 +44,7 @@ class ForgetPage(QWidget):
         column.addWidget(self._not_now)
         column.addLayout(row)
         column.addStretch(1)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def begin_with(self, person: PersonRow, *, recording: bool) -> None:
         """Show the page; erasing is refused while a session is ``recording``, because the file being written cannot

@@ -80,7 +80,7 @@ class MergePage(QWidget):
         column.addWidget(self._told)
         column.addLayout(row)
         column.addStretch(1)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def begin_with(self, person: PersonRow, everyone: Sequence[PersonRow]) -> None:
         self._other_id = ""

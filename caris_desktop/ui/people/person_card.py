@@ -89,7 +89,7 @@ class PersonCard(QWidget):
             self._pages.addWidget(scroll)
         self._arrange(close)
         window.installEventFilter(self)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.hide()
 
     def _arrange(self, close: QWidget) -> None:
@@ -175,7 +175,7 @@ class PersonCard(QWidget):
             self.show_person(left, self._now_ns)
             self.show_page("about")
 
-    def give_way(self) -> None:
+    def yield_control(self) -> None:
         """Esc: leave a question page first, then close. Unfinished input is discarded."""
         if self.isHidden():
             return

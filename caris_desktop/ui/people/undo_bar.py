@@ -32,7 +32,7 @@ class UndoBar(QWidget):
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
         self._away.timeout.connect(self.hide)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.hide()
 
     def say(self, text: str) -> None:

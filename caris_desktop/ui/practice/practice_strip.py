@@ -112,7 +112,7 @@ class PracticeStrip(Bar, QWidget):
             row.addWidget(button)
         console.state.practice.changed.connect(self._show)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._show(console.state.practice.value)
 
     def begin(self) -> None:
@@ -137,7 +137,7 @@ class PracticeStrip(Bar, QWidget):
                 self._how_to(step),
             )
         elif ended:
-            self._keep(status)
+            self._persist(status)
             self._say(*self._result(status))
         elif status.state:
             self._say(
@@ -171,7 +171,7 @@ class PracticeStrip(Bar, QWidget):
         left = tr("Not done: {steps}.").format(steps=", ".join(missing)) if missing else tr("Every step was done.")
         return title, tr("{what_was_left} {comparison}").format(what_was_left=left, comparison=how)
 
-    def _keep(self, status: PracticeStatus) -> None:
+    def _persist(self, status: PracticeStatus) -> None:
         """Save the result, once per run."""
         if not self._kept:
             self._kept = True

@@ -42,7 +42,7 @@ class PreflightCard(Overlay):
         column.addWidget(self._summary)
         column.addWidget(self.list, 1)
         console.state.preflight.changed.connect(self._show)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._show(console.state.preflight.value)
 
     def open(self) -> None:

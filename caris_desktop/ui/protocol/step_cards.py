@@ -92,7 +92,7 @@ class StepsCard(_CardBelow):
         column.addLayout(self._boxes)
         column.addWidget(self._scroll)
         self.setFixedWidth(_WIDE_PX)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def show_steps(
         self, steps: Sequence[ShownStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool

@@ -80,7 +80,7 @@ class CodingStrip(QWidget):
         row.addStretch(1)
         for button in self._acts:
             row.addWidget(button)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def show_tier(
         self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenInterval | None, *, tiers: int

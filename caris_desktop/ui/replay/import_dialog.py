@@ -26,13 +26,13 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         parent: QWidget,
         *,
         coders: Sequence[str],
-        take_over: Callable[[Path, str, Callable[[str], None]], None],
+        restore_state: Callable[[Path, str, Callable[[str], None]], None],
     ) -> None:
         super().__init__(parent)
         self.setObjectName("import_dialog")
         self.setWindowTitle(tr("Import annotations"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._take_over = take_over
+        self._take_over = restore_state
         self._asked = 0
         self.finished.connect(self._forget)
         heading = QLabel(tr("Which file, and whose annotations are they?"))

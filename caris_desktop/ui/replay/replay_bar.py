@@ -111,7 +111,7 @@ class ReplayBar(QWidget):
         self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)
         replay.overview.changed.connect(self._on_overview_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._on_playback_changed(replay.playback.value)
         self._on_overview_changed(replay.overview.value)
 

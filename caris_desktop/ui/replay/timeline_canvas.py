@@ -196,7 +196,7 @@ class TimelineCanvas(QWidget):
         elif bottom > self.shown.scroll_y + room:
             self.scroll_to(bottom - room)
 
-    def show_stretch(self, start_ms: float, end_ms: float) -> None:
+    def show_interval(self, start_ms: float, end_ms: float) -> None:
         """Scroll to the interval."""
         if not 0 <= self.scale.to_px(start_ms) <= self.room_px - 40 or self.scale.to_px(end_ms) > self.room_px:
             self.set_scale(replace(self.scale, start_ms=start_ms - 0.2 * self.room_px / self.scale.px_per_ms))

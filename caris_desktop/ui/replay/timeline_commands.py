@@ -121,7 +121,7 @@ class TimelineCommands(QObject):
             self.say(none.format(tier=active.name))
             return
         self._canvas.select(found.annotation_id)
-        self._canvas.show_stretch(found.start_ms, found.end_ms)
+        self._canvas.show_interval(found.start_ms, found.end_ms)
         self._seek(found.start_ms)
 
     def code(self, number: int) -> None:
@@ -192,7 +192,7 @@ class TimelineCommands(QObject):
         if taken is not None:
             self._say_taken(taken)
             return
-        free = annotation_editing.free_stretch(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
+        free = annotation_editing.free_interval(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
         end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
         self._on_create_wanted(tier.tier_id, start_ms, end_ms)
 

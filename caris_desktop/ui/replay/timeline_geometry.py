@@ -75,10 +75,10 @@ class TimelineGeometry:
         """Rectangle of an annotation; None if its row is hidden."""
         for index, row in enumerate(self._shown.rows):
             if row.tier is not None and row.tier.tier_id == annotation.tier_id:
-                return self.stretch_rect(index, annotation.start_ms, annotation.end_ms)
+                return self.interval_rect(index, annotation.start_ms, annotation.end_ms)
         return None
 
-    def stretch_rect(self, index: int, start_ms: float, end_ms: float) -> QRectF:
+    def interval_rect(self, index: int, start_ms: float, end_ms: float) -> QRectF:
         left, right = self._shown.scale.to_px(start_ms), self._shown.scale.to_px(end_ms)
         top = self._shown.row_top(index) + PAD_PX
         return QRectF(NAMES_PX + left, top, max(2.0, right - left), self._shown.rows[index].height_px - 2 * PAD_PX)

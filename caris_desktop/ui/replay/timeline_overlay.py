@@ -76,7 +76,7 @@ class TimelineOverlay:
         if index is None:
             return
         end_ms = max(self._shown.position_ms, stretch.start_ms + 2 / self._shown.scale.px_per_ms)
-        rect = self._geometry.stretch_rect(index, stretch.start_ms, end_ms)
+        rect = self._geometry.interval_rect(index, stretch.start_ms, end_ms)
         self._paint_ghost(
             painter, rect, self._drawing.color_of(self._shown, self._shown.rows[index].coder), stretch.value
         )
@@ -86,7 +86,7 @@ class TimelineOverlay:
         if drag is None or not drag.moving or drag.kind not in ("create", "move", "start", "end"):
             return
         index = drag.target if drag.kind == "move" else drag.row
-        rect = self._geometry.stretch_rect(index, drag.start_ms, drag.end_ms)
+        rect = self._geometry.interval_rect(index, drag.start_ms, drag.end_ms)
         color = (
             self._theme.color("amber")
             if self.refused

@@ -88,10 +88,10 @@ class ComparePage(QWidget):
 
     def showEvent(self, event: Any) -> None:
         super().showEvent(event)
-        self.offer_anew()
+        self.offer_again()
         self.refresh()
 
-    def offer_anew(self) -> None:
+    def offer_again(self) -> None:
         """Refresh the candidates."""
         if self.isVisible():
             read_for(self, self._console, self._others, self._offer)
@@ -161,7 +161,7 @@ class ComparePage(QWidget):
         texts.addWidget(title)
         texts.addWidget(words)
         take = ActionButton(theme, tr("Take theirs"), icon="arrow-left", height_px=30)
-        take.setObjectName("take_over")
+        take.setObjectName("restore_state")
         take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._editing.document.unreadable is None)
         take.clicked.connect(lambda: self._take(difference))
@@ -171,7 +171,7 @@ class ComparePage(QWidget):
         return row
 
     def _take(self, difference: Difference) -> None:
-        self._editing.document.take_over(difference.path, self._other_data)
+        self._editing.document.restore_state(difference.path, self._other_data)
         self._editing.told(reshaped=True)
 
 

@@ -80,7 +80,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self._make_keys()
         self.editing.changed.connect(self._on_changed)
         self.saving = Saving(self, console, opened, self)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.nav.setCurrentRow(0)
         self.nav.setFocus(Qt.FocusReason.OtherFocusReason)
         self._on_changed()
@@ -250,7 +250,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.save_button.setEnabled(document.changed)
         self._show_nav()
         self._show_preview()
-        self._tell_unreadable()
+        self._report_unreadable()
 
     def _shown_title(self) -> str:
         title = self.document.data.get("title")
@@ -307,7 +307,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             self.show_page(self.text_page)
             self.text_page.show_line(mistake.line)
 
-    def _tell_unreadable(self) -> None:
+    def _report_unreadable(self) -> None:
         mistake = self.document.unreadable
         if not self.document.mistakes:
             self.notice.take_back("refused")
@@ -364,7 +364,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
 
     # ---- closing
 
-    def tell_not_read(self, problem: str) -> None:
+    def report_not_read(self, problem: str) -> None:
         """Report that the file has become unreadable; the scenario in force is shown."""
         said = tr(
             "The file cannot be shown as a form: {problem} Here is the scenario as it is in force; saving replaces "

@@ -54,7 +54,7 @@ def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
     return Opened(path, yaml_text(scenario_data(scenario)), sha256), problem
 
 
-def opened_anew(path: Path, opened: Opened) -> Opened | str | None:
+def reopened(path: Path, opened: Opened) -> Opened | str | None:
     """Current contents of the file, or why it is unreadable; None if it is not the file of ``opened``. Reads files."""
     try:
         return opened_file(path) if path.resolve() == opened.path.resolve() else None

@@ -97,7 +97,7 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         rows = []
         for key, phrase in zip(keys, group.phrases, strict=False):
             own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
-            told = _told_taken(phrase.key, taken, colors)
+            told = _reported_taken(phrase.key, taken, colors)
             rows.append(
                 f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
                 f'<td style="padding:3px 0">{escape(phrase.say)}{own}{told}</td></tr>'
@@ -113,12 +113,12 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         parts.append(_line(escape(tr("Without a word, where the robot can:")), colors, "dim"))
         keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
         for key, gesture in zip(keys, gestures, strict=False):
-            told = _told_taken(gesture.key, taken, colors)
+            told = _reported_taken(gesture.key, taken, colors)
             parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{told}", colors))
     return "".join(parts)
 
 
-def _told_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
+def _reported_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
     if key not in taken:
         return ""
     told = escape(tr("{key} does something else already: {what}").format(key=key, what=taken[key]))

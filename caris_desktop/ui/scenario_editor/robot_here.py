@@ -21,7 +21,7 @@ class RobotHere(ActionButton):
         self._path = path
         self.setObjectName("place_from_robot")
         self.setAccessibleName(context.spoken(tr("Take over where the robot is now")))
-        self.clicked.connect(self._take_over)
+        self.clicked.connect(self._restore_state)
 
     def refresh(self) -> None:
         known = self._context.robot_pose() is not None
@@ -29,7 +29,7 @@ class RobotHere(ActionButton):
         where = tr("Take over where the robot is now and where it looks")
         self.setToolTip(where if known else tr("Where the robot is in the map is not known now"))
 
-    def _take_over(self) -> None:
+    def _restore_state(self) -> None:
         pose = self._context.robot_pose()
         if pose is None:
             return

@@ -19,7 +19,7 @@ from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage
 from caris_desktop.ui.scenario_editor.editing_context import Editing
 from caris_desktop.ui.scenario_editor.editor_notice import Notice
-from caris_desktop.ui.scenario_editor.opened_scenario import Opened, opened_anew
+from caris_desktop.ui.scenario_editor.opened_scenario import Opened, reopened
 from caris_desktop.ui.scenario_editor.text_page import TextPage
 
 _TITLE: KeyPath = ("title",)
@@ -113,7 +113,7 @@ class Saving(QObject):
         editor.document.note_saved(self._sent, saved.text, saved.path)
         editor.leave_name()
         editor.editing.told(reshaped=True)
-        editor.compare_page.offer_anew()
+        editor.compare_page.offer_again()
         said = tr("Saved in {file}.")
         if self._title and self._console.state.recording.value.state in IN_SESSION:
             said = tr("Saved in {file}. The recording goes on with the scenario that it has; open this one afterwards.")
@@ -125,7 +125,7 @@ class Saving(QObject):
     def _on_not_saved(self, saved: SavedScenario) -> None:
         editor, self._close_when_saved = self._editor, False
         if saved.taken and saved.path == self._opened.path:
-            read_for(self, self._console, partial(opened_anew, saved.path, self._opened), self._on_other_file)
+            read_for(self, self._console, partial(reopened, saved.path, self._opened), self._on_other_file)
             return
         if self._changed_elsewhere:
             self._on_scenario_in_force(self._console.scenario)
@@ -172,9 +172,9 @@ class Saving(QObject):
         if scenario is None or scenario.path is None or self._to is not None:
             return
         if scenario.sha256 != self._opened.sha256:
-            read_for(self, self._console, partial(opened_anew, scenario.path, self._opened), self._on_read_anew)
+            read_for(self, self._console, partial(reopened, scenario.path, self._opened), self._on_reread)
 
-    def _on_read_anew(self, found: Opened | str | None) -> None:
+    def _on_reread(self, found: Opened | str | None) -> None:
         self._changed_elsewhere = found is not None and self._to is not None
         if found is None or self._changed_elsewhere:
             return
@@ -197,7 +197,7 @@ class Saving(QObject):
         kept = self._editor.document.rebase(found.text)
         self._opened = found
         self._editor.editing.told(reshaped=True)
-        self._editor.compare_page.offer_anew()
+        self._editor.compare_page.offer_again()
         return len(kept)
 
 

@@ -75,7 +75,7 @@ class ShortcutSheet(Overlay):
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._says = self._line("shortcut_says")
         self._says.setFont(theme.font(tokens.BODY_PX))
-        self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_over)
+        self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_control)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Leave it"), self.stop_asking)
         below = layouts.row(spacing_px=8)
@@ -92,7 +92,7 @@ class ShortcutSheet(Overlay):
         actions.rows_changed.connect(self._on_changed)
         actions.rebuilt.connect(self._on_changed)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def open(self) -> None:
         self.search.clear()
@@ -101,7 +101,7 @@ class ShortcutSheet(Overlay):
         super().open()
         self.search.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    def give_way(self) -> None:
+    def yield_control(self) -> None:
         """Esc: cancel a key choice first, then close the sheet."""
         if self._asked is not None:
             self.stop_asking()
@@ -254,7 +254,7 @@ class ShortcutSheet(Overlay):
             return
         spec, column, key = asked.row.spec, asked.cell.column, pressed.key
         if asked.keys is not None and key == "Return":
-            self._on_take_over()
+            self._on_take_control()
             return
         asked.keys = None
         if spec.by_position and key.removeprefix("Alt+").count("+") == 0:
@@ -275,12 +275,12 @@ class ShortcutSheet(Overlay):
             cap = self._actions.caps(spec, [key])[0]
             self._say(
                 tr("{key} is the key of {acts}, which would be left without it.").format(key=cap, acts=names),
-                wrong=True, take_over=True,
+                wrong=True, restore_state=True,
             )  # fmt: skip
         else:
             self._choose(spec, keys)
 
-    def _on_take_over(self) -> None:
+    def _on_take_control(self) -> None:
         if self._asked is not None and self._asked.keys is not None:
             self._choose(self._asked.row.spec, self._asked.keys)
 
@@ -301,12 +301,12 @@ class ShortcutSheet(Overlay):
     # ---- messages
 
     def _say(
-        self, text: str, *, waits: bool = True, wrong: bool = False, take_over: bool = False, remove: bool = False
+        self, text: str, *, waits: bool = True, wrong: bool = False, restore_state: bool = False, remove: bool = False
     ) -> None:
         self._says.setText(text)
         self._theme.color_text(self._says, "amber" if wrong else "text" if waits else "dim")
-        self._take_over.setVisible(take_over)
-        self._take_over.set_key("Enter" if take_over else "")
+        self._take_over.setVisible(restore_state)
+        self._take_over.set_key("Enter" if restore_state else "")
         self._remove.setVisible(remove)
         self._leave.setVisible(waits)
 

@@ -31,7 +31,7 @@ class WizardKeys(QObject):
         self._choices: dict[str, Keys] = {}
         self._told: frozenset[str] = frozenset()
         wizards.changed.connect(self.take_up)
-        actions.rebuilt.connect(self._tell_of_fallbacks)
+        actions.rebuilt.connect(self._report_fallbacks)
         self.take_up()
 
     @property
@@ -75,7 +75,7 @@ class WizardKeys(QObject):
             standard = self._actions.standard_row(row.id)
             if choices.get(name_of_row(row)) == Keys(standard.keys, standard.driving_keys):
                 del choices[name_of_row(row)]
-        self._keep(choices)
+        self._persist(choices)
 
     def reset(self, spec: ActionSpec) -> None:
         """Restore the row's default keys."""
@@ -83,19 +83,19 @@ class WizardKeys(QObject):
         self.choose(spec, Keys(standard.keys, standard.driving_keys))
 
     def reset_all(self) -> None:
-        self._keep({})
+        self._persist({})
 
-    def _keep(self, choices: dict[str, Keys]) -> None:
+    def _persist(self, choices: dict[str, Keys]) -> None:
         self._wizards.set_value(_KEY, as_text(choices))
         self._use(choices)
 
     def _use(self, choices: dict[str, Keys]) -> None:
         self._choices = choices
         self._actions.use_choices(choices)
-        self._tell_of_fallbacks()
+        self._report_fallbacks()
         self.changed.emit()
 
-    def _tell_of_fallbacks(self) -> None:
+    def _report_fallbacks(self) -> None:
         fallen_back = frozenset(self._actions.settled.fallen_back)
         news = fallen_back - self._told
         self._told = fallen_back

@@ -46,7 +46,7 @@ class PhraseRows(QWidget):
         column.addWidget(self._flow)
         column.addWidget(self._keyless)
         actions.rows_changed.connect(self._refresh)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.show_scenario()
 
     def show_scenario(self) -> None:
@@ -71,7 +71,7 @@ class PhraseRows(QWidget):
             if action_id not in self._chips:
                 self._chips[action_id] = self._new_chip(action_id)
         self._flow.arrange([*(self._chips[action_id] for action_id in wanted), self._next])
-        self._tell_keyless()
+        self._report_keyless()
         self._refresh()
 
     def _new_title(self, number: int) -> ActionButton:
@@ -130,7 +130,7 @@ class PhraseRows(QWidget):
                 chip.set_key(self._actions.key_text(action_id))
         self._flow.updateGeometry()
 
-    def _tell_keyless(self) -> None:
+    def _report_keyless(self) -> None:
         """List phrases and gestures whose key is taken by another command."""
         lost = {spec.argument for spec, _other in self._actions.settled.clashes}
         keyless = [phrase for phrase in keyed_phrases(self._console.scenario) if phrase in lost]

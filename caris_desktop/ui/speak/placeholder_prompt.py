@@ -43,7 +43,7 @@ class PlaceholderPrompt(QWidget):
         row.addWidget(self.field, 1)
         row.addWidget(self._say)
         row.addWidget(self._leave)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self.hide()
 
     def ask(self, asked: AskedGap) -> None:

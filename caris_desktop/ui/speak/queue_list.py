@@ -215,7 +215,7 @@ class _QueueRow(QWidget):
             row.addWidget(button)
             if act in ("queued_earlier", "queued_later"):
                 self._movers.append(button)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     @property
     def changed_text(self) -> str:

@@ -34,9 +34,9 @@ class ThrottledAccessibleDescription(QObject):
         if self._rest.isActive():
             self._waits = True
         else:
-            self._tell()
+            self._notify()
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         self._waits = False
         self._rest.start()
         words = self._words()
@@ -45,10 +45,10 @@ class ThrottledAccessibleDescription(QObject):
 
     def _on_rested(self) -> None:
         if self._waits:
-            self._tell()
+            self._notify()
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         # Update on focus, and for a screen reader started meanwhile.
         if event.type() in _LOOKS and QAccessible.isActive():
-            self._tell()
+            self._notify()
         return False

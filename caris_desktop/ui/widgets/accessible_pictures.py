@@ -22,7 +22,7 @@ class SeenLately:
 
     def look(self, view: FrameView, now_s: float) -> None:
         """Add the visible people; call on each repaint."""
-        self._seen_s.update({name: now_s for name, _named in view.visible_boxes()})
+        self._seen_s.update({name: now_s for name, _named in view.visible_detections()})
         self._seen_s = {name: at_s for name, at_s in self._seen_s.items() if now_s - at_s <= _STILL_THERE_S}
 
     @property
@@ -30,7 +30,7 @@ class SeenLately:
         return tuple(self._seen_s)
 
 
-def video_told(view: FrameView, names: Iterable[str]) -> str:
+def video_losses(view: FrameView, names: Iterable[str]) -> str:
     """People in view and label texts, or the message in place of the picture."""
     if view.frame is None:
         return _sentences(view.words_without_picture())
@@ -39,7 +39,7 @@ def video_told(view: FrameView, names: Iterable[str]) -> str:
     return _sentences((people, *_chips(view.chips)))
 
 
-def map_told(view: MapView, lidar: str = "") -> str:
+def map_reported(view: MapView, lidar: str = "") -> str:
     """Robot position and goal, the ``lidar`` text, people, places and label texts. Metres in the map."""
     shown, said = view.shown, list[str]()
     if shown.pose is not None:

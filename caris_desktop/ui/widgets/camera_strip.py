@@ -18,7 +18,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.frame_view import boxes_fit
+from caris_desktop.ui.widgets.frame_view import detections_fit
 
 EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0
 """Refresh intervals in s: the least important work on a busy machine."""
@@ -165,7 +165,7 @@ class SmallPicture(QAbstractButton):
             painter.drawImage(picture, self._image)
             painter.setOpacity(1.0)
             if not age:
-                self._paint_boxes(painter, picture)
+                self._paint_detections(painter, picture)
         elif instead:
             self._paint_words(painter, whole, instead)
         band = _BANDS[self._stream.freshness]
@@ -181,9 +181,9 @@ class SmallPicture(QAbstractButton):
         width, height = image.width() * scale, image.height() * scale
         return QRectF(whole.center().x() - width / 2, whole.center().y() - height / 2, width, height)
 
-    def _paint_boxes(self, painter: QPainter, picture: QRectF) -> None:
+    def _paint_detections(self, painter: QPainter, picture: QRectF) -> None:
         people, frame = self._panel.state.people_of(self.camera).value, self._frame
-        if frame is None or not boxes_fit(people, frame) or people.frame_width_px <= 0:
+        if frame is None or not detections_fit(people, frame) or people.frame_width_px <= 0:
             return
         scale_x, scale_y = picture.width() / people.frame_width_px, picture.height() / people.frame_height_px
         painter.setPen(QPen(self._theme.color("box_unnamed"), 1))

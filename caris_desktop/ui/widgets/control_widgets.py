@@ -87,7 +87,7 @@ class _ButtonFace(ControlWidget):
         row = layouts.row(self, margins_px=0)
         row.addWidget(self._button)
         row.addWidget(self._value)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _style(self) -> None:
         self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
@@ -260,7 +260,7 @@ class _SliderFace(_TitledFace):
         self.parts.addWidget(self._value)
         self._slider.setMaximumWidth(420)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
         self._follow()
 
     def _style(self) -> None:
@@ -409,7 +409,7 @@ class _TextFace(_TitledFace):
         self.parts.addWidget(self._field, 1)
         self.parts.addWidget(send)
         self.parts.addWidget(self._now)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _style(self) -> None:
         self.theme.style_text(self._now, "dim", tokens.STATUS_PX)

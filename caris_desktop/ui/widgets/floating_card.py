@@ -64,7 +64,7 @@ class ChoiceCard(FloatingCard):
         column.addWidget(self._line)
         column.addLayout(self._first)
         column.addLayout(self._second)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _style(self) -> None:
         self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
@@ -133,7 +133,7 @@ class NameCard(FloatingCard):
         self.field.returnPressed.connect(self._finish)
         self._save.clicked.connect(self._finish)
         self.field.textChanged.connect(self._on_text_changed)
-        theme.keep_styled(self._style)
+        theme.restyle_on_change(self._style)
 
     def _style(self) -> None:
         self._line.setFont(self._theme.font(tokens.STATUS_PX))

@@ -52,7 +52,7 @@ _DASH_PX, _DASH_ON_PX = 18, 10
 _STRIP_PX = 4320  # height of the largest screens
 
 
-def boxes_fit(people: People | None, frame: FrameRef | None) -> bool:
+def detections_fit(people: People | None, frame: FrameRef | None) -> bool:
     """Whether the boxes belong to about the frame on display.
 
     By time stamp: frame numbers are shared by all cameras.
@@ -261,9 +261,9 @@ class FrameView(QWidget):
         if self._freshness != "fresh":
             self.update()
 
-    def visible_boxes(self) -> list[tuple[str, bool]]:
+    def visible_detections(self) -> list[tuple[str, bool]]:
         """Labels of the visible boxes, and whether each person has a name."""
-        if self._people is None or not boxes_fit(self._people, self.frame):
+        if self._people is None or not detections_fit(self._people, self.frame):
             return []
         return [self._words_for(box) for box in self._people.boxes]
 
@@ -303,8 +303,8 @@ class FrameView(QWidget):
             painter.setOpacity(1.0)
             if self._freshness == "stale":
                 self._paint_stale(painter)
-            elif boxes_fit(self._people, self._frame):
-                self._paint_boxes(painter)
+            elif detections_fit(self._people, self._frame):
+                self._paint_detections(painter)
             if self._freshness == "fresh":
                 self._paint_spot(painter)
         self._paint_chips(painter)
@@ -361,7 +361,7 @@ class FrameView(QWidget):
         painter.setPen(self._theme.color("video_text"))
         painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
 
-    def _paint_boxes(self, painter: QPainter) -> None:
+    def _paint_detections(self, painter: QPainter) -> None:
         people, frame = self._people, self._frame
         if people is None or frame is None or people.frame_width_px <= 0:
             return

@@ -21,7 +21,7 @@ _RING = 0.74  # the ring outside this share of the radius moves sideways
 _KNOB = 0.28
 
 
-def stick_wish(across: float, up: float, *, use: StickUse, sideways: bool) -> TeleopCommand:
+def stick_command(across: float, up: float, *, use: StickUse, sideways: bool) -> TeleopCommand:
     """Command for a stick at (right, up), each -1..1; with a round dead zone, the rest is rescaled."""
     reach = math.hypot(across, up)
     if reach <= _DEAD_ZONE:
@@ -102,7 +102,7 @@ class Joystick(QWidget):
     def let_go(self) -> None:
         """Return to centre at once."""
         self._held, self._touch, self._knob = False, None, QPointF()
-        self._tell(AT_REST)
+        self._notify(AT_REST)
 
     def sizeHint(self) -> QSize:
         return QSize(128, 128)
@@ -176,9 +176,9 @@ class Joystick(QWidget):
         offset = (at - self._center()) / max(1.0, self._reach())
         length = math.hypot(offset.x(), offset.y())
         self._knob = offset / length if length > 1.0 else offset
-        self._tell(stick_wish(self._knob.x(), -self._knob.y(), use=self._use, sideways=self._sideways))
+        self._notify(stick_command(self._knob.x(), -self._knob.y(), use=self._use, sideways=self._sideways))
 
-    def _tell(self, wish: TeleopCommand) -> None:
+    def _notify(self, wish: TeleopCommand) -> None:
         self.update()
         if wish != self._wish:
             self._wish = wish
@@ -217,7 +217,7 @@ class Joystick(QWidget):
                 size = min(14.0, radius - inner)
                 rect = QRectF(center.x() + side * middle - size / 2, center.y() - size / 2, size, size)
                 draw_icon(painter, rect, icon, ink)
-        self._paint_ways(painter, center, inner)
+        self._paint_paths(painter, center, inner)
         knob = center + self._knob * self._reach()
         size = radius * _KNOB
         painter.setPen(QPen(theme.color("blue" if self._held else "line_strong"), 1.5))
@@ -227,7 +227,7 @@ class Joystick(QWidget):
             ink = theme.color("on_blue" if self._held else "text")
             draw_icon(painter, QRectF(knob.x() - 9, knob.y() - 9, 18, 18), "eye", ink)
 
-    def _paint_ways(self, painter: QPainter, center: QPointF, inner: float) -> None:
+    def _paint_paths(self, painter: QPainter, center: QPointF, inner: float) -> None:
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         turns = self._use == "base"
         size = min(14.0, inner * 0.3)

@@ -88,7 +88,7 @@ class GridLayer(QObject):
         if rendering is None:
             return
         began_s = time.perf_counter()
-        rendering.render_band()
+        rendering.render_stripe()
         self.slowest_band_ms = max(self.slowest_band_ms, (time.perf_counter() - began_s) * 1e3)
         if not rendering.done:
             QTimer.singleShot(0, self, self._render_more)

@@ -59,7 +59,7 @@ class GridRaster:
         self._fresh = False
         self.rows_changed = 0
 
-    def render_band(self) -> None:
+    def render_stripe(self) -> None:
         """Render the next band of rows."""
         first = self._next_row
         # int8 viewed as uint8: -1 is 255, and 255 + 1 wraps to 0.

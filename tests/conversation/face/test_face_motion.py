@@ -29,7 +29,7 @@ def test_eyes_and_expressions_glide_and_come_to_rest() -> None:
     motion = FaceMotion(UNBLINKING)
     looks(motion, 1)
     assert motion.still
-    motion.look_to(1.0, -0.5)
+    motion.turn_gaze_to(1.0, -0.5)
     motion.express("happy")
     seen = looks(motion, 1, from_s=1)
     across = [look.gaze_right for look in seen]

@@ -3,7 +3,7 @@
 import pytest
 
 from caris_desktop.conversation.conversation_transcript import Turn
-from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, ReplyGrounds, reply_messages, turns_told
+from caris_desktop.conversation.suggestions.prompt import MAX_TURNS, ReplyGrounds, reply_messages, reported_turns
 from tests.conversation.test_prompts import HOSTILE
 
 
@@ -21,7 +21,7 @@ def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> No
 
 def test_what_is_too_old_is_left_out_in_portions_so_that_most_questions_begin_like_the_one_before() -> None:
     turns = [Turn(f"u-{number}", "participant", "Yes.", "heard", "finished", 1, 2) for number in range(40)]
-    told = [turns_told(turns[:count]) for count in range(len(turns) + 1)]
+    told = [reported_turns(turns[:count]) for count in range(len(turns) + 1)]
     assert all(MAX_TURNS >= len(one) >= min(count, MAX_TURNS - 3) for count, one in enumerate(told))
     assert all(one == turns[count - len(one) : count] for count, one in enumerate(told)), "the newest, without a gap"
     anew = [count for count in range(1, len(told)) if told[count][: len(told[count - 1])] != told[count - 1]]

@@ -252,7 +252,7 @@ def test_a_program_that_was_told_to_end_offers_nothing_whatever_becomes_of_its_e
     run.settle()
     run.service.expect_end()
     run.state.selected_person.set("p-3")
-    run.service._keep()
+    run.service._persist()
     run.settle()
     assert list((run.folder / "trials").iterdir()) == []
     another = runs()
@@ -265,7 +265,7 @@ def test_a_shutdown_that_is_called_off_takes_nothing_away(run: Run, qtbot: QtBot
     run.settle()
     run.service.expect_shutdown()
     run.state.selected_person.set("p-3")
-    run.service._keep()
+    run.service._persist()
     run.settle()
     assert list((run.folder / "trials").iterdir()) == [], "whoever shuts the computer down has ended their work"
     run.service._shut_down_soon.setInterval(0)

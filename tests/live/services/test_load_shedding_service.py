@@ -147,7 +147,7 @@ class People:
 
     every_s = 0.0
 
-    def look_at_most_every(self, seconds: float) -> None:
+    def limit_detection_rate(self, seconds: float) -> None:
         self.every_s = seconds
 
 

@@ -42,10 +42,10 @@ def test_annotations_of_a_tier_never_overlap() -> None:
     for start_ms, end_ms in ((500, 1001), (2999, 4000), (1200, 1300), (0, 9000), (1000, 2000)):
         with pytest.raises(AnnotationError, match="lies there already"):
             annotation_editing.add_annotation(document, "c-anna-tier-1", start_ms, end_ms, "x")
-        assert annotation_editing.free_stretch(document, "c-anna-tier-1", 1000, 3000) is None
-    assert annotation_editing.free_stretch(document, "c-anna-tier-1", 500, 4000) == (3000, 4000)
-    assert annotation_editing.free_stretch(document, "c-anna-tier-1", 0, 1500) == (0, 1000)
-    assert annotation_editing.free_stretch(document, "c-anna-tier-1", 9000, 99_000) == (9000, 10_000)
+        assert annotation_editing.free_interval(document, "c-anna-tier-1", 1000, 3000) is None
+    assert annotation_editing.free_interval(document, "c-anna-tier-1", 500, 4000) == (3000, 4000)
+    assert annotation_editing.free_interval(document, "c-anna-tier-1", 0, 1500) == (0, 1000)
+    assert annotation_editing.free_interval(document, "c-anna-tier-1", 9000, 99_000) == (9000, 10_000)
     moved = annotation_editing.move_annotation(document, "c-anna-1", 0, 2000)
     assert spans_of(moved) == [(0, 2000), (2000, 3000)]
     with pytest.raises(AnnotationError, match="lies there already"):
@@ -160,20 +160,20 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
         tiers=tuple(dataclasses.replace(tier, tier_id=f"eaf-{tier.tier_id}") for tier in others.tiers),
         annotations=tuple(dataclasses.replace(item, tier_id=f"eaf-{item.tier_id}") for item in others.annotations),
     )
-    taken = annotation_editing.take_over(document, elsewhere)
+    taken = annotation_editing.restore_state(document, elsewhere)
     assert [tier.name for tier in taken.tiers] == ["Motion", "Gaze", "Gaze (2)"]
     assert len(taken.annotations) == len(document.annotations) + 2
     # What went out from here and was changed elsewhere comes back to its place.
     both = annotation_editing.add_tier(document, "Below", "anna")
-    assert annotation_editing.take_over(both, both) == both
-    assert spans_of(annotation_editing.take_over(both, others)) == [(0, 10), (20, 30)]
-    assert [tier.name for tier in annotation_editing.take_over(both, others).tiers] == ["Motion", "Gaze", "Below"]
+    assert annotation_editing.restore_state(both, both) == both
+    assert spans_of(annotation_editing.restore_state(both, others)) == [(0, 10), (20, 30)]
+    assert [tier.name for tier in annotation_editing.restore_state(both, others).tiers] == ["Motion", "Gaze", "Below"]
     with pytest.raises(AnnotationError, match="no tiers of a coder"):
-        annotation_editing.take_over(document, RECORD)
+        annotation_editing.restore_state(document, RECORD)
     late = dataclasses.replace(coded(), duration_ms=0)
     late = annotation_editing.add_annotation(late, "c-anna-tier-1", 90_000, 91_000, "x")
     with pytest.raises(AnnotationError, match="The session ends at"):
-        annotation_editing.take_over(document, late)
+        annotation_editing.restore_state(document, late)
 
 
 @settings(max_examples=examples(60), deadline=None)

@@ -36,7 +36,7 @@ from caris_desktop.domain.sensing import (
     PlannedPath,
     RobotPose,
 )
-from caris_desktop.recording.foreign.bag_files import BagError, looks_like_bag
+from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import ImportReport, import_bag
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import VideoReader
@@ -187,7 +187,7 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
     place = tmp_path / "bags"
     place.mkdir()
     bag = BAGS[kind](place)
-    assert looks_like_bag(bag)
+    assert is_probably_bag(bag)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*")}
     fractions: list[float] = []
     report = import_bag(bag, tmp_path / "session", fractions.append)

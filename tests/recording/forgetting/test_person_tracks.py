@@ -12,7 +12,7 @@ from caris_desktop.recording.forgetting.person_tracks import (
     WHOLE,
     Area,
     PersonTracks,
-    _put_together,
+    _combine,
     everyone_who_is,
     links_in,
 )
@@ -29,7 +29,7 @@ def sightings(
         ("front", 7, round(at_s * SECOND_NS), person_id, Area(left, top, left + width, top + 0.5))
         for at_s, (left, top) in boxes.items()
     ]
-    return _put_together(made, {"front": [round(at_s * SECOND_NS) for at_s in looks_s]})
+    return _combine(made, {"front": [round(at_s * SECOND_NS) for at_s in looks_s]})
 
 
 def covers(areas: tuple[Area, ...], left: float, top: float, right: float, bottom: float) -> bool:
@@ -78,7 +78,7 @@ def test_before_a_track_was_anybodys_it_was_theirs() -> None:
         ("front", 8, SECOND_NS, "", Area(0.8, 0.2, 0.9, 0.7)),
         ("front", 7, 2 * SECOND_NS, "p-1", area),
     ]
-    seen = _put_together(boxes, {"front": [SECOND_NS, 2 * SECOND_NS]})
+    seen = _combine(boxes, {"front": [SECOND_NS, 2 * SECOND_NS]})
     areas = seen.areas_at("front", SECOND_NS)
     assert covers(areas, *area)
     assert not covers(areas, 0.8, 0.2, 0.9, 0.7)

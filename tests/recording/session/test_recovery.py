@@ -28,7 +28,7 @@ from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.frame_times import read_frame_times
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
-from caris_desktop.recording.session.progress_counts import keep_counts, last_counts
+from caris_desktop.recording.session.progress_counts import last_counts, store_counts
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
 from caris_desktop.recording.session.repair_messages import LOSSES, read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -292,7 +292,7 @@ def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
 
 def test_what_the_recorder_had_counted_tells_what_a_cut_recording_lacks(folder: Path) -> None:
     whole = Counter(spec.name for spec, _ in open_session(folder, repair=False).values())
-    keep_counts(folder, whole)
+    store_counts(folder, whole)
     path = folder / "events.mcap"
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     session = open_session(folder)

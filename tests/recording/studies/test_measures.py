@@ -36,8 +36,8 @@ from caris_desktop.recording.studies.measures import (
     SessionData,
     SummaryStats,
     covered_s,
-    driving_stretches,
-    goal_stretches,
+    driving_intervals,
+    goal_intervals,
     link_trouble,
     measure,
     read_facts,
@@ -271,11 +271,11 @@ def test_driving(tmp_path: Path) -> None:
     assert driving.goals == {"reached": 1, "failed": 1, "unfinished": 1}
     assert driving.navigating_s == pytest.approx(15.0)
     assert driving.guard_s == pytest.approx({"clear": 56.0, "slowing": 2.0, "blocked": 3.0, "overridden": 39.0})
-    assert [(stretch.label, stretch.duration_s) for stretch in driving_stretches(facts)] == [
+    assert [(stretch.label, stretch.duration_s) for stretch in driving_intervals(facts)] == [
         ("keyboard", pytest.approx(2.0)),
         ("gamepad", pytest.approx(1.0)),
     ]
-    assert [stretch.label for stretch in goal_stretches(facts)] == ["reached", "unfinished"]
+    assert [stretch.label for stretch in goal_intervals(facts)] == ["reached", "unfinished"]
 
 
 def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
@@ -376,7 +376,7 @@ def _one_number(facts: SessionData) -> tuple[float, float, float, float]:
             if names[one.tier_id] == name and one.value != "standing"
         )
 
-    reported = sum(stretch.duration_s for stretch in driving_stretches(facts))
+    reported = sum(stretch.duration_s for stretch in driving_intervals(facts))
     return measure(facts).driving.driving_s, reported, of("Driving source"), of("Motion")
 
 

@@ -263,11 +263,11 @@ def test_there_is_no_hint_where_nobody_may_drive(
     may_drive = console.scenario
     permissions = dataclasses.replace(may_drive.permissions, driving=False)
     console.scenario = dataclasses.replace(may_drive, permissions=permissions)
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
     assert not hint.isVisible()
     assert DRIVEN_KEY not in settings.values, "it is told as soon as somebody may"
     console.scenario = may_drive
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
     assert hint.isVisible()
 
 

@@ -123,7 +123,7 @@ def test_on_small_screens_problems_cover_nothing_that_is_needed(
     window: MainWindow, console: FakeConsole, scenario: str
 ) -> None:
     console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
-    console.state.scenario.set_anew(console.scenario)
+    console.state.scenario.reset_value(console.scenario)
     freshen(console)
     for number in range(3):
         console.state.take(

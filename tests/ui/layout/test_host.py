@@ -251,12 +251,12 @@ def test_a_locked_window_of_its_own_goes_back_to_its_place(window: MainWindow, h
     told: list[str] = []
     host.refused.connect(told.append)
     own.setGeometry(300, 200, PLACE.width, PLACE.height)
-    own._tell()  # type: ignore[attr-defined]
+    own._notify()  # type: ignore[attr-defined]
     assert own.geometry().topLeft() == QPoint(PLACE.left, PLACE.top)
     assert len(told) == 1
     window.layout_keeper.set_locked(False)
     own.setGeometry(300, 200, PLACE.width, PLACE.height)
-    own._tell()  # type: ignore[attr-defined]
+    own._notify()  # type: ignore[attr-defined]
     assert arranged(host).floating[0].place == Rect(300, 200, PLACE.width, PLACE.height)
 
 

@@ -131,7 +131,7 @@ def test_what_is_late_is_what_the_scenario_says_where_it_has_a_bound(
 ) -> None:
     patient = replace(console.scenario.assistance, fillers="suggest", filler_after_s=9.0)
     console.scenario = replace(console.scenario, assistance=patient)
-    panel.catch_up()
+    panel.update_view()
     assert panel.fact[1] == "green"
 
 
@@ -206,7 +206,7 @@ def test_an_hour_stays_quick(qtbot: QtBot, panel: ConversationPanel, console: Fa
     turns = [utterance(number, stamp_ns=begin_ns + number * 1_000_000_000) for number in range(2_000)]
     for turn in turns:
         console.transcript.take(turn)
-    console.state.transcript.set_anew(console.transcript.turns)
+    console.state.transcript.reset_value(console.transcript.turns)
     qtbot.waitUntil(lambda: len(panel.view.rows) == 2_005)
     qtbot.waitUntil(lambda: not panel.view._rest.isActive())
     numbers = iter(range(3_000, 4_000))
@@ -391,7 +391,7 @@ def past(
     console.transcript = Transcript()
     for turn in turns:
         console.transcript.take(turn)
-    console.state.transcript.set_anew(console.transcript.turns)
+    console.state.transcript.reset_value(console.transcript.turns)
     qtbot.waitUntil(lambda: len(found.view.rows) == 30)
     yield found, replay, now_ns
 
@@ -439,7 +439,7 @@ def test_a_replay_shows_the_words_as_they_came(
     transcript = Transcript()
     for event in (begun, replace(begun, stamp_ns=begun.stamp_ns + 2_000_000_000, state="finished", text="All of it.")):
         transcript.take(event)
-    panel.state.transcript.set_anew(transcript.turns)
+    panel.state.transcript.reset_value(transcript.turns)
     now_ns[0] = begun.stamp_ns + 1_000_000_000
     panel.state.take(Hearing(now_ns[0], ROBOT_MICROPHONE, True, "participant", "n5", "All", "off"))
     assert (panel.view.rows[0].text, panel.view.rows[0].tentative) == ("All", "off")

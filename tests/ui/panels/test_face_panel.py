@@ -90,13 +90,13 @@ def test_the_title_says_what_it_does_and_whether_anybody_can_see_it(console: Con
 
 def test_the_panel_shows_what_the_participant_sees(console: Console, panel: FacePanel) -> None:
     view = panel.findChild(FaceView)
-    console.state.face_drawing.set_anew(drawing_of(Face("A", background="#204060"), Look()))
+    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), Look()))
     assert color_in_the_middle_of(view) == "#204060"
-    console.state.face_drawing.set_anew(np.full((40, 60, 3), (10, 20, 200), np.uint8))
+    console.state.face_drawing.reset_value(np.full((40, 60, 3), (10, 20, 200), np.uint8))
     assert color_in_the_middle_of(view) == "#c8140a"
     image = QImage(8, 8, QImage.Format.Format_RGB32)
     image.fill(QColor("#00ff00"))
-    console.state.face_drawing.set_anew(None)
+    console.state.face_drawing.reset_value(None)
     assert color_in_the_middle_of(view) == "#000000"
 
 
@@ -124,7 +124,7 @@ def test_the_window_comes_and_goes_as_asked_and_never_takes_the_keys(
     console.state.face.set(replace(CALM, window=True))
     (shown,) = [widget for widget in QApplication.topLevelWidgets() if widget.objectName() == "face_window"]
     assert shown.isVisible() and QApplication.activeWindow() is window
-    console.state.face_drawing.set_anew(drawing_of(Face("A", background="#204060"), Look()))
+    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), Look()))
     assert color_in_the_middle_of(shown) == "#204060"
     console.state.face.set(CALM)
     assert not shown.isVisible()

@@ -110,7 +110,7 @@ def test_who_left_without_a_name_is_counted_and_shown_when_asked_for(panel: Peop
     assert len([name for name in names(panel) if name.startswith("Person")]) == 2 + 31
     unfold(panel)
     console.state.selected_person.set("p-left-41")
-    panel.catch_up()
+    panel.update_view()
     assert "Person 41" in names(panel), "with whom the wizard deals"
     console.state.everybody.set(())
     assert button.isHidden()
@@ -446,7 +446,7 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     box = dataclasses.replace(people.boxes[0], person_id="p-3")
     console.state.take(dataclasses.replace(people, boxes=(box,)))
     view = window.panels["video"].view  # type: ignore[attr-defined]
-    assert view.visible_boxes() == [("Mara Silva? 82 % · Y", False)]
+    assert view.visible_detections() == [("Mara Silva? 82 % · Y", False)]
     image, amber = view.grab().toImage(), window.theme.color("box_warning")
     rect = view.picture_rect()
     row_px = round(rect.top() + rect.height() / 2)
@@ -454,7 +454,7 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     edge = [image.pixelColor(x, y) for x in range(left - 3, left + 3) for y in range(row_px - 20, row_px + 20)]
     assert any(color == amber for color in edge)
     find(window, "speak_field").setFocus()
-    assert view.visible_boxes() == [("Mara Silva? 82 % · Ctrl Enter", False)]
+    assert view.visible_detections() == [("Mara Silva? 82 % · Ctrl Enter", False)]
 
 
 @pytest.mark.panels()
@@ -611,7 +611,7 @@ def test_where_nobody_is_named_there_is_presence_and_nothing_else(
     console.state.take(frame)
     people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
     console.state.take(dataclasses.replace(people, boxes=(dataclasses.replace(people.boxes[0], person_id="p-luis"),)))
-    assert window.panels["video"].view.visible_boxes() == [("Person 1", False)]  # type: ignore[attr-defined]
+    assert window.panels["video"].view.visible_detections() == [("Person 1", False)]  # type: ignore[attr-defined]
     texts = [entry.text for entry in window.palette_entries()]
     assert not [text for text in texts if "Luis" in text]
     assert "Undo the last change to people" not in texts

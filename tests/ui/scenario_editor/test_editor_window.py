@@ -302,7 +302,7 @@ def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEdi
     assert page.choice.itemText(0) == "What was saved"
     assert page.said.text().startswith("Otherwise here: 2.")
     assert "-title: Small   # and good\n+title: Large   # and good" in page.diff.toPlainText()
-    take = [row.findChild(QWidget, "take_over") for row in page.rows]
+    take = [row.findChild(QWidget, "restore_state") for row in page.rows]
     assert [each.accessibleName() for each in take if each] == [
         "Take theirs: Title",
         "Take theirs: Permissions › Photos",
@@ -333,13 +333,13 @@ def test_ones_own_file_of_a_shipped_name_is_compared_with_the_shipped_one_first(
     assert offered[:2] == ["tour-guide, as it comes with the program", "What was saved"]
     assert sorted(offered[2:]) == offered[2:] and "tour-guide, as it comes with the program" not in offered[2:]
     assert "-title: Tour guide\n+title: My tour" in page.diff.toPlainText()
-    QTest.mouseClick(take_over(page.rows[0]), Qt.MouseButton.LeftButton)
+    QTest.mouseClick(restore_state(page.rows[0]), Qt.MouseButton.LeftButton)
     assert editor.document.text == shipped
     console.state.close()
 
 
-def take_over(row: QWidget) -> QWidget:
-    button = row.findChild(QWidget, "take_over")
+def restore_state(row: QWidget) -> QWidget:
+    button = row.findChild(QWidget, "restore_state")
     assert button is not None
     return button
 
@@ -348,7 +348,7 @@ def acknowledge(console: FakeConsole, *, problem: str = "", taken: bool = False)
     text, path, _edited, _replaces = console.named("save_scenario")[-1]
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     saved = SavedScenario(path, problem=problem, taken=taken) if problem else SavedScenario(path, text, sha256)
-    console.state.saved_scenario.set_anew(saved)
+    console.state.saved_scenario.reset_value(saved)
 
 
 def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, console: FakeConsole, path: Path) -> None:
@@ -490,7 +490,7 @@ def test_a_place_that_the_console_saves_meanwhile_stays(
     type_over(editor, "Large", "title")
     theirs = TEXT.replace("permissions:", "  - {name: Window, x_m: 3, y_m: 4}\npermissions:")
     path.write_text(theirs, encoding="utf-8")
-    console.state.scenario.set_anew(load_scenario(path))
+    console.state.scenario.reset_value(load_scenario(path))
     assert editor.document.text == theirs.replace("title: Small", "title: Large")
     assert editor.document.saved_text == theirs
     assert editor.notice.isVisible()
@@ -505,7 +505,7 @@ def test_a_place_that_comes_while_the_disk_is_slow_is_read_once_nothing_is_being
     theirs = TEXT.replace("permissions:", "  - {name: Window, x_m: 3, y_m: 4}\npermissions:")
     path.write_text(theirs, encoding="utf-8")
     console.disk_is_slow = True
-    console.state.scenario.set_anew(load_scenario(path))
+    console.state.scenario.reset_value(load_scenario(path))
     console.scenario = load_scenario(path)
     assert "Window" not in editor.document.text
     editor.save_button.click()

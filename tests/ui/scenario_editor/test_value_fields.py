@@ -54,7 +54,7 @@ def saved_text(editor: ScenarioEditor) -> str:
     ((text, path, edited, replaces),) = console.named("save_scenario")
     assert (path, edited, replaces) == (editor.document.path, editor.document.path, console.scenario.sha256)
     # Nothing was written, so that the next field is changed in the same file.
-    console.state.saved_scenario.set_anew(SavedScenario(path, problem="It is only looked at."))
+    console.state.saved_scenario.reset_value(SavedScenario(path, problem="It is only looked at."))
     return str(text)
 
 
