@@ -175,7 +175,7 @@ def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Percei
         )
         layer.frames.append(info)
         layer.sizes_px.append((width_px, height_px))
-        bar.tell(number + 1)
+        bar.update(number + 1)
     bar.end(count)
     return layer
 

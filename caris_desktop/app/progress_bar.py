@@ -22,7 +22,7 @@ class ProgressBar:
         self._told_s = 0.0
         self._told_tenths = 0
 
-    def tell(self, frames: int) -> None:
+    def update(self, frames: int) -> None:
         now_s = time.perf_counter()
         if self._drawn:
             if now_s - self._told_s >= _TELL_EVERY_S:

@@ -9,8 +9,8 @@ def begin() -> None:
 
     PySide6 replaces Python's ``import`` for ``from __feature__ import snake_case``: it reads and keeps the source of
     each module imported later, in search of PySide6. Nothing here uses that. Objects created until the first window
-    stay, so that collections would only traverse them in vain. :class:`~caris_desktop.live.garbage_collection.GarbageCollector`
-    collects from then on.
+    stay, so that collections would only traverse them in vain.
+    :class:`~caris_desktop.live.garbage_collection.GarbageCollector` collects from then on.
     """
     gc.disable()
     plain_import = builtins.__import__

@@ -122,7 +122,7 @@ def _written(scenario: Scenario) -> Path:
 
 
 def _rewritten(scenario: Scenario) -> Path:
-    """Write the scenario to a new file named by its title; existing files are not overwritten. Raises UserFacingError."""
+    """Write the scenario to a new file named by its title, never over an existing one. Raises UserFacingError."""
     first = path = own_file_called(scenario.title)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

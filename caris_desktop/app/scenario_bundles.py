@@ -50,13 +50,13 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
 
 def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
     """Name conflicts of this bundle with existing files. Raises UserFacingError."""
-    with _told():
+    with _reported_errors():
         return conflicts_of(_checked(path), _folders(), _known)
 
 
 def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
     """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises UserFacingError."""
-    with _told():
+    with _reported_errors():
         unpacked = unpack(_checked(path), _folders(), _known, decided)
     aside = ", ".join(str(place) for place in unpacked.put_aside)
     return Imported(unpacked.path, names_of(unpacked.renamed), aside)
@@ -74,7 +74,7 @@ def _checked(path: Path) -> Bundle:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _reported_errors() -> Iterator[None]:
     try:
         yield
     except (BundleError, ProfileError, FaceError) as error:

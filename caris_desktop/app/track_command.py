@@ -97,7 +97,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
             rows += [mot_row(number, box) for box in perceived.boxes]
             people |= {box.track for box in perceived.boxes}
             detector_s, tracker_s = detector_s + perceived.detector_s, tracker_s + perceived.tracker_s
-            progress.tell(frames)
+            progress.update(frames)
         seconds = time.perf_counter() - loaded_s
         progress.end(frames)
         if video.torn:

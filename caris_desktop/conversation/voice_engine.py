@@ -62,7 +62,7 @@ class _Engine:
         self._notify("ready", voice=voice.name, why_not=why_not)
         loudspeaker = Loudspeaker(settings["device"], awake=settings["at_hand"])
         if settings["look"]:
-            trouble = loudspeaker.look()
+            trouble = loudspeaker.find_device()
             # Before the console relies on it: a hanging sound server blocks this, too.
             loudspeaker.stay_awake()
             self._report_device(trouble)
@@ -118,7 +118,7 @@ class _Engine:
 
     def _play(self, sound: StreamingBuffer, loudspeaker: Loudspeaker) -> None:
         if not loudspeaker.audible and not self._silenced.is_set():
-            self._report_device(loudspeaker.look())
+            self._report_device(loudspeaker.find_device())
         for attempt in (1, 2):
             if self._silenced.is_set():
                 self._notify("silenced", at_ns=time.monotonic_ns())
@@ -136,7 +136,7 @@ class _Engine:
                     self._report_inaudible(sound, played_s=trouble.played_s)
                     # Closing the stream may hang as well; only a new process helps.
                     os._exit(3)
-                reason = loudspeaker.look()
+                reason = loudspeaker.find_device()
                 if attempt == 1 and trouble.played_s == 0.0 and loudspeaker.audible:
                     sound.rewind()
                     continue

@@ -338,12 +338,12 @@ def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
     """Single values in checked ``data`` that name something outside the file, with their key path without indices."""
     found: list[tuple[External, Any, str]] = []
 
-    def look(form: ValueForm, value: Any, path: KeyPath) -> Any:
+    def collect(form: ValueForm, value: Any, path: KeyPath) -> Any:
         if form.rule.external is not None:
             found.append((form.rule.external, value, ".".join(step for step in path if isinstance(step, str))))
         return value
 
-    replaced(hint, data, look)
+    replaced(hint, data, collect)
     return found
 
 

@@ -33,7 +33,7 @@ _KIND_WORDS = {
 _GROUP_WORDS = QT_TR_NOOP("a group of 'key: value' lines")
 
 
-def told(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
+def problem_lines(file_name: str, source: LocatedData, found: Iterable[Problem]) -> str:
     """First problems of a file with their lines, one per line."""
     located = sorted((source.line_of(path), message) for path, message in found)
     each = tr("{file}, line {line}: {problem}")

@@ -64,7 +64,7 @@ def cause_among(problem: Problem, alarms: Iterable[Alarm]) -> Alarm | None:
 
 
 @dataclass(slots=True)
-class _Standing:
+class _ActiveAlarm:
     alarm: Alarm
     told_ns: int
     by_condition: bool
@@ -79,7 +79,7 @@ class AlarmBook:
     """
 
     def __init__(self) -> None:
-        self._standing: dict[str, _Standing] = {}
+        self._standing: dict[str, _ActiveAlarm] = {}
         self._ended: dict[str, tuple[Alarm, int]] = {}
         self._held: list[tuple[int, Problem]] = []
         self._pending: dict[str, tuple[int, int]] = {}  # start of the condition, and when it becomes an alarm
@@ -119,7 +119,7 @@ class AlarmBook:
         else:
             self._raise(_alarm_of(problem, now_ns), now_ns)
 
-    def look(self, conditions: Sequence[Condition], ends: frozenset[ProblemEnd], now_ns: int) -> None:
+    def evaluate(self, conditions: Sequence[Condition], ends: frozenset[ProblemEnd], now_ns: int) -> None:
         """Evaluate the current conditions: raise those that lasted long enough, end those that are over."""
         self._ends = ends
         self._check_conditions(conditions, now_ns)
@@ -190,7 +190,7 @@ class AlarmBook:
                 self._standing[condition.cause].prevails = condition.prevails
         self._pending = pending
 
-    def _find_end(self, standing: _Standing, true_now: Collection[str], now_ns: int) -> None:
+    def _find_end(self, standing: _ActiveAlarm, true_now: Collection[str], now_ns: int) -> None:
         alarm = standing.alarm
         if alarm.until and alarm.until != "quiet":
             there = alarm.until in self._ends
@@ -221,15 +221,15 @@ class AlarmBook:
                 alarm = replace(alarm, folded=_with_line(alarm.folded, following.alarm.what))
                 self._end(following, now_ns)
         there = alarm.until in self._ends
-        self._standing[alarm.cause] = _Standing(alarm, now_ns, by_condition, was_not_over=not there)
+        self._standing[alarm.cause] = _ActiveAlarm(alarm, now_ns, by_condition, was_not_over=not there)
         self._notify("raised", self._standing[alarm.cause], now_ns)
 
-    def _end(self, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
+    def _end(self, standing: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
         del self._standing[standing.alarm.cause]
         self._ended[standing.alarm.cause] = (standing.alarm, now_ns)
         self._notify("ended", standing, now_ns, actor)
 
-    def _notify(self, state: AlarmState, standing: _Standing, now_ns: int, actor: Actor = CONSOLE) -> None:
+    def _notify(self, state: AlarmState, standing: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
         alarm = standing.alarm
         self._changes.append(
             AlarmChanged(
@@ -281,7 +281,7 @@ def _in_words_of(condition: Condition, alarm: Alarm) -> Alarm:
     )  # fmt: skip
 
 
-def _lapses(standing: _Standing) -> bool:
+def _lapses(standing: _ActiveAlarm) -> bool:
     return standing.alarm.until == "quiet"
 
 

@@ -40,7 +40,7 @@ class AssistantContext:
         self._notes.clear()
         self._forgotten = frozenset(turn.utterance_id for turn in self._turns())
 
-    def along(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> ContextPart:
+    def included(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> ContextPart:
         """Context without the parts left out. ``what``: permitted data about people; ``notes``: the notes as text."""
         if what == "history" and "history" in leave_out:
             what = "names"
@@ -59,7 +59,7 @@ class AssistantContext:
 
     def parts(self, what: AssistantPeople, notes: str) -> tuple[ContextPartStatus, ...]:
         """Available parts with their size."""
-        along = self.along(what, notes)
+        along = self.included(what, notes)
         turns, words = conversation_words(along.conversation)
         lines = context_lines(along)
         found = [ContextPartStatus("conversation", QT_TR_NOOP("Conversation"), turns, words)]
@@ -68,7 +68,7 @@ class AssistantContext:
         if "people" in lines:
             plain = lines["people"]
             if what == "history":
-                plain = context_lines(self.along("names", notes))["people"]
+                plain = context_lines(self.included("names", notes))["people"]
             found.append(ContextPartStatus("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
             if lines["people"] != plain:
                 more = _words(lines["people"]) - _words(plain)

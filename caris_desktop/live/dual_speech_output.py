@@ -47,9 +47,9 @@ class DualSpeechOutput:
 
     def lost(self, kind: VoiceKind, utterance: UtteranceChanged, detail: str) -> None:
         """Handle the loss of one voice."""
-        self.told(replace(utterance, voice=kind, state="failed", detail=detail))
+        self.handle(replace(utterance, voice=kind, state="failed", detail=detail))
 
-    def told(self, told: UtteranceChanged) -> bool:
+    def handle(self, told: UtteranceChanged) -> bool:
         """Handle an event of one voice; False if it is not about a shared utterance. Any thread."""
         with self._lock:
             if told.utterance_id != self._utterance_id:

@@ -65,17 +65,19 @@ class ForgettingEnded:
 
 def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
     """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
-    from caris_desktop.people.person_erasure import PersonToForget, look_up
+    from caris_desktop.people.person_erasure import PersonToForget, find_person
     from caris_desktop.recording.forgetting.review import read_review
-    from caris_desktop.recording.forgetting.study_erasure import under_way
+    from caris_desktop.recording.forgetting.study_erasure import unfinished_erasures
 
     review = None if asked.review is None else read_review(asked.review)
-    known = look_up(asked.database, asked.who)
+    known = find_person(asked.database, asked.who)
     if known is not None:
         return known, review, True
     if review is not None:
         return PersonToForget((review.person_id or asked.who,), review.names, ()), review, False
-    unfinished = [person_id for person_id in under_way(asked.study) if look_up(asked.database, person_id) is None]
+    unfinished = [
+        person_id for person_id in unfinished_erasures(asked.study) if find_person(asked.database, person_id) is None
+    ]
     if asked.who in unfinished or len(unfinished) == 1:
         # Only the rest of an interrupted run, which needs no name.
         return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
@@ -116,13 +118,13 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
     )
     told = -1.0
 
-    def tell(fraction: float, what: str) -> None:
+    def report_progress(fraction: float, what: str) -> None:
         nonlocal told
         if fraction >= told + _PROGRESS_STEP or fraction >= 1.0:
             told = fraction
             progress(fraction, what)
 
-    return forget_person(request, lambda: erase(asked.database, person.person_ids), tell)
+    return forget_person(request, lambda: erase(asked.database, person.person_ids), report_progress)
 
 
 def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
@@ -131,12 +133,12 @@ def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
         # The robot may be driven meanwhile.
         os.nice(10)
 
-    def tell(fraction: float, what: str) -> None:
+    def report_progress(fraction: float, what: str) -> None:
         connection.send(ForgettingProgress(fraction, what))
 
     try:
         try:
-            ended = ForgettingEnded(forget(asked, tell))
+            ended = ForgettingEnded(forget(asked, report_progress))
         except UserFacingError as failure:
             ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
         connection.send(ended)

@@ -66,7 +66,7 @@ class Exchanges(QObject):
                 else (tr(self._none.detail) or tr("Check the scenario's model.")),
                 severity="warning",
             )
-        if sum(row.under_way for row in self._rows.values()) >= MOST_UNDER_WAY:
+        if sum(row.is_pending for row in self._rows.values()) >= MOST_UNDER_WAY:
             raise UserFacingError(
                 tr("%n questions are under way already.", "", MOST_UNDER_WAY),
                 tr("Your question is kept in the field."),
@@ -80,7 +80,7 @@ class Exchanges(QObject):
         exchange_id = f"x-{secrets.token_hex(4)}"
         self._rows[exchange_id] = ExchangeStatus(exchange_id, question, "preparing", self._client.model)
         for row in tuple(self._rows.values())[:-MOST_SHOWN]:
-            if not row.under_way:
+            if not row.is_pending:
                 self._put_away(row.exchange_id)
         self._show()
         return exchange_id
@@ -172,7 +172,7 @@ class Exchanges(QObject):
         newest = rows[0] if rows else ExchangeStatus("", "", "cancelled")
         state, detail = self._none.state, self._none.detail
         if self._client.ready:
-            answering, failed = any(row.under_way for row in rows), newest.state == "failed"
+            answering, failed = any(row.is_pending for row in rows), newest.state == "failed"
             state = "answering" if answering else "failed" if failed else "ready"
             detail = newest.detail
         self._state.assistant.set(

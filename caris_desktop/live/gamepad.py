@@ -145,7 +145,7 @@ class Gamepads(QObject):
         return self._newest
 
     @property
-    def wish(self) -> TeleopCommand:
+    def command(self) -> TeleopCommand:
         """Command of the sticks."""
         return self._wish
 

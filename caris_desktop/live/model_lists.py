@@ -43,7 +43,7 @@ class ModelLists(QObject):
         self._list_models = list_models
         self.models: tuple[str, ...] = ()
         self._timer = QTimer(self, singleShot=True)
-        self._timer.timeout.connect(self._look)
+        self._timer.timeout.connect(self._query)
         self._listed.connect(self._on_listed)
 
     def start(self) -> None:
@@ -53,7 +53,7 @@ class ModelLists(QObject):
     def stop(self) -> None:
         self._timer.stop()
 
-    def _look(self) -> None:
+    def _query(self) -> None:
         self._timer.start(_EVERY_MS)
         self._asyncio.submit(self._list())
 

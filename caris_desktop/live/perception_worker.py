@@ -151,9 +151,9 @@ class PerceptionWorker(QObject):
         """Run a decision about people."""
         self._inputs.put(_Asked(intent))
 
-    def look_up(self, person_id: str, text: str) -> None:
+    def request_history(self, person_id: str, text: str) -> None:
         """Request a person's history; ``history_found`` delivers it."""
-        self._inputs.put(_LookUp(person_id, text))
+        self._inputs.put(_HistoryRequest(person_id, text))
 
     def recognise(self, settings: RecognitionSettings, *, may_decide: bool) -> None:
         """Set whom the console may recognise, and whether the wizard may name people."""
@@ -219,7 +219,7 @@ class PerceptionWorker(QObject):
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
             elif isinstance(item, _Asked):
                 self._publish_all(presence.do(item.intent, clock.now_ns()))
-            elif isinstance(item, _LookUp):
+            elif isinstance(item, _HistoryRequest):
                 entries = presence.history(item.person_id, item.text)
                 self.history_found.emit(PersonHistory(item.person_id, item.text, entries))
             elif isinstance(item, _Recognise):
@@ -289,13 +289,13 @@ class PerceptionWorker(QObject):
                 asked_ns = clock.now_ns()
                 with self._turns_lock:
                     asked = self._turns.take(now_ns=asked_ns)
-                busy = asked is not None and child.send(self._look(asked))
+                busy = asked is not None and child.send(self._detection_request(asked))
             self._show_persons(presence)
         if child is not None:
             child.stop(grace_s=2.0)
         presence.close()
 
-    def _look(self, frame: FrameRef) -> DetectionRequest:
+    def _detection_request(self, frame: FrameRef) -> DetectionRequest:
         """Detection request; a camera that the robot does not carry does not rotate with it."""
         camera = self._cameras.get(frame.camera)
         if camera is None:
@@ -373,7 +373,7 @@ class _Asked:
         self.intent = intent
 
 
-class _LookUp:
+class _HistoryRequest:
     def __init__(self, person_id: str, text: str) -> None:
         self.person_id, self.text = person_id, text
 

@@ -47,7 +47,7 @@ class ProcessManager(QObject):
 
         def on_exit(_code: int | None) -> None:
             if not self._closed:
-                self.tell(ended, child)
+                self.call_in_gui(ended, child)
 
         child = ChildProcess(body, on_message=reads or read, on_exit=on_exit)
         return child
@@ -87,9 +87,9 @@ class ProcessManager(QObject):
         if type(value) in BY_TYPE:
             self._bus.publish(reported_here(value) if isinstance(value, Problem) else value, raw)
         else:
-            self.tell(heard, value)
+            self.call_in_gui(heard, value)
 
-    def tell(self, take: Callable[[Any], None], value: Any) -> None:
+    def call_in_gui(self, take: Callable[[Any], None], value: Any) -> None:
         """Call ``take(value)`` in the GUI thread, in order. Any thread."""
         self._told.emit(take, value)
 

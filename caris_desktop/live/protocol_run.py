@@ -45,7 +45,7 @@ class ProtocolRun:
         )  # fmt: skip
 
     @property
-    def under_way(self) -> bool:
+    def is_running(self) -> bool:
         return bool(self._at)
 
     def has(self, step_id: str) -> bool:

@@ -71,7 +71,7 @@ class PushToTalkVoice(QObject):
         bus.tap(self._take, (AudioChunk,))
 
     @property
-    def under_way(self) -> bool:
+    def is_speaking(self) -> bool:
         return self._utterance is not None
 
     def begin(self, outlets: frozenset[Outlet], robot_rate_hz: int, actor: Actor) -> None:
@@ -137,7 +137,7 @@ class PushToTalkVoice(QObject):
     def _note(self, sound: PlayedSound) -> None:
         self._bus.publish(sound)
         if not self._began:
-            self._children.tell(self._on_heard, sound)
+            self._children.call_in_gui(self._on_heard, sound)
 
     def _on_heard(self, sound: PlayedSound) -> None:
         utterance = self._utterance

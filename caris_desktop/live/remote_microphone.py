@@ -44,7 +44,7 @@ class RemoteMicrophone(QObject):
         self._peak = 0
         self._told = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self.look)
+        self._look.timeout.connect(self.update_status)
         bus.tap(self._hear, (AudioChunk,))
 
     def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
@@ -78,7 +78,7 @@ class RemoteMicrophone(QObject):
             self._heard_ns = clock.now_ns()
             self._peak = max(self._peak, int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)))
 
-    def look(self) -> None:
+    def update_status(self) -> None:
         """Update the status from the audio received so far."""
         now_ns = clock.now_ns()
         before: MicrophoneStatus = self._status.value

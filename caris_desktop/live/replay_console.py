@@ -106,7 +106,9 @@ class ReplayConsole(QObject):
         )
         self._player.standing_changed.connect(self._on_state_changed)
         self._player.standing_jumped.connect(self._on_state_jumped)
-        self._coding = AnnotationSession(session, self._asyncio, self._told, self, unsaved_dir=parts.unsaved_dir)
+        self._coding = AnnotationSession(
+            session, self._asyncio, self._report_failure, self, unsaved_dir=parts.unsaved_dir
+        )
         self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
         self._photos = ReplayPhotos(session, self._state, self)
         self._transcript = ReplayTranscript(session, self._state, self)
@@ -310,7 +312,7 @@ class ReplayConsole(QObject):
             self._refused_ns = now_ns
             self._notify(refusal.severity, refusal.what, refusal.meaning, refusal.advice)
 
-    def _told(self, what: str, meaning: str, advice: str) -> None:
+    def _report_failure(self, what: str, meaning: str, advice: str) -> None:
         self._notify("error", what, meaning, advice)
 
     def _notify(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
@@ -345,10 +347,10 @@ class ReplayConsole(QObject):
     def read_aside(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
-        def tell(failure: UserFacingError) -> None:
-            self._told(failure.what, failure.meaning, failure.advice)
+        def report(failure: UserFacingError) -> None:
+            self._report_failure(failure.what, failure.meaning, failure.advice)
 
-        self._slow_work.do(read, done, tell if failed is None else failed)
+        self._slow_work.do(read, done, report if failed is None else failed)
 
     def microphones(self) -> Sequence[str]:
         return ()

@@ -27,7 +27,7 @@ class ReplayFrames:
         self._lock = threading.Lock()
         self._images: OrderedDict[tuple[str, int], NDArray[np.uint8]] = OrderedDict()
 
-    def keep(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
+    def add(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         with self._lock:
             self._images[(ref.camera, ref.sequence)] = image_bgr
             while len(self._images) > _FRAMES_KEPT:
@@ -100,7 +100,7 @@ class _Decoder:
                     _log.exception("the video of %s cannot be read", ref.camera)
                     continue
                 if picture is not None:
-                    self._frames.keep(ref, picture.image_bgr)
+                    self._frames.add(ref, picture.image_bgr)
                     self._shown(generation, ref)
         finally:
             reader.close()

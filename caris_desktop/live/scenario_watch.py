@@ -39,7 +39,7 @@ class ScenarioWatch(QObject):
         self._clock = QTimer(self, interval=LOOK_EVERY_MS)
         self._clock.timeout.connect(self._ask)
         self._rest = QTimer(self, singleShot=True, interval=AT_REST_MS)
-        self._rest.timeout.connect(self.look)
+        self._rest.timeout.connect(self.check_contents)
 
     def start(self) -> None:
         self._clock.start()
@@ -54,7 +54,7 @@ class ScenarioWatch(QObject):
             self._touched = None
         self._path, self._known, self._seen = path, sha256, ""
 
-    def look(self) -> None:
+    def check_contents(self) -> None:
         """Check the contents now."""
         path = self._path
         if path is None:
@@ -72,7 +72,7 @@ class ScenarioWatch(QObject):
             return  # an unresponsive disk is queried once
         self._asking = True
 
-        def told(touched: Touched | None) -> None:
+        def on_answer(touched: Touched | None) -> None:
             self._asking = False
             if path == self._path and touched != self._touched:
                 self._touched = touched
@@ -81,7 +81,7 @@ class ScenarioWatch(QObject):
         def failed(_failure: UserFacingError) -> None:
             self._asking = False
 
-        self._slow_work.do(lambda: _touched(path), told, failed)
+        self._slow_work.do(lambda: _touched(path), on_answer, failed)
 
     def _on_looked(self, path: Path, sha256: str) -> None:
         if sha256 in ("", self._known):

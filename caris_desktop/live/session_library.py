@@ -140,9 +140,9 @@ class LiveSessionLibrary(QObject):
                 try:
                     index = index or StudyIndex.of_study(self._study)
                     # Known results first; then changes since.
-                    self._looked.emit(_look(index, query, updating=True))
+                    self._looked.emit(_search(index, query, updating=True))
                     index.update(self._go_on)
-                    self._looked.emit(_look(index, query, updating=False))
+                    self._looked.emit(_search(index, query, updating=False))
                 except _SomethingElseIsWantedError:
                     continue
                 except Exception as error:
@@ -203,12 +203,12 @@ class LiveSessionLibrary(QObject):
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
         usual = self._study / "exports" / name
 
-        def look() -> Path:
+        def usual_folder() -> Path:
             if chosen is None:
                 return _not_yet_there(usual)
             return _not_yet_there(chosen / name) if _holds_something(chosen) else chosen
 
-        self._slow_work.do(look, told, self._notify)
+        self._slow_work.do(usual_folder, told, self._notify)
 
     def start_export(
         self,
@@ -335,7 +335,7 @@ def _not_yet_there(folder: Path) -> Path:
     return next(path for path in itertools.chain((folder,), numbered) if not path.exists())
 
 
-def _look(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:
+def _search(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:
     sessions = index.sessions(query)
     hits = index.search(query)
     places = sum(index.places(query).values())

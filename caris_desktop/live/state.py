@@ -196,8 +196,8 @@ class LiveState(QObject):
     is the suggestion that keys answer, an AskedAbout or None, and ``person_history`` the last lookup, a PersonHistory
     or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
     rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
-    an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each child
-    process by name.
+    an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each
+    child process by name.
 
     ``said_before`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
     ``phrase_group`` is the index of the group on the phrase keys, ``fillers_said`` a count. ``chosen_utterance`` is the

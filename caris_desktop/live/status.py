@@ -406,7 +406,7 @@ class ExchangeStatus:
     use: Literal["", "said", "edited"] = ""
 
     @property
-    def under_way(self) -> bool:
+    def is_pending(self) -> bool:
         return self.state in ("preparing", "answering")
 
 

@@ -32,7 +32,7 @@ MOST_STRANGERS = 60
 
 
 @dataclass(frozen=True, slots=True)
-class LooksLine:
+class AppearanceCalibration:
     """Calibration of one kind of embedding: the cosine from which it is evidence, its scale, and the required margin to
     the second best.
     """
@@ -45,9 +45,9 @@ class LooksLine:
 # OSNet on the simulator's people, in clothes outside the benchmark: the same clothes reach 0.89 to 0.98, the most
 # similar stranger 0.88; people on a real street 0.85 to 0.91 and 0.66. Faces, with ArcFace models: two images of one
 # person exceed 0.4, of two people stay below 0.3.
-LINES: Mapping[LooksKind, LooksLine] = {
-    "clothing": LooksLine(stranger_at=0.865, scale=45.0, margin=3.0),
-    "face": LooksLine(stranger_at=0.38, scale=30.0, margin=3.0),
+LINES: Mapping[LooksKind, AppearanceCalibration] = {
+    "clothing": AppearanceCalibration(stranger_at=0.865, scale=45.0, margin=3.0),
+    "face": AppearanceCalibration(stranger_at=0.38, scale=30.0, margin=3.0),
 }
 
 
@@ -104,7 +104,7 @@ class Identities:
     an undecided visit must not compete with its own person.
     """
 
-    def __init__(self, lines: Mapping[LooksKind, LooksLine] = LINES) -> None:
+    def __init__(self, lines: Mapping[LooksKind, AppearanceCalibration] = LINES) -> None:
         self._lines = lines
         self._views: dict[str, dict[_By, Views]] = {}
         self._recent: dict[str, dict[_By, _Recent]] = {}

@@ -19,7 +19,7 @@ from caris_desktop.people.people_store import (
     HistoryEntry,
     HistoryKind,
     PeopleStore,
-    StoredLooks,
+    StoredEmbeddings,
     StoredPerson,
     new_person_id,
 )
@@ -69,7 +69,7 @@ class KnownPeople:
         try:
             store.expire(day_began_utc_ns=self._day_began_utc_ns())
             everybody = store.everybody()
-            consents, rejections, looks = store.consents(), store.rejections(), store.looks()
+            consents, rejections, looks = store.consents(), store.rejections(), store.embeddings()
         except PeopleStoreError as error:
             self._problem = str(error)
             return
@@ -253,7 +253,7 @@ class KnownPeople:
             if kind == "face" and not may_keep_face:
                 self.identities.drop("face", [person_id])
                 continue
-            looks = StoredLooks(person_id, kind, model, self._day_of(kind), vectors)
+            looks = StoredEmbeddings(person_id, kind, model, self._day_of(kind), vectors)
             expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
             self._write(
                 lambda store, looks=looks, expires=expires_utc_ns: store.store_embeddings(looks, expires_utc_ns=expires)  # type: ignore[misc]

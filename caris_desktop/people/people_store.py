@@ -45,7 +45,7 @@ class StoredPerson:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredLooks:
+class StoredEmbeddings:
     """Appearance embeddings by one network. ``vectors`` is float32, shape (n, length), each of unit length.
 
     ``day`` is the local day, as 2026-11-22; without one, as for faces, they do not expire.
@@ -176,7 +176,7 @@ class PeopleStore:
 
     # Data
 
-    def store_embeddings(self, looks: StoredLooks, *, expires_utc_ns: int | None) -> None:
+    def store_embeddings(self, looks: StoredEmbeddings, *, expires_utc_ns: int | None) -> None:
         """Store embeddings, replacing those of the same day, kind and model. Raises KeyError for an unknown id."""
         with self._file.writing():
             width = np.array(looks.vectors.shape[1], "<u4").tobytes()
@@ -190,7 +190,7 @@ class PeopleStore:
         with self._file.writing():
             self._database.execute("DELETE FROM looks WHERE person_id = ? AND kind = ?", (person_id, kind))
 
-    def looks(self, *, person_id: str = "") -> tuple[StoredLooks, ...]:
+    def embeddings(self, *, person_id: str = "") -> tuple[StoredEmbeddings, ...]:
         """Embeddings that have not expired, of everybody or of one id."""
         with self._file.explained("read"):
             rows = self._database.execute(
@@ -199,7 +199,7 @@ class PeopleStore:
                 (self._utc_now_ns(), person_id, person_id),
             ).fetchall()
         return tuple(
-            StoredLooks(owner, kind, model, day, np.frombuffer(content[4:], "<f4").reshape(-1, _width(content)))
+            StoredEmbeddings(owner, kind, model, day, np.frombuffer(content[4:], "<f4").reshape(-1, _width(content)))
             for owner, kind, model, day, sealed, key in rows
             if (content := unseal(key, owner, "looks", sealed))
         )
@@ -327,11 +327,11 @@ class PeopleStore:
     def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
         """History of a person (visits, speech, photos, notes), newest first, filtered by all words of ``text``."""
         wanted = text.casefold().split()
-        entries = merge(self.visits(person_id), self._told(person_id), key=lambda entry: -entry.utc_ns)
+        entries = merge(self.visits(person_id), self._decrypted_history(person_id), key=lambda entry: -entry.utc_ns)
         found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
         return tuple(islice(found, at_most))
 
-    def _told(self, person_id: str) -> Iterator[HistoryEntry]:
+    def _decrypted_history(self, person_id: str) -> Iterator[HistoryEntry]:
         """History without visits, newest first, decrypted lazily."""
         for owner, kind, utc_ns, session, sealed, key in self._of_all_ids(
             person_id,
@@ -345,7 +345,7 @@ class PeopleStore:
     def traces_of(self, person_id: str) -> Traces:
         """Search terms for this person's erasure; read them before it."""
         ids = self.ids_of(person_id)
-        vectors = [row.tobytes() for each in ids for looks in self.looks(person_id=each) for row in looks.vectors]
+        vectors = [row.tobytes() for each in ids for looks in self.embeddings(person_id=each) for row in looks.vectors]
         jpegs = self._of_all_ids(
             person_id,
             "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) WHERE person_id IN ({})",

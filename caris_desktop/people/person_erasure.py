@@ -26,7 +26,7 @@ class PersonToForget:
     pictures: tuple[bytes, ...] = field(repr=False)
 
 
-def look_up(database: Path, who: str) -> PersonToForget | None:
+def find_person(database: Path, who: str) -> PersonToForget | None:
     """Look up a person by id or name; None if the study has none.
 
     Raises
@@ -104,12 +104,12 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
             _NOTHING_CHANGED,
             localized(
                 QT_TR_NOOP("Say which one by id: {ids}."),
-                ids=joined((_told(root, person) for root, person in roots.items()), "; "),
+                ids=joined((_described(root, person) for root, person in roots.items()), "; "),
             ),
         )
     return next(iter(roots), None)
 
 
-def _told(person_id: str, person: StoredPerson) -> str:
+def _described(person_id: str, person: StoredPerson) -> str:
     seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
     return localized(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")

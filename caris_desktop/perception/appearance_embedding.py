@@ -65,9 +65,9 @@ class AppearanceModel:
                 )
             )
         self._one_by_one = first.shape[0] == 1
-        self.look(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # warm-up: slow
+        self.embed(np.zeros((4, 4, 3), np.uint8), [np.array([0.0, 0.0, 4.0, 4.0])])  # warm-up: slow
 
-    def look(self, image_bgr: NDArray[np.uint8], corners_px: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def embed(self, image_bgr: NDArray[np.uint8], corners_px: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """One row of unit length for each box (left, top, right, bottom), shape (boxes, length of a vector)."""
         crops = np.stack([_crop(image_bgr, corners) for corners in corners_px])
         batches = crops[:, np.newaxis] if self._one_by_one else [crops]

@@ -77,9 +77,9 @@ class FaceModel:
             raise FaceModelError(
                 localized(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
             )
-        self.look(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
+        self.embed(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 
-    def look(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def embed(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Embedding of unit length. ``face_bgr``: uint8, shape (112, 112, 3)."""
         rgb = face_bgr[:, :, ::-1].astype(np.float32)
         batch = np.ascontiguousarray(((rgb - 127.5) / 127.5).transpose(2, 0, 1)[np.newaxis])
@@ -150,7 +150,7 @@ class Faces:
             self._looked_ns[box.track] = frame.stamp_ns
             if len(self._looked_ns) > _KEPT:
                 del self._looked_ns[next(iter(self._looked_ns))]
-            vector = self._model.look(face.image_bgr)
+            vector = self._model.embed(face.image_bgr)
             name = self._model.name
             return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", name, vector, face.quality)]
         return []

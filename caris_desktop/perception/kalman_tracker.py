@@ -131,7 +131,7 @@ class CameraTracker:
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
         waiting = [track for track in self._tracks if stamp_s - track.seen_s <= self._presence_timeout_s(LOST_S)]
         views = _Views(appearance_of, at_most=int(self._looks_left))
-        views.look_at(_doubtful(waiting, sure, corners_px, stamp_s))
+        views.compute(_doubtful(waiting, sure, corners_px, stamp_s))
         pairs: list[tuple[_Track, int]] = []
         for buffer in BUFFERS:
             found = _pairs(waiting, sure, corners_px, confidences, buffer=buffer, least=_LEAST_OVERLAP, views=views)
@@ -184,7 +184,7 @@ class CameraTracker:
             for track, box in pairs
             if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _LOOK_AGAIN_S
         ]
-        views.look_at([box for _, box in (*new, *due)])
+        views.compute([box for _, box in (*new, *due)])
         here = {id(track): box for track, box in pairs}
         for track, box in pairs:
             track.doubted |= bool(qualities[box] < _GOOD_VIEW)
@@ -213,7 +213,7 @@ class CameraTracker:
         if box is not None:
             if qualities[box] < _GOOD_VIEW:
                 return False
-            views.look_at([box])
+            views.compute([box])
             theirs = views.of(box)
             if theirs is None or _apart(track.looks_like, theirs) > _apart(other.looks_like, theirs) - _MISTAKEN_BY:
                 return False
@@ -297,7 +297,7 @@ class _Views:
         self._at_most = at_most
         self._known: dict[int, Floats] = {}
 
-    def look_at(self, boxes: Sequence[int]) -> None:
+    def compute(self, boxes: Sequence[int]) -> None:
         unknown = [box for box in boxes if box not in self._known][: self._at_most - len(self._known)]
         if self._appearance_of is not None and unknown:
             self._known.update(zip(unknown, self._appearance_of(unknown), strict=True))

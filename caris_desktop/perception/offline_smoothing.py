@@ -24,7 +24,7 @@ NOBODY_FOUND = 0.0
 
 
 @dataclass(slots=True)
-class _Stretch:
+class _TrackSegment:
     """All boxes of one track number. ``looks`` is a sum over good views."""
 
     number: int
@@ -60,7 +60,7 @@ def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) 
 
 
 def _nearest_first(
-    stretches: dict[int, _Stretch], pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
+    stretches: dict[int, _TrackSegment], pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
 ) -> list[tuple[int, int]]:
     """Candidate pairs: continued motion first, then similar appearance, most likely first."""
     pairs: list[tuple[float, int, int]] = []
@@ -76,7 +76,9 @@ def _nearest_first(
     return [(first, second) for _, first, second in sorted(pairs)]
 
 
-def _off_path(a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> float:
+def _off_path(
+    a: _TrackSegment, b: _TrackSegment, pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]
+) -> float:
     """Distance of the start of ``b`` from the extrapolated ``a``, in box heights; infinite after too long a gap."""
     last, begins = max(a.pictures), min(b.pictures)
     gone_s = stamps_s[begins] - stamps_s[last]
@@ -89,11 +91,11 @@ def _off_path(a: _Stretch, b: _Stretch, pictures: Sequence[Sequence[TrackedBox]]
     return float(np.linalg.norm(_middle(b.first) - ended - way * gone_s) / height_px)
 
 
-def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
-    stretches: dict[int, _Stretch] = {}
+def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _TrackSegment]:
+    stretches: dict[int, _TrackSegment] = {}
     for at, boxes in enumerate(pictures):
         for box in boxes:
-            stretch = stretches.setdefault(box.track, _Stretch(box.track, set(), box))
+            stretch = stretches.setdefault(box.track, _TrackSegment(box.track, set(), box))
             stretch.pictures.add(at)
             if box.looks is not None and box.quality >= _GOOD_VIEW:
                 seen = box.quality * box.looks
@@ -101,7 +103,7 @@ def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _Stretch]:
     return stretches
 
 
-def _apart(a: _Stretch, b: _Stretch, *, unknown: float) -> float:
+def _apart(a: _TrackSegment, b: _TrackSegment, *, unknown: float) -> float:
     """Cosine distance of the mean embeddings."""
     if a.looks is None or b.looks is None:
         return unknown

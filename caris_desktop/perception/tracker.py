@@ -96,7 +96,7 @@ class PersonTracker:
         appearance = self._appearance
         if appearance is None:
             return None
-        return lambda boxes: appearance.look(image_bgr, [corners_px[box] for box in boxes])
+        return lambda boxes: appearance.embed(image_bgr, [corners_px[box] for box in boxes])
 
     def _follow_with(
         self,
@@ -110,7 +110,7 @@ class PersonTracker:
         self._theirs[camera] = theirs
         looks = None
         if theirs.uses_looks and self._appearance is not None and len(corners_px):
-            looks = self._appearance.look(image_bgr, list(corners_px))
+            looks = self._appearance.embed(image_bgr, list(corners_px))
         found = theirs.follow(corners_px, confidences, image_bgr, looks)
         return [
             Followed(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found

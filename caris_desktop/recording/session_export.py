@@ -188,11 +188,11 @@ def run_exports(connection: Connection, request: ExportRequest) -> None:
         # The robot may be in use at the same time.
         os.nice(10)
 
-    def tell(fraction: float, what: str) -> None:
+    def report(fraction: float, what: str) -> None:
         connection.send(ExportProgress(fraction, what))
 
     try:
-        connection.send(export_all(request, tell))
+        connection.send(export_all(request, report))
     except (BrokenPipeError, EOFError):
         _log.warning("nobody waits for the export any more; it ended")
 
@@ -227,10 +227,10 @@ def export_all(
     pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
-        def tell(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
+        def report(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
             told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
 
-        tell(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
+        report(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
             session = _opened(folder, pseudonyms)
             damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
@@ -239,7 +239,7 @@ def export_all(
             notices += [_message_for(folder.name, sentence) for sentence in sentences]
             sessions.append(session)
             if apart.formats:
-                problems += _export_formats(session, apart, target, tell)
+                problems += _export_formats(session, apart, target, report)
                 written.append(target)
                 on_written(target)
         except _DiskFullError as error:
@@ -395,7 +395,7 @@ def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequ
     target = request.out.absolute() / name
     with _whole_folder(target, sessions[0].folder) as partial:
         context = ExportContext(licence=request.licence, csv=request.csv)
-        _told(
+        _converting_errors(
             lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
             f"{len(sessions)} sessions",
             name,
@@ -413,10 +413,10 @@ def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
 
 
 def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
-    return _told(lambda: BY_FORMAT[fmt].exporter()(session, out, context), str(session.folder), fmt, out)
+    return _converting_errors(lambda: BY_FORMAT[fmt].exporter()(session, out, context), str(session.folder), fmt, out)
 
 
-def _told(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
+def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
     """Convert any exception to ExportError: the next format or session may succeed."""
     try:
         return write()

@@ -202,7 +202,7 @@ class ControlLink:
 
     async def finish(self) -> None:
         """Stop the robot and disconnect."""
-        moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.under_way
+        moving = self._lease.held or self._lease.due_s() < self._loop.time() + 1.0 or self._navigator.has_goal
         self._controls.cancel_goals(QT_TR_NOOP("the console closed"))
         if self._connected and moving:
             self._navigator.cancel_all(QT_TR_NOOP("the console closed"), CONSOLE)
@@ -363,7 +363,7 @@ class ControlLink:
         if self._told.moving and self._unread.late(self._loop.time()):
             # If it was suspended, this is the last message that it reads on waking up.
             self._send_twist(ZERO_TWIST, "lease")
-            self._lease.told(ZERO_TWIST)
+            self._lease.set_sent(ZERO_TWIST)
         if self._lease.take_expired():
             reason = QT_TR_NOOP("The console stopped answering for a moment")
             self._put(DriveEnded(now_ns(), reason, CONSOLE, self._drive_id))
@@ -383,7 +383,7 @@ class ControlLink:
             # What the network does not accept now would arrive late.
             self._end_drive(QT_TR_NOOP("The network does not take the commands"))
         elif full and leased.twist.moving:
-            self._lease.told(self._told)
+            self._lease.set_sent(self._told)
         elif not full or self._told.moving:
             # The first zero is always sent; more would queue up like velocities.
             self._send_twist(leased.twist, leased.source)
@@ -407,7 +407,7 @@ class ControlLink:
             self._move()
 
     def _say_zero_again(self) -> None:
-        if not self._lease.held and not self._navigator.under_way and not self._unread.full(self._loop.time()):
+        if not self._lease.held and not self._navigator.has_goal and not self._unread.full(self._loop.time()):
             self._send_twist(ZERO_TWIST, "lease")
 
     def _say_zero_while_moving(self) -> None:
@@ -532,7 +532,7 @@ class ControlLink:
         if not self._connected:
             return
         now_s, movement = self._loop.time(), self._movement
-        if self._navigator.under_way:
+        if self._navigator.has_goal:
             movement.moves_by_itself(now_s)
         state = movement.state(now_s)
         if state == "standing" and (self._odometry is None or self._odometry.stamp_ns > self._stop_ns):

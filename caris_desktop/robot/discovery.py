@@ -251,13 +251,15 @@ async def check_streams(
                 localized(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
             )
         offset_ns = await _clock_offset_ns(ros)
-        ears: list[_Ear] = []
+        ears: list[_StreamListener] = []
         inputs: list[tuple[NamedTopic, str]] = []
         tree = TransformTree()
         for named in named_in(profile):
             if inventory is None:
                 if named.published:
-                    ears.append(_Ear(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree))
+                    ears.append(
+                        _StreamListener(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree)
+                    )
                 else:
                     say(_unknown(named.field, named.label, named.topic))
                 continue
@@ -272,7 +274,7 @@ async def check_streams(
                 say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
-                ears.append(_Ear(ros, profile, named, kind, tree))
+                ears.append(_StreamListener(ros, profile, named, kind, tree))
             else:
                 inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
         for check in _offered_checks(profile, inventory):
@@ -459,7 +461,7 @@ def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
     return hits
 
 
-class _Ear:
+class _StreamListener:
     """Listener to one stream of a profile. Received transforms fill ``tree``."""
 
     def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree) -> None:
@@ -581,7 +583,7 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _bridge_is_informed(ros: SafeRos, ears: list[_Ear]) -> bool:
+async def _bridge_is_informed(ros: SafeRos, ears: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for ear in ears:
         if ear.heard:

@@ -275,11 +275,11 @@ class EmergencyStop:
         interface = self._interface
         if self._command is not None:
             if self._command.publish(encode_bool(latched)):
-                self._told(latched=latched, reason="")
+                self._report_result(latched=latched, reason="")
                 if latched:
                     self._in_background(self._check_listeners(again=False))
             else:
-                self._told(latched=latched, reason=QT_TR_NOOP("it is not connected"))
+                self._report_result(latched=latched, reason=QT_TR_NOOP("it is not connected"))
             return
         wanted = interface.service or (interface.set_service if latched else interface.clear_service)
         # rosapi's list may be outdated: the stop service is called in any case.
@@ -319,9 +319,9 @@ class EmergencyStop:
             else:
                 self._try_no_more()
         if not (reason and again):
-            self._told(latched=latched, reason=reason)
+            self._report_result(latched=latched, reason=reason)
 
-    def _told(self, *, latched: bool, reason: str) -> None:
+    def _report_result(self, *, latched: bool, reason: str) -> None:
         if reason:
             logger.warning("Emergency stop: %s", reason)
             refused, meaning = (

@@ -123,7 +123,7 @@ class MotionLease:
         """Send zero at once, with or without a lease: something else may be moving the robot."""
         self._begin_zeros(now_s, source)
 
-    def told(self, twist: Twist2D) -> None:
+    def set_sent(self, twist: Twist2D) -> None:
         """Set the velocity sent instead of the due one; the ramp continues from it."""
         if self.held:
             self._current = self._ramped = twist

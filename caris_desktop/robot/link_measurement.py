@@ -25,7 +25,7 @@ _UNKNOWN_DELAY_S = 0.1
 _SIMULATION_TIME_EVERY_NS = 50_000_000
 
 
-class LostOnTheWay:
+class MessageLossCounter:
     """Counts missing messages of one topic, by the robot's stamps.
 
     rosbridge and the network do not report drops. For a sender with a constant rate, such as a LIDAR or base, gaps
@@ -95,7 +95,7 @@ class LinkMeasurement:
         self._clock = ClockOffset.of_simulation_time() if simulation_time else ClockOffset()
         self._simulation_time_ns = 0
         self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
-        self._lost = {topic: LostOnTheWay() for topic in streams}
+        self._lost = {topic: MessageLossCounter() for topic in streams}
 
     def offset_at(self, session_ns: int) -> OffsetEstimate | None:
         """Robot clock minus session clock at a time not before the last sample."""
@@ -127,7 +127,7 @@ class LinkMeasurement:
     def link_lost(self) -> None:
         """Drop round trips; the clock estimate continues."""
         self._round_trips_s.clear()
-        self._lost = {topic: LostOnTheWay() for topic in self._streams}
+        self._lost = {topic: MessageLossCounter() for topic in self._streams}
 
     async def run(self) -> None:
         """Measure until cancelled."""

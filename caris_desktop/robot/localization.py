@@ -137,12 +137,12 @@ class TransformTree:
 
     def depends_on(self, parent: str, child: str, told: set[str]) -> bool:
         """True if the path from ``child`` to ``parent`` uses one of the frames ``told``."""
-        ways = self._ways(parent, child)
+        ways = self._branches(parent, child)
         return ways is not None and any(frame in told for way in ways for frame in way)
 
     def newest_stamp_ns(self, parent: str, child: str) -> int | None:
         """Newest stamp on the path; None if nothing on it moves, or there is none."""
-        ways = self._ways(parent, child)
+        ways = self._branches(parent, child)
         histories = [self._edges[frame].history for way in ways or () for frame in way]
         return max((history.newest_ns for history in histories if history is not None), default=None)
 
@@ -160,7 +160,7 @@ class TransformTree:
 
         ``at_ns`` is robot time, None: the newest. The motion of the frames ``goes_on`` is extrapolated for 0.2 s.
         """
-        ways = self._ways(parent, child)
+        ways = self._branches(parent, child)
         if ways is None:
             return None
         up, down = (self._context_parts(way, at_ns, goes_on) for way in ways)
@@ -168,7 +168,7 @@ class TransformTree:
             return None
         return down.inverse() @ up
 
-    def _ways(self, parent: str, child: str) -> tuple[list[str], list[str]] | None:
+    def _branches(self, parent: str, child: str) -> tuple[list[str], list[str]] | None:
         """Frames from ``child`` and from ``parent`` up to their common ancestor (exclusive)."""
         from_child, from_parent = self._ancestors(child), self._ancestors(parent)
         if from_child is None or from_parent is None:

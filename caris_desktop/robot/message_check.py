@@ -137,7 +137,7 @@ def _message(
             localized(
                 QT_TR_NOOP("{where} must be a group of fields, but it is {value}"),
                 where=_named(where),
-                value=_told(value),
+                value=_described(value),
             )
         )
     if where.count(".") > _DEEPEST:
@@ -165,7 +165,9 @@ def _field(value: Any, field: FieldType, definition: Definition, where: str, rou
         return value
     if not isinstance(value, (list, tuple)):
         raise MessageMismatchError(
-            localized(QT_TR_NOOP("{where} must be a list, but it is {value}"), where=_named(where), value=_told(value))
+            localized(
+                QT_TR_NOOP("{where} must be a list, but it is {value}"), where=_named(where), value=_described(value)
+            )
         )
     if field.length and len(value) != field.length:
         raise MessageMismatchError(
@@ -198,7 +200,7 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
                 localized(
                     QT_TR_NOOP("{where} must be true or false, but it is {value}"),
                     where=_named(where),
-                    value=_told(value),
+                    value=_described(value),
                 )
             )
         return value
@@ -206,7 +208,9 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
         if not isinstance(value, str):
             raise MessageMismatchError(
                 localized(
-                    QT_TR_NOOP("{where} must be a text, but it is {value}"), where=_named(where), value=_told(value)
+                    QT_TR_NOOP("{where} must be a text, but it is {value}"),
+                    where=_named(where),
+                    value=_described(value),
                 )
             )
         if len(value) > LONGEST_TEXT:
@@ -237,7 +241,7 @@ def _whole_number(value: Any, range_: tuple[int, int], where: str, rounds: bool)
                 where=_named(where),
                 lowest=lowest,
                 highest=highest,
-                value=_told(value),
+                value=_described(value),
             )
         )
     return value
@@ -247,7 +251,7 @@ def _number(value: Any, type_: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise MessageMismatchError(
             localized(
-                QT_TR_NOOP("{where} must be a number, but it is {value}"), where=_named(where), value=_told(value)
+                QT_TR_NOOP("{where} must be a number, but it is {value}"), where=_named(where), value=_described(value)
             )
         )
     try:
@@ -259,7 +263,7 @@ def _number(value: Any, type_: str, where: str) -> float:
             localized(
                 QT_TR_NOOP("{where} must be a finite number, but it is {value}"),
                 where=_named(where),
-                value=_told(value),
+                value=_described(value),
             )
         )
     return number
@@ -299,7 +303,9 @@ def _check_plain(value: Any, where: str, depth: int) -> None:
         raise MessageMismatchError(localized(QT_TR_NOOP("{where} has a number that is not finite"), where=where))
     elif value is not None and not isinstance(value, (bool, int, float, str)):
         raise MessageMismatchError(
-            localized(QT_TR_NOOP("{where} has a value that cannot be sent: {value}"), where=where, value=_told(value))
+            localized(
+                QT_TR_NOOP("{where} has a value that cannot be sent: {value}"), where=where, value=_described(value)
+            )
         )
 
 
@@ -312,7 +318,7 @@ def _named(where: str) -> str:
     return localized(QT_TR_NOOP("the field {field}"), field=repr(where)) if where else QT_TR_NOOP("the message")
 
 
-def _told(value: Any) -> str:
+def _described(value: Any) -> str:
     if value is None:
         return QT_TR_NOOP("nothing")
     if isinstance(value, bool):

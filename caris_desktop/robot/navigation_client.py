@@ -85,7 +85,7 @@ class Navigator:
             self._server = make_action_client(ros, dialect, server.name, action_type, self, motion=True)
 
     @property
-    def under_way(self) -> bool:
+    def has_goal(self) -> bool:
         """True while the robot has, or may have, a goal of ours."""
         return self._goal is not None
 

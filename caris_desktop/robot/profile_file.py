@@ -5,7 +5,7 @@ from typing import Any
 
 from caris_desktop.domain.file_migrations import Migration, migrated
 from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.schema_validation import told
+from caris_desktop.domain.schema_validation import problem_lines
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import dumped
@@ -55,7 +55,7 @@ class ProfileText:
 
     def refuse(self, found: Iterable[Problem]) -> None:
         """Raises ProfileError if there are problems."""
-        if message := told(self.file_name, self._source, found):
+        if message := problem_lines(self.file_name, self._source, found):
             raise ProfileError(message)
 
 

@@ -1,8 +1,8 @@
 """Schema of robot profiles.
 
 Settings are declared only here. Validation, messages, reading, writing, the JSON Schema for editors and the guide's
-tables derive from these declarations; ``python -m caris_desktop.app.generated_reference`` rewrites the latter two. Rules across
-groups are in :mod:`caris_desktop.robot.profile_content`.
+tables derive from these declarations; ``python -m caris_desktop.app.generated_reference`` rewrites the latter two.
+Rules across groups are in :mod:`caris_desktop.robot.profile_content`.
 """
 
 import math
@@ -135,7 +135,8 @@ class CameraTopic:
     )]  # fmt: skip
     topic: Annotated[RosName, FieldSpec("Where its pictures are.")]
     throttle_ms: Annotated[_Throttle, FieldSpec("At most one picture in this time: 33 gives up to 30 a second.")] = 60
-    model: Annotated[CameraModel | None, StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
+    model: Annotated[CameraModel | None,
+                     StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
         "Where it is and what it sees; with it a click in the video finds its place on the floor.",
         some_of=("horizontal_fov_deg", "fx_px"), needs="a camera's model has either horizontal_fov_deg or fx_px.",
         order=3,
@@ -161,7 +162,8 @@ class SpeedLimitInterface:
         instead_of=("topic",),
     )] = None  # fmt: skip
     parameters: Annotated[
-        tuple[Annotated[str, FieldSpec(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...], FieldSpec(
+        tuple[Annotated[str, FieldSpec(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...],
+        FieldSpec(
             "The parameters of that node, in m/s; they are set back to `max_mps` when the console leaves.", shortest=1,
             longest=8, quiet=True, beside=("reconfigure",),
     )] = ("max_vel_x", "max_vel_trans")  # fmt: skip

@@ -107,7 +107,7 @@ class SubscriptionWatchdog:
                 return
             for name, listener in silent.items():
                 if await self._is_published(name) and not listener.heard:
-                    self._ask_anew(listener)
+                    self._change_subscription(listener)
             # A map in progress arrives later anyway; frequent requests cost the robot time.
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
@@ -119,7 +119,7 @@ class SubscriptionWatchdog:
             return False
         return bool(answer.get("publishers"))
 
-    def _ask_anew(self, listener: _Listener) -> None:
+    def _change_subscription(self, listener: _Listener) -> None:
         if listener.encoding == "back":
             return  # that is decided soon
         # In ROS 2 the quality of service is the likelier reason: it comes first.

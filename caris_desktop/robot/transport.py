@@ -2,8 +2,8 @@
 
 ``SafeRos`` and ``SafeTopic`` are a ``roslibpy.Ros`` and a ``roslibpy.Topic``; ``roslibpy.Service``, ``roslibpy.Param``,
 ``roslibpy.ActionClient`` and even an unmodified ``roslibpy.Topic`` work on a ``SafeRos``. Underneath is our own factory
-and protocol over :mod:`caris_desktop.robot.bridge_wire`, on one asyncio loop. Where roslibpy 2.1 says "once the connection is
-established" this means "now, or not at all". What the stock transport does, and what holds here instead:
+and protocol over :mod:`caris_desktop.robot.bridge_wire`, on one asyncio loop. Where roslibpy 2.1 says "once the
+connection is established" this means "now, or not at all". What the stock transport does, and what holds here instead:
 
 1. It queues everything while disconnected and flushes it on reconnect, so velocity commands arrive seconds late.
    Here a publish, call or goal without a connection is dropped and counted (``dropped``); a call's errback is called at

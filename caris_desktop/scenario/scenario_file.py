@@ -11,7 +11,7 @@ from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import data_of, value_from
-from caris_desktop.domain.schema_validation import problems, told
+from caris_desktop.domain.schema_validation import problem_lines, problems
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
@@ -187,7 +187,7 @@ def parse_scenario(
         raise ScenarioError(_at_line(path, source.line_of(("version",)), error)) from error
     wrong = mistakes(data, velocity_topic_of)
     if wrong:
-        raise ScenarioError(told(_shown(path), source, wrong))
+        raise ScenarioError(problem_lines(_shown(path), source, wrong))
     scenario: Scenario = value_from(Scenario, data)
     return replace(scenario, path=path, sha256=hashlib.sha256(text.encode("utf-8")).hexdigest())
 

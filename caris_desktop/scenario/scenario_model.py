@@ -315,7 +315,8 @@ class CameraSettings:
         "robot are called as in its profile.",
         longest=40, quiet=True,
     )] = ""  # fmt: skip
-    mount: Annotated[CameraModel | None, StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
+    mount: Annotated[CameraModel | None,
+                     StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
         "Where it is on the robot and what it sees, as in a robot profile: then its people have places in the map.",
         some_of=("horizontal_fov_deg", "fx_px"), needs="a mount has either horizontal_fov_deg or fx_px.", quiet=True,
     )] = None  # fmt: skip

@@ -84,20 +84,20 @@ class HeadOnRos:
             target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)
             self._turn(name, target_rad, share * self._wiring.robot.body.head.fastest_radps)
 
-    def _told(self) -> tuple[HeadTopics, Head]:
+    def _head_interface(self) -> tuple[HeadTopics, Head]:
         told = self._wiring.dress.head
         if told is None:
             raise MessageError("the robot has no head")
         return told, self._wiring.robot.head
 
     def _now_rad(self, joint: str) -> float:
-        told, head = self._told()
+        told, head = self._head_interface()
         if joint not in (told.pan_joint, told.tilt_joint):
             raise MessageError(f"there is no joint '{joint}'; the head has {told.pan_joint} and {told.tilt_joint}")
         return head.pan_rad if joint == told.pan_joint else told.tilt_sign * head.tilt_rad
 
     def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
-        told, head = self._told()
+        told, head = self._head_interface()
         if joint == told.pan_joint:
             head.pan_to(target_rad, speed_radps=speed_radps)
         else:

@@ -69,7 +69,7 @@ class MapOnRos:
         ):
             self._publish_whole()
             return
-        self._wiring.server.keep(self._map, self._whole())
+        self._wiring.server.set_latched(self._map, self._whole())
         update = encode_occupancy_grid_update(
             self._wiring.dialect,
             change.cells,

@@ -112,10 +112,10 @@ class RobotTopics:
             if part is not None:
                 part.publish_due()
 
-    def catch_up(self, skipped_s: float) -> None:
+    def skip_time(self, skipped_s: float) -> None:
         """Continue after skipped simulation time."""
         if self.sound is not None:
-            self.sound.catch_up(skipped_s)
+            self.sound.skip_time(skipped_s)
 
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
         """Publish one camera image and, if subscribed, the camera info."""

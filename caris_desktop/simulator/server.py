@@ -236,7 +236,7 @@ class BridgeServer:
             topic.last = published
         self._later(lambda: self._deliver(published))
 
-    def keep(self, name: str, message: Message) -> None:
+    def set_latched(self, name: str, message: Message) -> None:
         """Set the message for late subscribers of a latched topic, without publishing it."""
         self.topics[name].last = self._published(name, message)
 

@@ -322,7 +322,7 @@ async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
         late_s = loop.time() - due_s
         if late_s > _HOPELESSLY_LATE_S:
             logger.warning("The computer is too slow: %.1f s of simulated time are skipped", late_s)
-            topics.catch_up(late_s)
+            topics.skip_time(late_s)
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
         robot.step()

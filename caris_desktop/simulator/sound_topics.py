@@ -68,7 +68,7 @@ class SoundOnRos:
         if self._steps % _STEPS == 0:
             self._publish_sound()
 
-    def catch_up(self, skipped_s: float) -> None:
+    def skip_time(self, skipped_s: float) -> None:
         """Publish the audio of skipped simulation time at once, as a driver with a buffer would."""
         for _ in range(round(skipped_s * RATE_HZ / (_STEPS * _STEP_SAMPLES))):
             self._publish_sound()

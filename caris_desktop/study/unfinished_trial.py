@@ -37,7 +37,7 @@ class UnfinishedTrial:
     step: str = ""
 
 
-def keep(folder: Path, trial: UnfinishedTrial) -> None:
+def save_unfinished(folder: Path, trial: UnfinishedTrial) -> None:
     """Note that this program records ``trial``. Raises OSError."""
     import psutil  # not needed by the first window or without a recording
 

@@ -21,7 +21,7 @@ def read_for(
 ) -> None:
     """Like :meth:`WizardConsole.read_aside`, but without callback if ``part`` was deleted meanwhile."""
 
-    def tell(found: T) -> None:
+    def deliver(found: T) -> None:
         if shiboken6.isValid(part):
             done(found)
 
@@ -29,7 +29,7 @@ def read_for(
         if failed is not None and shiboken6.isValid(part):
             failed(failure)
 
-    console.read_aside(read, tell, None if failed is None else report_failed)
+    console.read_aside(read, deliver, None if failed is None else report_failed)
 
 
 class Remembered(QObject):

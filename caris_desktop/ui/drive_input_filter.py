@@ -233,7 +233,7 @@ class DriveInputFilter(QObject):
             if not isinstance(event, QKeyEvent):
                 return False
             pressed = kind == QEvent.Type.KeyPress
-            return self._filter_key(event) or (pressed and self._is_kept_from_button(watched, event))
+            return self._filter_key(event) or (pressed and self._blocks_button_key(watched, event))
         if kind == QEvent.Type.MouseButtonPress:
             return isinstance(event, QMouseEvent) and self._filter_press(watched, event)
         if kind == QEvent.Type.FocusIn and isinstance(event, QFocusEvent) and isinstance(watched, QWidget):
@@ -304,7 +304,7 @@ class DriveInputFilter(QObject):
             return True
         return False
 
-    def _is_kept_from_button(self, watched: QObject, event: QKeyEvent) -> bool:
+    def _blocks_button_key(self, watched: QObject, event: QKeyEvent) -> bool:
         """Whether to block Space and Enter: on a bar's widget unless it got the focus by Tab, and on any button while
         the wizard types letters that nothing takes. The red button always works.
         """

@@ -140,11 +140,11 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         """Propose a destination folder; text typed before the disk responds is kept."""
         sessions, before = self._sessions, self._folder.text()
 
-        def told(folder: Path) -> None:
+        def on_folder(folder: Path) -> None:
             if shiboken6.isValid(self) and (sessions, before) == (self._sessions, self._folder.text()):
                 self._folder.setText(str(folder))
 
-        self._library.choose_export_folder(sessions, told, chosen=chosen)
+        self._library.choose_export_folder(sessions, on_folder, chosen=chosen)
 
     @property
     def formats(self) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ class LayoutStore(QObject):
         self._touched = False
         self._histories: dict[SizeClass, History] = {}
         self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
-        self.rest.timeout.connect(self.tell)
+        self.rest.timeout.connect(self.record_layout)
         docks.layout_changed.connect(self.rest.start)
         docks.layout_changed.connect(self._on_layout_changed)
         docks.edited.connect(self._on_edited)
@@ -164,7 +164,7 @@ class LayoutStore(QObject):
         if kept is None or mine is None:
             return arrangement_of(baseline)
         if kept.of_another:
-            self._kept.keep(self._name, kind, self._file_tree(kind), None)
+            self._kept.save_working_copy(self._name, kind, self._file_tree(kind), None)
             self._history.note(tr("The scenario’s new layout"), mine)
             self._notice(
                 tr("The scenario has another layout than last time."),
@@ -212,7 +212,7 @@ class LayoutStore(QObject):
         if self._in_replay or not self._touched or arrangement is None or self._board.building:
             return
         own = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
-        self._kept.keep(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
+        self._kept.save_working_copy(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
         self._touched = own
 
     def follow(self, scenario: Scenario) -> None:
@@ -332,7 +332,7 @@ class LayoutStore(QObject):
         if present is None or self._baseline is None:
             return
         self._history.note(tr("Revert"), present)
-        self._kept.keep(self._name, self._kind, self._file_tree(self._kind), None)
+        self._kept.save_working_copy(self._name, self._kind, self._file_tree(self._kind), None)
         self._touched = False
         self._board.show(arrangement_of(self._baseline_of(self._kind)))
 
@@ -368,7 +368,7 @@ class LayoutStore(QObject):
         self._told = None
         self.rest.start()
 
-    def tell(self) -> None:
+    def record_layout(self) -> None:
         """Record the wizard's layout once it is idle."""
         if not self._docks.isVisible():
             self.rest.start()

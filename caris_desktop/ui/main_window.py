@@ -346,7 +346,7 @@ class MainWindow(PanelWindow, QWidget):
         def switch() -> None:
             self._console.do(intents.OpenScenario(path))
 
-        def look(scenario: Scenario | None) -> None:
+        def compare(scenario: Scenario | None) -> None:
             ends = [] if scenario is None else _ends_of_recording(self._console.scenario, scenario)
             if scenario is None or not ends:
                 switch()
@@ -356,7 +356,7 @@ class MainWindow(PanelWindow, QWidget):
             self._question.ask(said.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
 
         if self._console.state.recording.value.state in IN_SESSION:
-            read_for(self, self._console, partial(_read_scenario, path), look)
+            read_for(self, self._console, partial(_read_scenario, path), compare)
         else:
             switch()
 
@@ -482,7 +482,7 @@ class MainWindow(PanelWindow, QWidget):
         if self.closing.asks_first(event) or self.editor.asks_first(by_a_person=self.closing.by_a_person(event)):
             event.ignore()
             return
-        self._place.keep()
+        self._place.save()
         self.layout_keeper.rest.stop()
         self._late.end()
         self.sessions.close()

@@ -297,7 +297,7 @@ class MarkCard(QWidget):
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
             stretch = mark.label or tr("Stretch")
-            self._title.setText(f"{stretch} · {text_formatting.stretch(lasts_s)}")
+            self._title.setText(f"{stretch} · {text_formatting.duration(lasts_s)}")
             since = tr("Since {time}, as long as you hold the key") if self._held else tr("Since {time}")
             self._line.setText(since.format(time=at))
         else:

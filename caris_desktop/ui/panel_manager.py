@@ -40,7 +40,7 @@ class _Building:
     arranged: Callable[[], None]
 
 
-class _KeptPlace(Panel):
+class _ReservedPlace(Panel):
     """Placeholder behind a tab until its panel is created, with the minimum size of its predecessor."""
 
     def __init__(self, context: PanelContext, name: PanelName, least: QSize) -> None:
@@ -205,7 +205,7 @@ class PanelManager(QObject):
         return self.building and not (self._without_room or self._outdated or self._missing)
 
     def _stored_places(self) -> dict[PanelName, Panel]:
-        return {name: _KeptPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
+        return {name: _ReservedPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
 
     def _build_for_a_turn(self) -> None:
         """Run several short steps or a single long one; the window repaints between turns."""

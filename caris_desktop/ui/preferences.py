@@ -235,12 +235,12 @@ class Preferences(QObject):
     # Panels
 
     def _on_panel_made(self, name: str, panel: Panel) -> None:
-        def keep() -> None:
+        def save() -> None:
             self._wizards.set_value(
                 self._place_of_panel(name), _stored_text(panel.choices(), self._file_of_panel(name))
             )
 
-        panel.choices_changed.connect(keep)
+        panel.choices_changed.connect(save)
 
     def _use_in_panels(self) -> None:
         for name, panel in self._board.made_so_far.items():

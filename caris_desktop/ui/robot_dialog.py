@@ -128,11 +128,11 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.address_field.setAccessibleName(tr("Address of the robot"))
         self.address_field.setMinimumHeight(36)
         self.address_field.setMaxLength(300)
-        self.address_field.returnPressed.connect(self.look)
+        self.address_field.returnPressed.connect(self.query_robot)
         self.address_field.textChanged.connect(self._on_address_changed)
         self._look = ActionButton(theme, tr("Look"), icon="magnifying-glass", key="Enter", look="primary", height_px=36)
         self._look.setObjectName("robot_look")
-        self._look.clicked.connect(self.look)
+        self._look.clicked.connect(self.query_robot)
         self._certificates = self._optional_field(
             "robot_certificates", tr("a PEM file, if it is not signed by a known one")
         )
@@ -292,7 +292,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
 
     # ---- commands
 
-    def look(self) -> None:
+    def query_robot(self) -> None:
         """Query the robot at the address."""
         if self._busy:
             return

@@ -53,7 +53,7 @@ class HitsModel(QAbstractListModel):
     def hit(self, row: int) -> SearchHit:
         return self._hits[row]
 
-    def whose(self, hit: SearchHit) -> str:
+    def session_name(self, hit: SearchHit) -> str:
         return self._whose.get(hit.folder, hit.folder.name)
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
@@ -73,7 +73,8 @@ class HitsModel(QAbstractListModel):
         if role == _HIT_ROLE:
             return hit
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{self.whose(hit)}, {text_formatting.elapsed(hit.session_s)}, {kind_words(hit.kind)}: {hit.snippet}"
+            at = text_formatting.elapsed(hit.session_s)
+            return f"{self.session_name(hit)}, {at}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
             lines = [hit.snippet, tr("Double click to replay from here")]
             if hit.quoted:
@@ -129,7 +130,7 @@ class HitDelegate(QStyledItemDelegate):
         painter.setPen(theme.color("dim"))
         metrics, left = QFontMetrics(theme.font(tokens.STATUS_PX)), rect.left() + 10
         for text, width in (
-            (self._model.whose(hit), self._WHOSE_PX),
+            (self._model.session_name(hit), self._WHOSE_PX),
             (text_formatting.elapsed(hit.session_s), self._TIME_PX),
             (kind_words(hit.kind), self._KIND_PX),
         ):

@@ -27,8 +27,8 @@ class Talking(QObject):
         self._held: tuple[str, TalkTo] | None = None
         hold.mark_pressed.connect(self._on_pressed)
         hold.mark_released.connect(self._on_released)
-        hold.key_owner_changed.connect(self._look)
-        hold.windows_changed.connect(self._look)
+        hold.key_owner_changed.connect(self._check_keyboard)
+        hold.windows_changed.connect(self._check_keyboard)
         actions.rebuilt.connect(self.let_go)
 
     def use_gamepads(self, gamepads: Gamepads) -> None:
@@ -58,7 +58,7 @@ class Talking(QObject):
         if self._held is not None and self._held[0] == action_id:
             self.let_go()
 
-    def _look(self, _owner: str = "") -> None:
+    def _check_keyboard(self, _owner: str = "") -> None:
         if self._others_have_the_keys():
             self.let_go()
 

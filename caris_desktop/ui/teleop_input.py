@@ -74,7 +74,7 @@ class TeleopInput(QObject):
         return self._sent.moving
 
     @property
-    def wish(self) -> TeleopCommand:
+    def command(self) -> TeleopCommand:
         """Sum of all input sources."""
         robot = self._console.state.robot.value
         total = merged((command_of(self.held), *self._sticks.values(), self._pad))
@@ -191,7 +191,7 @@ class TeleopInput(QObject):
         return drive.allowed and not drive.emergency_stop and self._actions.spec("drive_forward") is not None
 
     def _send(self, source: CommandSource) -> None:
-        wish = self.wish
+        wish = self.command
         sent, self._sent = self._sent, wish
         if wish.base != sent.base:
             if wish.base == AT_REST.base:

@@ -140,7 +140,7 @@ def long_duration(seconds: float) -> str:
     return f"{hours} h {rest} min"
 
 
-def stretch(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Duration of an interval: 0:07, 12:43, 1:02:03."""
     text = elapsed(seconds)
     return text[1:] if text.startswith("0") else text

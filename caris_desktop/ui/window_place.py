@@ -52,6 +52,6 @@ class WindowPlace:
         else:
             self._window.show()
 
-    def keep(self) -> None:
+    def save(self) -> None:
         if self._settings is not None:
             self._settings.setValue(self._key, self._window.saveGeometry())

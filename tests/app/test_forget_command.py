@@ -13,7 +13,7 @@ import pytest
 
 from caris_desktop.app import forget_command
 from caris_desktop.app.composition import said_before_file
-from caris_desktop.people.people_store import About, PeopleStore, StoredLooks
+from caris_desktop.people.people_store import About, PeopleStore, StoredEmbeddings
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.search_terms import all_of
 from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, make_study, portrait
@@ -36,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             store.describe(person_id, About(name={PERSON: NAME, "p-2": OTHER}.get(person_id, f"Somebody {number}")))
             jpeg, vectors = (FACE, VECTORS) if person_id == PERSON else (portrait(), VECTORS[::-1] * 0.5)
             store.store_portrait(person_id, jpeg, 0.9)
-            store.store_embeddings(StoredLooks(person_id, "face", "arcface", "", vectors), expires_utc_ns=None)
+            store.store_embeddings(StoredEmbeddings(person_id, "face", "arcface", "", vectors), expires_utc_ns=None)
     return study
 
 
@@ -64,7 +64,7 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
             each.person_id: (each.about, store.portrait(each.person_id), [one.vectors.tobytes() for one in looks])
             for each in store.everybody()
             if each.person_id != PERSON
-            for looks in [store.looks(person_id=each.person_id)]
+            for looks in [store.embeddings(person_id=each.person_id)]
         }
     assert len(others) == PEOPLE - 1
     # The folder of its sessions stands for the study, too.
@@ -78,7 +78,7 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
         assert {
             each.person_id: (each.about, store.portrait(each.person_id), [one.vectors.tobytes() for one in looks])
             for each in store.everybody()
-            for looks in [store.looks(person_id=each.person_id)]
+            for looks in [store.embeddings(person_id=each.person_id)]
         } == others
 
 

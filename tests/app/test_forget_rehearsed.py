@@ -85,7 +85,7 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
     with closing(PeopleStore(study / "people.sqlite")) as store:
         (person,) = (each for each in store.everybody() if each.about.name == NAME)
         portrait = store.portrait(person.person_id) or b""
-        looks = [row.tobytes() for each in store.looks(person_id=person.person_id) for row in each.vectors]
+        looks = [row.tobytes() for each in store.embeddings(person_id=person.person_id) for row in each.vectors]
     said = [one.text for one in spoken(open_session(folder)) if one.speaker == "participant" and len(one.text) > 12]
     canaries = {
         "name": [part.encode(code) for part in (NAME, *NAME.split()) for code in ("utf-8", "utf-16-le", "utf-16-be")],

@@ -124,10 +124,10 @@ def test_each_failure_is_told_beside_its_question_while_the_wizard_goes_on(desk:
     assert desk.console.do(intents.Ask("One more of never")) != "", "the field keeps what is refused"
     # Speaking, silence and marks wait for no model.
     assert desk.console.do(intents.Say("Please follow me.", "typed")) == ""
-    assert any(row.under_way for row in desk.status.exchanges)
+    assert any(row.is_pending for row in desk.status.exchanges)
     desk.until(lambda: any(isinstance(event, UtteranceChanged) for event in desk.happened), "the utterance")
     assert desk.console.do(intents.Mark("Laughs")) == desk.console.do(intents.Silence()) == ""
-    desk.until(lambda: not any(row.under_way for row in desk.status.exchanges), "the end of every question")
+    desk.until(lambda: not any(row.is_pending for row in desk.status.exchanges), "the end of every question")
     for row in desk.status.exchanges:
         _, expected, answer = WAYS[row.question.rpartition(" ")[2]]
         assert (row.state, row.answer) == ("failed", answer)

@@ -32,7 +32,7 @@ from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.heard_turn import Stretch
+from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
@@ -119,7 +119,7 @@ class Participant:
             turn_over=self._judge,
             tell=self._on_reported,
         )
-        coming: tuple[float, Stretch, HeardText] | None = None
+        coming: tuple[float, TurnInterval, HeardText] | None = None
         for at in range(0, len(turn.sound), _CHUNK):
             # The sound of a chunk is there when its last sample is.
             self._now_s = max(self._now_s, (at + _CHUNK) / RATE_HZ)

@@ -26,7 +26,7 @@ class Desk:
         self.look()
 
     def look(self) -> None:
-        self.book.look(self.conditions, self.ends, self.now_ns)
+        self.book.evaluate(self.conditions, self.ends, self.now_ns)
         for change in self.book.take_changes():
             (self.raised if change.state == "raised" else self.ended).append(change.what)
 

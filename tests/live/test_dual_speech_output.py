@@ -56,7 +56,7 @@ def test_it_starts_with_the_first_and_ends_with_the_last(order: tuple[tuple[str,
     assert voice.say(ASKED, "Hello, Ada")
     assert [each.asked for each in voices] == [["u-1: Hello, Ada"]] * 2
     for stamp_ns, (kind, state) in enumerate(order, 10):
-        assert voice.told(of(kind, state, stamp_ns))
+        assert voice.handle(of(kind, state, stamp_ns))
     assert [(event.state, event.stamp_ns, event.voice) for event in told] == [
         ("started", 10, "both"),
         ("finished", 13, "both"),
@@ -66,19 +66,19 @@ def test_it_starts_with_the_first_and_ends_with_the_last(order: tuple[tuple[str,
 def test_the_end_says_what_became_of_it_with_each() -> None:
     voice, told, _ = both()
     voice.say(ASKED, "Hello")
-    voice.told(of("robot", "started", 10))
+    voice.handle(of("robot", "started", 10))
     voice.lost("computer", replace(ASKED, stamp_ns=11), "speech stopped unexpectedly")
-    voice.told(of("robot", "finished", 12))
+    voice.handle(of("robot", "finished", 12))
     assert [(event.state, event.detail) for event in told[1:]] == [("finished", "speech stopped unexpectedly")]
-    assert voice.told(of("computer", "finished", 13)), "what comes too late changes nothing"
+    assert voice.handle(of("computer", "finished", 13)), "what comes too late changes nothing"
     assert len(told) == 2
 
 
 def test_one_that_refuses_leaves_it_to_the_other_and_two_that_refuse_say_so() -> None:
     voice, told, _ = both(robot=False)
     assert voice.say(ASKED, "Hello")
-    voice.told(of("computer", "started", 10))
-    voice.told(of("computer", "interrupted", 11))
+    voice.handle(of("computer", "started", 10))
+    voice.handle(of("computer", "interrupted", 11))
     assert [(event.state, event.detail) for event in told] == [
         ("started", ""),
         ("interrupted", "the robot has no voice now"),
@@ -92,5 +92,5 @@ def test_both_are_silenced_and_utterances_of_others_pass_by() -> None:
     voice, told, voices = both(robot=False)
     assert voice.silence("wizard:a")
     assert [each.asked for each in voices] == [["silenced by wizard:a"]] * 2
-    assert not voice.told(replace(of("robot", "started", 1), utterance_id="u-2"))
+    assert not voice.handle(replace(of("robot", "started", 1), utterance_id="u-2"))
     assert told == []

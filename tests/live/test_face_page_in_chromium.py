@@ -7,7 +7,7 @@ import numpy as np
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import Look
+from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.conversation.face.page import PageOpened
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.services.face_service import FacePageProcess
@@ -28,7 +28,7 @@ def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_m
     opened = told.get(timeout=30)
     assert isinstance(opened, PageOpened)
     address = opened.address
-    page.show(drawing_of(FACE, Look()))
+    page.show(drawing_of(FACE, FaceState()))
     try:
         with Browser(address) as browser:
 
@@ -44,7 +44,7 @@ def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_m
             assert [ink_at(side * eye[0], eye[1]) for side in (-1, 1)] == [FACE.ink, FACE.ink]
             assert ink_at(0, 0) == ink_at(60, 45) == FACE.background
 
-            page.show(drawing_of(FACE, Look(eyes_open=0.0, mouth_open=1.0)))
+            page.show(drawing_of(FACE, FaceState(eyes_open=0.0, mouth_open=1.0)))
             wait_for(lambda: ink_at(eye[0], eye[1] - 6) == FACE.background, "the eyes to close", timeout_s=5)
             assert ink_at(0, FACE.mouth.below + 3) == FACE.ink
 
@@ -52,7 +52,7 @@ def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_m
             page.show(green)
             wait_for(lambda: browser.value("picture.naturalWidth") == 80, "the picture", timeout_s=5)
             assert browser.value("picture.hidden") is False
-            page.show(drawing_of(FACE, Look()))
+            page.show(drawing_of(FACE, FaceState()))
             wait_for(lambda: browser.value("picture.hidden"), "the face again", timeout_s=5)
 
             page.stop()

@@ -289,7 +289,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     pad.unplug()
     qtbot.waitUntil(lambda: heard.lost == ["The gamepad was unplugged"] or heard.moved[-1] == AT_REST)
     qtbot.waitUntil(lambda: gamepads.device is None)
-    assert gamepads.wish == AT_REST
+    assert gamepads.command == AT_REST
     again = plug()
     assert [event.connected for event in published] == [True, False, True]
     assert gamepads.mapping.bound("photo") == "b0"

@@ -50,36 +50,36 @@ def test_what_is_written_in_pieces_is_heard_of_when_it_is_at_rest(
 ) -> None:
     for piece in ("title: Sec", "title: Second", "title: Second\nlay"):
         file.write_text(piece)
-        watch.look()
+        watch.check_contents()
         assert told == [], "it was not like that a moment ago"
-    watch.look()
+    watch.check_contents()
     assert told == [file]
-    watch.look()
-    watch.look()
+    watch.check_contents()
+    watch.check_contents()
     assert told == [file], "once"
 
 
 def test_what_the_program_wrote_itself_is_not_news(watch: ScenarioWatch, file: Path, told: list[Path]) -> None:
     file.write_text("title: Saved")
-    watch.look()
+    watch.check_contents()
     watch.use(file, sum_of(file))
-    watch.look()
-    watch.look()
+    watch.check_contents()
+    watch.check_contents()
     assert told == []
     file.write_text("title: First")
-    watch.look()
-    watch.look()
+    watch.check_contents()
+    watch.check_contents()
     assert told == [file], "as it was before is another content now"
 
 
 def test_a_file_that_is_away_for_a_moment_is_waited_for(watch: ScenarioWatch, file: Path, told: list[Path]) -> None:
     file.unlink()
-    watch.look()
-    watch.look()
+    watch.check_contents()
+    watch.check_contents()
     assert told == []
     file.write_text("title: Again")
-    watch.look()
-    watch.look()
+    watch.check_contents()
+    watch.check_contents()
     assert told == [file]
 
 

@@ -52,7 +52,7 @@ def test_how_a_process_is_can_be_read(qtbot: QtBot) -> None:
     service = HealthService(state, lambda: (voice,), voice)
 
     def health() -> dict[str, str]:
-        service.look()
+        service.update()
         return dict(state.health.value)
 
     assert health() == {}, "nothing needs it yet"

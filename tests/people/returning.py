@@ -89,7 +89,7 @@ def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Si
         corners = _corners(boxes)
         height_px, width_px = frame.image_bgr.shape[:2]
         qualities = view_qualities(corners, np.full(len(boxes), _CONFIDENCE), (float(width_px), float(height_px)))
-        vectors = network.look(frame.image_bgr, list(corners)).astype(np.float32)
+        vectors = network.embed(frame.image_bgr, list(corners)).astype(np.float32)
         looks = tuple(
             PersonLooks(frame.stamp_ns, "front", box.visit, "clothing", network.name, vector, float(quality))
             for box, vector, quality in zip(boxes, vectors, qualities, strict=True)

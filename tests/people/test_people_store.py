@@ -12,7 +12,7 @@ import pytest
 from caris_desktop.people.database import STEPS, PeopleStoreError, Step
 from caris_desktop.people.envelope_encryption import About, unseal
 from caris_desktop.people.gallery import unit
-from caris_desktop.people.people_store import MOST_HISTORY_FOUND, PeopleStore, StoredLooks
+from caris_desktop.people.people_store import MOST_HISTORY_FOUND, PeopleStore, StoredEmbeddings
 
 HOUR_NS = 3600 * 10**9
 NOW_NS = 1_790_000_000 * 10**9
@@ -26,7 +26,7 @@ def furnished(store: PeopleStore, about: About) -> str:
     person_id = store.add().person_id
     store.describe(person_id, about)
     store.store_embeddings(
-        StoredLooks(person_id, "clothing", "osnet", "2026-09-21", LOOKS), expires_utc_ns=NOW_NS + HOUR_NS
+        StoredEmbeddings(person_id, "clothing", "osnet", "2026-09-21", LOOKS), expires_utc_ns=NOW_NS + HOUR_NS
     )
     store.store_portrait(person_id, PORTRAIT, 0.8)
     store.note_visit(person_id, from_utc_ns=NOW_NS, to_utc_ns=NOW_NS + 1, session="first")
@@ -105,7 +105,7 @@ def test_everything_about_somebody_comes_back_and_stands_nowhere_in_the_clear(pa
     again = store.get(ada)
     assert again is not None and again.about == ABOUT
     assert store.portrait(ada) == PORTRAIT
-    (looks,) = store.looks(person_id=ada)
+    (looks,) = store.embeddings(person_id=ada)
     assert np.array_equal(looks.vectors, LOOKS)
     assert [(entry.kind, entry.text) for entry in store.history(ada)] == [
         ("said", "Some lemonade?"),
@@ -177,13 +177,13 @@ def test_clothes_expire_with_the_day_and_with_them_the_picture_of_who_was_only_p
     store._database.execute("DELETE FROM consents WHERE person_id <> ?", (agreed,))
     now_ns += 10**9
     store.expire(day_began_utc_ns=NOW_NS)
-    assert len(store.looks()) == 3
+    assert len(store.embeddings()) == 3
     now_ns += 2 * HOUR_NS
-    assert store.looks() == (), "also before they are deleted"
+    assert store.embeddings() == (), "also before they are deleted"
     store.expire(day_began_utc_ns=now_ns - 10**9)
     assert [store.portrait(each) for each in (ada, agreed, passer_by, undecided)] == [PORTRAIT, PORTRAIT, None, None]
     now_ns = NOW_NS
-    assert store.looks() == ()
+    assert store.embeddings() == ()
     store.close()
 
 
@@ -212,7 +212,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
     assert {person.person_id: person.about for person in store.everybody()} == others
     for person_id in others:
         assert store.portrait(person_id) == PORTRAIT
-        assert len(store.looks(person_id=person_id)) == 1
+        assert len(store.embeddings(person_id=person_id)) == 1
         assert len(store.history(person_id)) == 2
     assert store.forget(guest) == (guest,), "asked again, it is as it was"
     store.close()

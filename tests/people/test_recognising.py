@@ -275,12 +275,12 @@ def test_a_face_is_known_on_another_day_only_with_consent_and_where_the_scenario
     room.presence.do(intents.NoteConsent(visit, "face", given=agreed), room.now_ns)
     room.see({1: ADA}, frames=12, kind="face")
     room.wait(24 * 3600.0)
-    assert len(store.looks()) == int(is_known)
+    assert len(store.embeddings()) == int(is_known)
     room.visit(ADA, leaves=False, kind="face")
     assert len(room.of(PersonIdentified)) == int(is_known)
     if is_known:
         room.presence.do(intents.NoteConsent(visit, "face", given=False), room.now_ns)
-        assert store.looks() == (), "taken back, it is gone"
+        assert store.embeddings() == (), "taken back, it is gone"
     room.presence.close()
 
 
@@ -295,7 +295,7 @@ def test_no_face_is_looked_at_while_consents_are_asked_again(tmp_path: Path) -> 
     room.presence.ask_consents_again(True)
     room.visit(ADA, kind="face")
     assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
-    assert len(store.looks()) == 1, "it is kept for when they agree"
+    assert len(store.embeddings()) == 1, "it is kept for when they agree"
     room.presence.ask_consents_again(False)
     room.visit(ADA, leaves=False, kind="face")
     assert len(room.of(PersonIdentified)) == 1

@@ -37,7 +37,7 @@ def picture(people: dict[int, tuple[int, int, int]]) -> tuple[Image, NDArray[np.
 
 def test_the_same_clothes_are_near_and_others_far_wherever_they_stand(model: AppearanceModel) -> None:
     image, boxes = picture({50: RED, 200: BLUE, 400: RED})
-    looks = model.look(image, boxes)
+    looks = model.embed(image, boxes)
     assert np.linalg.norm(looks, axis=1) == pytest.approx([1.0, 1.0, 1.0])
     assert looks[0] @ looks[2] == pytest.approx(1.0, abs=1e-6)
     assert looks[0] @ looks[1] < 0.5
@@ -47,7 +47,7 @@ def test_a_network_for_one_at_a_time_is_asked_one_by_one(tmp_path: Path, model: 
     (tmp_path / "single.onnx").write_bytes(colours_of_places(batch=1))
     image, boxes = picture({50: RED, 200: BLUE})
     single = AppearanceModel(tmp_path / "single.onnx")
-    assert single.look(image, boxes) == pytest.approx(model.look(image, boxes))
+    assert single.embed(image, boxes) == pytest.approx(model.embed(image, boxes))
     assert single.name.split("-")[-1] != model.name.split("-")[-1], "another file, another name"
 
 

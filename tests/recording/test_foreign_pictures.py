@@ -98,7 +98,7 @@ def refused_by_robots_and_cameras(content: bytes, _folder: Path) -> None:
 
 
 def refused_by_the_detector(content: bytes, _folder: Path) -> None:
-    assert "error" in serving._look(None, content)  # type: ignore[arg-type]
+    assert "error" in serving._answer_request(None, content)  # type: ignore[arg-type]
 
 
 def refused_by_the_window(content: bytes, _folder: Path) -> None:

@@ -81,7 +81,7 @@ def test_sound_keeps_its_time_where_the_robots_time_is_skipped() -> None:
         sound.microphone.leak_voice(TONE)
         for _ in range(10):
             sound.publish_due()
-        sound.catch_up(1.4)
+        sound.skip_time(1.4)
         heard = np.concatenate(wire.sound)
         assert len(heard) == pytest.approx(1.6 * RATE_HZ, abs=640)
         assert loudness(heard[RATE_HZ // 2 : RATE_HZ]) > 0.05 > loudness(heard[-1600:])

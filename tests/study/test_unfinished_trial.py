@@ -7,7 +7,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from caris_desktop.study.unfinished_trial import UnfinishedTrial, forget, keep, take_newest
+from caris_desktop.study.unfinished_trial import UnfinishedTrial, forget, save_unfinished, take_newest
 from tests.support.crashed import of_one_that_is_gone
 
 
@@ -27,27 +27,27 @@ def _trial(study: Path) -> UnfinishedTrial:
 
 
 def test_what_a_crash_left_is_told_once(folder: Path, study: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     of_one_that_is_gone(folder)
     assert take_newest(folder, study) == _trial(study)
     assert take_newest(folder, study) is None
 
 
 def test_a_program_that_still_runs_keeps_its_own(folder: Path, study: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     assert take_newest(folder, study) is None
     assert list(folder.iterdir())
 
 
 def test_another_program_with_the_same_number_is_not_taken_for_it(folder: Path, study: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     path = folder / f"{os.getpid()}.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"began": psutil.Process().create_time() - 100}))
     assert take_newest(folder, study) == _trial(study)
 
 
 def test_nothing_is_left_of_an_end_in_order(folder: Path, study: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     forget(folder)
     forget(folder)
     assert list(folder.iterdir()) == [] and take_newest(folder, study) is None
@@ -55,7 +55,7 @@ def test_nothing_is_left_of_an_end_in_order(folder: Path, study: Path) -> None:
 
 def test_a_power_cut_is_an_end_that_nobody_wanted(folder: Path, study: Path) -> None:
     """The computer was started anew since, and has other programs under all numbers."""
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     path = folder / f"{os.getpid()}.json"
     data = json.loads(path.read_text()) | {"began": psutil.boot_time() - 3600, "boot": "of an older program"}
     path.write_text(json.dumps(data))
@@ -64,7 +64,7 @@ def test_a_power_cut_is_an_end_that_nobody_wanted(folder: Path, study: Path) -> 
 
 
 def test_another_study_is_not_asked_about_it(folder: Path, study: Path, tmp_path: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     of_one_that_is_gone(folder)
     assert take_newest(folder, tmp_path / "another") is None
     assert take_newest(folder, study) == _trial(study)
@@ -81,7 +81,7 @@ def test_a_broken_file_goes(folder: Path, study: Path, text: str, caplog: pytest
 
 
 def test_what_an_older_program_left_has_no_step(folder: Path, study: Path) -> None:
-    keep(folder, _trial(study))
+    save_unfinished(folder, _trial(study))
     of_one_that_is_gone(folder)
     (path,) = folder.iterdir()
     data = json.loads(path.read_text())

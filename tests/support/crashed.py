@@ -11,7 +11,7 @@ from caris_desktop.study.unfinished_trial import UnfinishedTrial
 
 def leave(folder: Path, trial: UnfinishedTrial) -> None:
     """As if another program had recorded ``trial`` and been killed."""
-    unfinished_trial.keep(folder, trial)
+    unfinished_trial.save_unfinished(folder, trial)
     of_one_that_is_gone(folder)
 
 

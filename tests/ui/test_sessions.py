@@ -656,7 +656,7 @@ def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWin
     (tree,) = console.named("keep_layout")
     assert isinstance(tree, SplitNode)
     assert {"diagnostics", "motion"} <= set(panels_in(tree))
-    window.layout_keeper.tell()
+    window.layout_keeper.record_layout()
     assert len(console.named("keep_layout")) == 1, "nothing has changed since"
     window.show_scenario(console.scenario)
     settle()

@@ -528,9 +528,9 @@ def test_a_tier_that_is_named_in_the_wizards_language_keeps_its_name_in_the_file
     name = dialog.findChild(QLineEdit, "tier_name")
     assert name is not None
     assert name.text() == tr(DEFAULT_TIER) != DEFAULT_TIER
-    assert dialog.wish().name == DEFAULT_TIER
+    assert dialog.requested_tier().name == DEFAULT_TIER
     name.setText("Stance")
-    assert dialog.wish().name == "Stance"
+    assert dialog.requested_tier().name == "Stance"
     parent.deleteLater()
 
 

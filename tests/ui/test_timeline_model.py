@@ -109,7 +109,7 @@ def test_a_track_finds_what_overlaps_too() -> None:
 
 def test_a_track_knows_the_neighbours_of_a_moment() -> None:
     track = _track((0, 10), (20, 30))
-    found = [track.beside(at_ms, way) for at_ms, way in ((0, 1), (20, 1), (20, -1), (0, -1))]
+    found = [track.neighbour(at_ms, way) for at_ms, way in ((0, 1), (20, 1), (20, -1), (0, -1))]
     assert [item and item.annotation_id for item in found] == ["a1", None, "a0", None]
 
 

@@ -98,7 +98,7 @@ def test_a_box_that_comes_and_goes_is_somebody_who_is_there() -> None:
     seen, picture, told_of = SeenLately(), Picture(), list[tuple[str, ...]]()
     for quarter in range(40):
         picture.boxes = [("Ada", True)] if quarter < 10 and quarter % 2 else []
-        seen.look(picture, quarter / 4)  # type: ignore[arg-type]
+        seen.add(picture, quarter / 4)  # type: ignore[arg-type]
         told_of.append(seen.names)
     changes = [names for before, names in itertools.pairwise([("",), *told_of]) if before != names]
     assert changes == [(), ("Ada",), ()]
@@ -128,7 +128,7 @@ def test_the_head_stick_turns_the_head(qtbot: QtBot, theme: Theme) -> None:
     stick.show()
     QTest.mousePress(stick, LEFT, pos=QPoint(100, 100))
     QTest.mouseMove(stick, QPoint(0, 100))
-    assert stick.told() == "head to the left at 100 %"
+    assert stick.command_text() == "head to the left at 100 %"
 
 
 @pytest.mark.parametrize(

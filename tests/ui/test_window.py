@@ -273,7 +273,7 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
     state.link.set(link)
     told(lost, "Not told", "Broken")
     console.ahead_ns = 3_000_000_000
-    console.alarms.look()
+    console.alarms.evaluate()
     told("Not told", "Broken")
     state.drive.set(dataclasses.replace(drive, emergency_stop=True))
     told("Not told", "Broken")

@@ -18,7 +18,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui.alarms.alarm_list import AlarmRow
-from caris_desktop.ui.conversation.transcript_painting import RowLook, RowPainter
+from caris_desktop.ui.conversation.transcript_painting import RowHighlight, RowPainter
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
@@ -142,7 +142,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
             painter,
             rect,
             row,
-            RowLook(
+            RowHighlight(
                 raised=False,
                 focused=False,
                 ahead=False,

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import Look
+from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.domain.value_class import dataclass
 
 _GAZE_SHARE = 0.22
@@ -84,7 +84,7 @@ class Drawing:
         }
 
 
-def drawing_of(face: Face, look: Look, *, caption: str = "") -> Drawing:
+def drawing_of(face: Face, look: FaceState, *, caption: str = "") -> Drawing:
     """Drawing of the face in this state."""
     eyes, mouth = face.eyes, face.mouth
     raised = _RAISED if caption else 0.0

@@ -11,7 +11,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, data_of, value_from
-from caris_desktop.domain.schema_validation import problems, told
+from caris_desktop.domain.schema_validation import problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
@@ -166,7 +166,7 @@ def parse_face(text: str, *, file_name: str, name: str) -> Face:
         )
     wrong = list(problems(Face, source.data)) or list(_twice(source.data))
     if wrong:
-        raise _unusable(told(file_name, source, wrong), tr("Mend the file."))
+        raise _unusable(problem_lines(file_name, source, wrong), tr("Mend the file."))
     face: Face = value_from(Face, source.data)
     return replace(face, name=name)
 

@@ -20,7 +20,7 @@ _SYLLABLES_PER_S = 4.2
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class FaceState:
     """State of the face at a time. ``gaze_*`` are -1 to 1 as seen on the screen, right and up positive.
 
     Other fields are as in files; ``hearing`` is the strength of the listening sign, 0 to 1.
@@ -92,13 +92,13 @@ class FaceMotion:
     def hear(self, hearing: bool) -> None:
         self._hearing = hearing
 
-    def at(self, now_ns: int) -> Look:
+    def at(self, now_ns: int) -> FaceState:
         """State at this time."""
         passed_s = 0.0 if self._at_ns is None else max(0.0, (now_ns - self._at_ns) / 1e9)
         self._at_ns = now_ns
         target, now = self._at_rest(), self._look
         share, eyes_share = -math.expm1(-passed_s / _GLIDE_S), -math.expm1(-passed_s / _EYES_GLIDE_S)
-        self._look = Look(
+        self._look = FaceState(
             _glided(now.eyes_open, target.eyes_open, share),
             _glided(now.lids_deg, target.lids_deg, share),
             _glided(now.smile, target.smile, share),
@@ -130,11 +130,11 @@ class FaceMotion:
     def _blinking(self) -> bool:
         return self._blink_ns is not None and self._at_ns is not None and self._at_ns >= self._blink_ns
 
-    def _at_rest(self) -> Look:
+    def _at_rest(self) -> FaceState:
         expression = self._expression
         right, up = self._gaze
         hearing = 1.0 if self._hearing else 0.0
-        return Look(
+        return FaceState(
             min(1.4, expression.eyes_open * (1.0 + 0.08 * hearing)),
             expression.lids_deg,
             expression.smile,

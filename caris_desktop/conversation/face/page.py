@@ -64,15 +64,15 @@ def run_face_page(connection: Connection, network: bool) -> None:
 
 
 async def _serve_what_comes(connection: Connection, network: bool) -> None:
-    def tell(message: PageOpened | PageFailed | PagesOpen) -> None:
+    def send(message: PageOpened | PageFailed | PagesOpen) -> None:
         with contextlib.suppress(OSError):  # the console is gone, which ends this, too
             connection.send(message)
 
-    page = FacePage(lambda pages: tell(PagesOpen(pages)))
+    page = FacePage(lambda pages: send(PagesOpen(pages)))
     try:
-        tell(PageOpened(await page.open(network=network)))
+        send(PageOpened(await page.open(network=network)))
     except OSError as error:
-        tell(PageFailed(error.strerror or str(error)))
+        send(PageFailed(error.strerror or str(error)))
         return
     try:
         while True:

@@ -157,11 +157,11 @@ class EchoCanceller:
         self._robot = np.concatenate((self._robot, np.zeros_like(new)))
         heard_until = self._heard_from + len(self._heard)
         if self._next_frame - self._caught_up_at >= _CATCHES_UP_EVERY:
-            self._catch_up()
+            self._recompute()
         while self._next_frame + FRAME <= heard_until:
             self._take_frame(self._next_frame)
             self._next_frame += HOP
-            self._look_out(self._next_frame - HOP)
+            self._search_echo(self._next_frame - HOP)
         waits = self._resounds or self._reference(self._next_frame, heard_until - self._next_frame).any()
         return self._give(self._next_frame if waits else heard_until)
 
@@ -169,7 +169,7 @@ class EchoCanceller:
         """The robot's share of the energy in an interval, estimated with later knowledge of the room. None if nothing
         was played then; call within 30 s.
         """
-        self._catch_up()
+        self._recompute()
         last = self._next_frame - HOP
         if self._may_sound_from is not None and last - self._looked_at >= _LOOKED_FOR_EVERY // 2 * HOP:
             self._find_robot(last)
@@ -194,7 +194,7 @@ class EchoCanceller:
         pieces = max(1, round((end - start) / _PIECE))
         for first, last in itertools.pairwise(start + (end - start) * each // pieces for each in range(pieces + 1)):
             lag, peak, _loudness = self._find(first, last - FRAME)
-            heard = _in_bands(self._heard_at(first, last - first))
+            heard = _spectral_energies(self._heard_at(first, last - first))
             energy = float(heard.sum())
             whole += energy
             if peak < _SURE_PEAK_ELSEWHERE:
@@ -202,10 +202,10 @@ class EchoCanceller:
                 continue
             late.append(lag)
             played = self._played.sound(self._base_ns + ns_of(first - lag - _LEAD), last - first + _LEAD)
-            beyond += _beyond_robot(heard, _resounding(_in_bands(played))[-len(heard) :])
+            beyond += _beyond_robot(heard, _resounding(_spectral_energies(played))[-len(heard) :])
         return RobotHeard(late[0] / RATE_HZ, beyond / max(whole, 1e-12)) if late else None
 
-    def _catch_up(self) -> None:
+    def _recompute(self) -> None:
         """Recompute frames processed before their playback was reported."""
         first, self._told_late_from = self._told_late_from, None
         if first is None:
@@ -287,7 +287,7 @@ class EchoCanceller:
         self._last_played = at
         self._learn(at, reference)
 
-    def _look_out(self, at: int) -> None:
+    def _search_echo(self, at: int) -> None:
         """Search for the robot when due: soon after it begins, and while it does not explain the sound."""
         start_ns = self._base_ns + ns_of(at)
         if not self._played.anything(start_ns - ns_of(_LATEST), start_ns + ns_of(FRAME + _AHEAD)):
@@ -457,7 +457,7 @@ class RobotHeard:
     beyond: float
 
 
-def _in_bands(sound: NDArray[np.float32]) -> NDArray[np.float32]:
+def _spectral_energies(sound: NDArray[np.float32]) -> NDArray[np.float32]:
     """Energies, shape (frames, bands): as finely as an ear tells tones apart."""
     frames = np.lib.stride_tricks.sliding_window_view(sound, FRAME // 2)[::HOP]
     energies = np.abs(np.fft.rfft(frames * np.hanning(FRAME // 2).astype(np.float32))) ** 2

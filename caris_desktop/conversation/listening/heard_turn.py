@@ -25,7 +25,7 @@ _WHOLE_NS = 100_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
+class TurnInterval:
     """Interval of a turn to transcribe, starting at ``from_s``; ``before`` is the text before it.
 
     ``voice_ended_s`` is the end of the voice, in seconds of the turn.
@@ -143,16 +143,16 @@ class HeardTurn:
         """
         return np.concatenate(self._to_judge)
 
-    def ask(self, *, at_pause: bool) -> Stretch:
+    def ask(self, *, at_pause: bool) -> TurnInterval:
         """Interval to transcribe now. ``take`` must follow."""
         self.asked = True
         self._asked_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
         self._cut()
         before = " ".join(self.words.committed.split()[-_CONTEXT_WORDS:]) if self._from_s else ""
         ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
-        return Stretch(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
+        return TurnInterval(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
-    def take(self, stretch: Stretch, heard: HeardText | None) -> bool:
+    def take(self, stretch: TurnInterval, heard: HeardText | None) -> bool:
         """Add a transcript; None if recognition failed. True if the words changed."""
         self.asked = False
         self._known_until_ns = self._asked_until_ns

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpointing import TurnTaking
 from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.heard_turn import HeardTurn, Stretch
+from caris_desktop.conversation.listening.heard_turn import HeardTurn, TurnInterval
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.turn_transcript import with_words
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
@@ -186,7 +186,7 @@ class SpeechSegmenter:
             if self._judge_words(turn):
                 self._report_hearing(turn)
 
-    def wanted(self, every_s: float) -> Stretch | None:
+    def wanted(self, every_s: float) -> TurnInterval | None:
         """Interval to transcribe now; ``every_s``: minimum new sound during continuous speech."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.asked:
@@ -199,7 +199,7 @@ class SpeechSegmenter:
                 return turn.ask(at_pause=False)
         return None
 
-    def take(self, stretch: Stretch, heard: HeardText | None) -> None:
+    def take(self, stretch: TurnInterval, heard: HeardText | None) -> None:
         """Add the transcript of an interval; None if recognition failed."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:

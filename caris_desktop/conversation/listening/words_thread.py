@@ -7,7 +7,7 @@ import threading
 import time
 
 from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, HeardText, NoEngineError
-from caris_desktop.conversation.listening.heard_turn import Stretch
+from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.value_class import dataclass
 
@@ -30,7 +30,7 @@ class WordsReady:
 class WordsHeard:
     """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
 
-    stretch: Stretch
+    stretch: TurnInterval
     text: HeardText | None
     took_s: float
     away: EngineUnavailableError | None = None
@@ -41,7 +41,7 @@ class WordsThread:
 
     def __init__(self, settings: RecogniserSettings) -> None:
         self.news: queue.SimpleQueue[WordsReady | NoEngineError | WordsHeard] = queue.SimpleQueue()
-        self._asked: queue.SimpleQueue[Stretch | None] = queue.SimpleQueue()
+        self._asked: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
         self._settings = settings
         self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
 
@@ -49,7 +49,7 @@ class WordsThread:
         """Load the engine."""
         self._thread.start()
 
-    def ask(self, stretch: Stretch) -> None:
+    def ask(self, stretch: TurnInterval) -> None:
         """Transcribe an interval."""
         self._asked.put(stretch)
 
@@ -70,7 +70,7 @@ class WordsThread:
             while (stretch := self._asked.get()) is not None:
                 self._make_out(engine, stretch)
 
-    def _make_out(self, engine: Engine, stretch: Stretch) -> None:
+    def _make_out(self, engine: Engine, stretch: TurnInterval) -> None:
         began_s, text, away = time.monotonic(), None, None
         try:
             text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)

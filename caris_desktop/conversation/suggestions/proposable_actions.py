@@ -133,14 +133,14 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
         case "go_to" if action in offer.actions:
             return _go_to(said.get("place"), offer)
         case "look" if action in offer.actions:
-            return _look(said.get("pan_deg", 0), said.get("tilt_deg", 0), offer)
+            return _checked_gaze(said.get("pan_deg", 0), said.get("tilt_deg", 0), offer)
         case "nod" if action in offer.actions:
             return Proposed(intents.Nod(), QT_TR_NOOP("Nod"), moves=True)
         case "photo" if action in offer.actions:
             return Proposed(intents.TakePhoto(), QT_TR_NOOP("Take a photo"), moves=False)
         case "use" if action in offer.actions:
             return _use(said.get("control"), said.get("value"), offer)
-    raise NotOfferedError(f"{_told(action)} is not among what may be proposed")
+    raise NotOfferedError(f"{_bounded_text(action)} is not among what may be proposed")
 
 
 def _json_in(answer: str) -> Any:
@@ -153,23 +153,23 @@ def _json_in(answer: str) -> Any:
 
 def _go_to(place: Any, offer: Offer) -> Proposed:
     if not isinstance(place, str) or place not in offer.places:
-        raise NotOfferedError(f"{_told(place)} is no place of this scenario")
+        raise NotOfferedError(f"{_bounded_text(place)} is no place of this scenario")
     return Proposed(intents.GoToPlace(place), localized(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
 
 
-def _look(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
+def _checked_gaze(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
     for angle, (lowest, highest) in ((pan_deg, offer.pan_deg), (tilt_deg, offer.tilt_deg)):
         if not _is_number(angle) or not lowest <= angle <= highest:
-            raise NotOfferedError(f"the head does not turn to {_told(angle)} degrees")
+            raise NotOfferedError(f"the head does not turn to {_bounded_text(angle)} degrees")
     words = localized(
-        _LOOKS[_way(pan_deg, "left", "right"), _way(tilt_deg, "down", "up")],
+        _LOOKS[_direction(pan_deg, "left", "right"), _direction(tilt_deg, "down", "up")],
         pan=f"{abs(pan_deg):.0f}",
         tilt=f"{abs(tilt_deg):.0f}",
     )
     return Proposed(intents.LookAt(math.radians(pan_deg), math.radians(tilt_deg)), words, moves=True)
 
 
-def _way(angle_deg: float, more: str, less: str) -> str:
+def _direction(angle_deg: float, more: str, less: str) -> str:
     return more if angle_deg > 0 else less if angle_deg < 0 else ""
 
 
@@ -189,7 +189,7 @@ _LOOKS = {
 def _use(name: Any, value: Any, offer: Offer) -> Proposed:
     control = offer.controls.get(name) if isinstance(name, str) else None
     if control is None:
-        raise NotOfferedError(f"{_told(name)} is no control that may be proposed")
+        raise NotOfferedError(f"{_bounded_text(name)} is no control that may be proposed")
     match control.kind:
         case "button":
             value, words = True, control.title
@@ -200,10 +200,10 @@ def _use(name: Any, value: Any, offer: Offer) -> Proposed:
         case "choice":
             chosen = next((one for one in control.choices if _is_same(value, one.value) or value == one.title), None)
             if chosen is None:
-                raise NotOfferedError(f"{_told(value)} is no choice of “{control.title}”")
+                raise NotOfferedError(f"{_bounded_text(value)} is no choice of “{control.title}”")
             value, words = chosen.value, f"{control.title}: {chosen.title}"
         case _:
-            raise NotOfferedError(f"{_told(value)} is nothing that “{control.title}” can be set to")
+            raise NotOfferedError(f"{_bounded_text(value)} is nothing that “{control.title}” can be set to")
     return Proposed(intents.UseControl(control.id, value), words, moves=control.is_held_by_stop)
 
 
@@ -215,6 +215,6 @@ def _is_same(value: Any, other: Any) -> bool:
     return type(value) is type(other) and bool(value == other)
 
 
-def _told(value: Any) -> str:
+def _bounded_text(value: Any) -> str:
     """Bounded text of any value, for the record."""
     return repr(value)[:60]

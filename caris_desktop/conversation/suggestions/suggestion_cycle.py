@@ -61,7 +61,7 @@ class Follower(Protocol):
     def drop(self, why: str) -> None:
         """Cancel the last request."""
 
-    def tell(self, event: SuggestionChanged) -> None: ...
+    def on_suggestion(self, event: SuggestionChanged) -> None: ...
 
 
 class SuggestionCycle:
@@ -183,14 +183,14 @@ class SuggestionCycle:
         """The wizard corrected the transcript."""
         current = self.round
         if current is not None and not same_words(current.text, text):
-            self._ask_anew(replace(current, text=text), "the words were corrected", now_ns)
+            self._restart_question(replace(current, text=text), "the words were corrected", now_ns)
 
     def ask_again(self, why: str, now_ns: int) -> None:
         """Request other replies."""
         if self.round is not None:
-            self._ask_anew(self.round, why, now_ns)
+            self._restart_question(self.round, why, now_ns)
 
-    def _ask_anew(self, about: Round, why: str, now_ns: int) -> None:
+    def _restart_question(self, about: Round, why: str, now_ns: int) -> None:
         self._end("superseded", now_ns, why=why)
         self._pause = replace(about, revision=about.revision + 1)
         self.pass_time(now_ns)
@@ -279,7 +279,7 @@ class SuggestionCycle:
         utterance_id: str = "",
         actor: Actor = "",
     ) -> None:
-        self._follower.tell(
+        self._follower.on_suggestion(
             SuggestionChanged(
                 now_ns, card.suggestion_id, state, card.turn_id, card.revision, card.rank, card.text, card.model,
                 latency_ms, edit_distance, utterance_id, MODEL if state == "displayed" else actor,

@@ -119,7 +119,7 @@ class Loudspeaker:
         self._silence: Any = None
         self.audible = False
 
-    def look(self) -> str:
+    def find_device(self) -> str:
         """Find the device again; return the reason if there is none, else an empty text."""
         try:
             if self._sounddevice is None:

@@ -41,7 +41,7 @@ class AlarmsService(Service):
         self._book = AlarmBook()
         self._met_robot: tuple[str, str] | None = None
         self._again = QTimer(self, singleShot=True)
-        self._again.timeout.connect(self.look)
+        self._again.timeout.connect(self.evaluate)
         for value in (
             state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
             state.microphone, state.wizard_microphone, state.listening, state.battery,
@@ -49,7 +49,7 @@ class AlarmsService(Service):
             value.changed.connect(self._on_changed)
         for stream in (state.frame, state.scan, state.pose):
             stream.freshness_changed.connect(self._on_changed)
-        self.look()
+        self.evaluate()
 
     def follows(self) -> Follows:
         return {
@@ -66,9 +66,9 @@ class AlarmsService(Service):
         if problem.severity == "info" and problem.cause not in ("", ANSWER):
             self._book.forget((problem.cause,), self._now_ns())  # reports the end of a problem
         self._book.take(problem, self._now_ns())
-        self.look()
+        self.evaluate()
 
-    def look(self) -> None:
+    def evaluate(self) -> None:
         """Evaluate the conditions: raise and end alarms."""
         state, now_ns = self._state, self._now_ns()
         link = state.link.value
@@ -78,7 +78,7 @@ class AlarmsService(Service):
             self._book.forget(("link",), now_ns)
         met = self._met_robot == (link.robot, link.address)
         found = conditions(state, self._book.causes(), met_robot=met)
-        self._book.look(tuple(found), endings(state), now_ns)
+        self._book.evaluate(tuple(found), endings(state), now_ns)
         self._notify()
 
     def dismiss(self, asked: intents.DismissAlarm) -> None:
@@ -94,7 +94,7 @@ class AlarmsService(Service):
 
     def _on_robot_chosen(self, _robot: RobotChosen) -> None:
         self._book.forget(_OF_ROBOT, self._now_ns())
-        self.look()
+        self.evaluate()
 
     def _on_session_started(self, _session: SessionStarted) -> None:
         self._book.report_all(self._now_ns())
@@ -107,7 +107,7 @@ class AlarmsService(Service):
             self._notify()
 
     def _on_changed(self, _value: object) -> None:
-        self.look()
+        self.evaluate()
 
     def _notify(self) -> None:
         for change in self._book.take_changes():

@@ -224,7 +224,7 @@ class AssistantService(Service):
     def _messages(
         self, question: str, what: AssistantPeople, leave_out: Container[str] = ()
     ) -> tuple[ChatMessage, ...]:
-        along = self._context.along(what, self._setup.text_of("notes"), leave_out)
+        along = self._context.included(what, self._setup.text_of("notes"), leave_out)
         return build_messages(question, system_prompt=self._setup.prompt, along=along)
 
     def _say_answer(self, asked: intents.SayAnswer) -> None:

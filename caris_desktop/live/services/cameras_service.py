@@ -214,7 +214,7 @@ class CamerasService(Service):
             )
             return
 
-        def tell(advice: str) -> None:
+        def report_end(advice: str) -> None:
             self._bus.problem(
                 "warning",
                 tr("The camera {name} stopped unexpectedly.").format(name=name),
@@ -224,7 +224,7 @@ class CamerasService(Service):
             )
             self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
 
-        running.restarts.after_end(tell, lambda: self._again(running), after_ms=_RESTART_AFTER_MS, within=self)
+        running.restarts.after_end(report_end, lambda: self._again(running), after_ms=_RESTART_AFTER_MS, within=self)
 
     def _again(self, running: _Running) -> None:
         if self._running.get(running.camera.name) is running and not self._stopped:

@@ -105,7 +105,7 @@ class CrashRecoveryService(Service):
             found = unfinished_trial.take_newest(self._parts.folder, self._parts.study)
             return (found, self._parts.details(found.session)) if found is not None else None
 
-        self._slow_work.do(_told(work), self._on_found, _notify)
+        self._slow_work.do(_reporting_errors(work), self._on_found, _notify)
 
     def end(self) -> None:
         """Called when the recording has ended normally."""
@@ -133,7 +133,7 @@ class CrashRecoveryService(Service):
             self._kept = None
             self._persist()
 
-    def standing(self, now_ns: int) -> list[Event]:
+    def state_events(self, now_ns: int) -> list[Event]:
         """Initial events in the recording of a resumed trial."""
         if self._resumed is None:
             return []
@@ -149,7 +149,9 @@ class CrashRecoveryService(Service):
         elif status.state in ("idle", "failed") and self._kept is not None:
             self._kept = None
             self._soon.stop()
-            self._slow_work.do(_told(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify)
+            self._slow_work.do(
+                _reporting_errors(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify
+            )
             self._over()
 
     def _over(self) -> None:
@@ -176,11 +178,11 @@ class CrashRecoveryService(Service):
         )
         if trial != self._kept:
             self._kept = trial
-            self._slow_work.do(_told(lambda: self._write(trial)), lambda _done: None, _notify)
+            self._slow_work.do(_reporting_errors(lambda: self._write(trial)), lambda _done: None, _notify)
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread
         if not self._told_to_end:
-            unfinished_trial.keep(self._parts.folder, trial)
+            unfinished_trial.save_unfinished(self._parts.folder, trial)
 
     # Resuming
 
@@ -269,7 +271,7 @@ def _stores(scenario: Scenario) -> tuple[object, ...]:
     return scenario.permissions, scenario.blur, scenario.assistance
 
 
-def _told(work: Callable[[], T]) -> Callable[[], T]:
+def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
     def run() -> T:
         try:
             return work()

@@ -87,7 +87,7 @@ class FaceService(Service):
         self._shown: Drawing | bytes | None = None
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
         self._drawing.timeout.connect(self._draw)
-        self._page_told.connect(self._on_page_told, Qt.ConnectionType.QueuedConnection)
+        self._page_told.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
         self._sound_told.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
         self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
         bus.tap(lambda sound, _raw: self._sound_told.emit(sound), (PlayedSound,))
@@ -255,7 +255,7 @@ class FaceService(Service):
         )
         self._asked_by = asked.actor
 
-    def _on_page_told(self, page: "FacePageProcess", message: Any) -> None:
+    def _on_page_message(self, page: "FacePageProcess", message: Any) -> None:
         from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
 
         if page is not self._page:

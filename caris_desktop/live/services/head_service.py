@@ -49,7 +49,7 @@ class HeadService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.LookAt: lambda asked: self.look_at(
+            intents.LookAt: lambda asked: self.turn_to(
                 pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad, actor=asked.actor
             ),
             intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt, actor=asked.actor),
@@ -64,7 +64,7 @@ class HeadService(Service):
         self._nodding.stop()
         self.release()
 
-    def look_at(self, *, pan_rad: float, tilt_rad: float, actor: Actor = CONSOLE) -> None:
+    def turn_to(self, *, pan_rad: float, tilt_rad: float, actor: Actor = CONSOLE) -> None:
         """Turn the head to these angles, clamped to its range; ends a held turn."""
         self._moving.stop()
         self._nodding.stop()

@@ -18,7 +18,7 @@ class HealthService(Service):
         self._state = state
         self._services = services
         self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._timer.timeout.connect(self.look)
+        self._timer.timeout.connect(self.update)
 
     def start(self) -> None:
         self._timer.start()
@@ -26,5 +26,5 @@ class HealthService(Service):
     def stop(self) -> None:
         self._timer.stop()
 
-    def look(self) -> None:
+    def update(self) -> None:
         self._state.health.set({name: how for each in self._services() for name, how in each.health().items()})

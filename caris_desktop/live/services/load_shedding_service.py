@@ -96,7 +96,7 @@ class _Measure:
         self._limits = limits
         self._seen_ms: deque[float | None] = deque(maxlen=_WINDOW)
 
-    def look(self, ms: float | None) -> None:
+    def add(self, ms: float | None) -> None:
         self._seen_ms.append(ms)
 
     def forget(self) -> None:
@@ -129,12 +129,12 @@ class LoadLevels:
         self._looks = 0
         self._changed_ns = 0
 
-    def look(
+    def add_samples(
         self, late_ms: float, now_ns: int, *, frame_age_ms: float | None = None, detection_ms: float | None = None
     ) -> int:
         """Add samples; returns the new level. None without a frame or local detection."""
         for measure, ms in zip(self._measures, (late_ms, frame_age_ms, detection_ms), strict=True):
-            measure.look(ms)
+            measure.add(ms)
         self._looks += 1
         if self._looks < _WINDOW // 2:
             return self.step
@@ -197,7 +197,7 @@ class LoadSheddingService(Service):
         bus.tap(self._note_frame, (FrameRef,))
         bus.tap(self._note_people, (People,))
         self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._look)
+        self._timer.timeout.connect(self._measure)
         models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -235,14 +235,14 @@ class LoadSheddingService(Service):
     def _note_people(self, people: People, _raw: bytes | None) -> None:  # any thread
         self._detection_ms, self._detected_ns = people.inference_ms, self._now_ns()
 
-    def _look(self) -> None:
+    def _measure(self) -> None:
         now_ns = self._now_ns()
         late_ms = max(0.0, (now_ns - self._due_ns) / 1e6)
         self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
         frame_age_ms, self._frame_age_ms = self._frame_age_ms, None
         # Load shedding here does not help another machine.
         looks_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
-        self._steps.look(
+        self._steps.add_samples(
             late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if looks_here else None
         )
         self._apply()

@@ -41,7 +41,7 @@ class MarksService(Service):
         return {
             intents.Mark: self.mark,
             intents.BeginMark: self.begin,
-            intents.StretchMark: self.stretch,
+            intents.StretchMark: self.open_interval,
             intents.EndMark: lambda asked: self.end_mark(asked.mark_id, asked.actor),
             intents.ChangeMark: self.change,
             intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id, asked.actor),
@@ -61,7 +61,7 @@ class MarksService(Service):
         start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
         self._persist(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
 
-    def stretch(self, asked: intents.StretchMark) -> None:
+    def open_interval(self, asked: intents.StretchMark) -> None:
         """Turn the moment into an open interval."""
         mark = self._marks.get(asked.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:

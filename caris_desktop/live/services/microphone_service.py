@@ -84,7 +84,7 @@ class MicrophoneService(Service):
     @property
     def chosen(self) -> str | None:
         """Participant's microphone on this computer. None for no microphone, also if the computer has none."""
-        match self.ear:
+        match self.current:
             case "computer":
                 return self._participant.chosen
             case "none":
@@ -92,7 +92,7 @@ class MicrophoneService(Service):
         return ""
 
     @property
-    def ear(self) -> str:
+    def current(self) -> str:
         """Current microphone of the participant: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
         return "none" if self._scenario is None else segmenter_of(self._scenario, self._state.robot.value)
 
@@ -158,11 +158,11 @@ class MicrophoneService(Service):
     @property
     def _is_to_be_started(self) -> bool:
         """Whether audio needs a process that is not running yet, which starts more slowly than a scenario opens."""
-        return self.ear == "computer" and self._participant.child is None
+        return self.current == "computer" and self._participant.child is None
 
     def _participant_may_be_heard(self, scenario: Scenario) -> bool:
         permissions = scenario.permissions
-        return self.ear == "computer" and (permissions.audio_recording or permissions.transcription)
+        return self.current == "computer" and (permissions.audio_recording or permissions.transcription)
 
     def _use(self, asked: intents.UseMicrophone) -> None:
         (self._participant if asked.role == "participant" else self._wizard).use(asked.microphone)
@@ -238,7 +238,7 @@ class MicrophoneService(Service):
 
     def _arrange(self) -> None:
         """Open what is needed, after closing the rest: both share one status."""
-        ear = self.ear if self._needs else "none"
+        ear = self.current if self._needs else "none"
         scenario, robot = self._scenario, self._state.robot.value
         if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
             ear = "none"  # the robot is not known yet

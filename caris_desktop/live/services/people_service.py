@@ -81,7 +81,7 @@ class PeopleService(Service):
     def handlers(self) -> Handlers:
         return dict.fromkeys(get_args(PeopleIntent), self.decide) | {
             intents.AttendPerson: self._attend,
-            intents.LookUpPerson: self._look_up,
+            intents.LookUpPerson: self._request_history,
         }
 
     def follows(self) -> Follows:
@@ -191,9 +191,9 @@ class PeopleService(Service):
             )
         self._worker.ask(asked)
 
-    def _look_up(self, asked: intents.LookUpPerson) -> None:
+    def _request_history(self, asked: intents.LookUpPerson) -> None:
         if self._worker is not None:
-            self._worker.look_up(asked.person_id, asked.text)
+            self._worker.request_history(asked.person_id, asked.text)
 
     def _attend(self, asked: intents.AttendPerson) -> None:
         self._state.selected_person.set(asked.person_id)

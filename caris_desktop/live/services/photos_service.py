@@ -49,7 +49,7 @@ _FOLDER, _ASIDE = "photos", ".deleted"
 
 
 @dataclass(frozen=True, slots=True)
-class _Kept:
+class _StoredPhoto:
     """Location of a photo: in ``folder``, or in the trash if deleted."""
 
     entry: PhotoEntry
@@ -90,7 +90,7 @@ class PhotosService(Service):
         self._frames = frames
         self._study = study
         self._aside = study / _FOLDER / _ASIDE
-        self._kept: dict[str, _Kept] = {}
+        self._kept: dict[str, _StoredPhoto] = {}
         self._session: Path | None = None
         self._permitted = False
         self._listed = False
@@ -147,7 +147,7 @@ class PhotosService(Service):
 
         def done(entry: PhotoEntry | None) -> None:
             if entry is not None and entry.file_name not in self._kept:
-                self._persist(_Kept(entry, self._study, of_session=False))
+                self._persist(_StoredPhoto(entry, self._study, of_session=False))
             self._read_next(names[1:])
 
         self._slow_work.do(lambda: _earlier(self._study, names[0]), done, self._bus.answer)
@@ -160,7 +160,7 @@ class PhotosService(Service):
         def done(shown: PhotoEntry) -> None:
             if of_session and folder != self._session:
                 return  # of a session that has ended meanwhile
-            self._persist(_Kept(shown, folder, of_session))
+            self._persist(_StoredPhoto(shown, folder, of_session))
 
         self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._bus.answer)
 
@@ -184,7 +184,7 @@ class PhotosService(Service):
             lie_aside = [self._lies_aside(kept) for kept in gone]
             self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._bus.answer)
 
-    def _persist(self, kept: _Kept) -> None:
+    def _persist(self, kept: _StoredPhoto) -> None:
         self._kept[kept.entry.file_name] = kept
         self._show()
 
@@ -244,7 +244,7 @@ class PhotosService(Service):
             tr("The photo was not brought back."),
         )
 
-    def _note_deleted(self, kept: _Kept, actor: str, *, deleted: bool) -> None:
+    def _note_deleted(self, kept: _StoredPhoto, actor: str, *, deleted: bool) -> None:
         self._update(kept.entry.file_name, deleted=deleted)
         self._bus.publish(PhotoDeleted(clock.now_ns(), kept.entry.file_name, not deleted, actor))
 
@@ -283,7 +283,7 @@ class PhotosService(Service):
             )  # fmt: skip
         return lambda: jpegs_of(image_bgr, _FOR_MODEL_PX)[0]
 
-    def _found(self, file_name: str) -> _Kept:
+    def _found(self, file_name: str) -> _StoredPhoto:
         kept = self._kept.get(file_name)
         if kept is None or kept.entry.deleted:
             raise UserFacingError(
@@ -293,7 +293,7 @@ class PhotosService(Service):
             )  # fmt: skip
         return kept
 
-    def _changeable(self, file_name: str, if_not: str) -> _Kept:
+    def _changeable(self, file_name: str, if_not: str) -> _StoredPhoto:
         kept = self._found(file_name)
         if not kept.entry.changeable:
             raise UserFacingError(
@@ -318,7 +318,7 @@ class PhotosService(Service):
 
         self._slow_work.do(change, done, self._bus.answer)
 
-    def _lies_aside(self, kept: _Kept) -> Path:
+    def _lies_aside(self, kept: _StoredPhoto) -> Path:
         owner = kept.folder.name if kept.of_session else "study"
         return self._aside / f"{owner} {Path(kept.entry.file_name).name}"
 

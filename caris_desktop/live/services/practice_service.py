@@ -48,8 +48,8 @@ _WATCHED = (
 
 @dataclass(frozen=True, slots=True)
 class PracticeParts:
-    """``robot`` connects the simulated robot for the actor once ready, and raises UserFacingError; ``cut_link`` interrupts
-    its link for this many seconds.
+    """``robot`` connects the simulated robot for the actor once ready, and raises UserFacingError; ``cut_link``
+    interrupts its link for this many seconds.
     """
 
     scenario: Path

@@ -58,11 +58,11 @@ class PreflightService(Service):
         self._link_since_ns = clock.now_ns()
         self._automatic: tuple[PreflightCheck, ...] = ()
         self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._timer.timeout.connect(self.look)
+        self._timer.timeout.connect(self.evaluate)
         self._disk_timer = QTimer(self, interval=_DISK_EVERY_MS)
         self._disk_timer.timeout.connect(self._check_disk)
         for value in (state.link, state.recording):
-            value.changed.connect(self.look)
+            value.changed.connect(self.evaluate)
         self._emergency_stop = state.drive.value.emergency_stop
         state.drive.changed.connect(self._on_drive_changed)
         state.microphone.changed.connect(self._on_microphone_changed)
@@ -83,7 +83,7 @@ class PreflightService(Service):
             self._reset("")
         if self._disk_timer.isActive():
             self._check_disk()
-        self.look()
+        self.evaluate()
 
     def start(self) -> None:
         self._timer.start()
@@ -96,12 +96,12 @@ class PreflightService(Service):
 
     def waits_for(self) -> tuple[PreflightCheck, ...]:
         """Checks that a recording should not start without."""
-        self.look()
+        self.evaluate()
         return tuple(check for check in self._state.preflight.value if check.asks_first)
 
-    def standing(self, *, accepted: bool) -> list[Event]:
+    def state_events(self, *, accepted: bool) -> list[Event]:
         """Results of all checks at the start of a recording. ``accepted``: the wizard starts in spite of open ones."""
-        self.look()
+        self.evaluate()
         now_ns = clock.now_ns()
         return [
             PreflightChecked(
@@ -112,7 +112,7 @@ class PreflightService(Service):
             for check in self._state.preflight.value
         ]  # fmt: skip
 
-    def look(self, _changed: object = None) -> None:
+    def evaluate(self, _changed: object = None) -> None:
         """Evaluate the checks now."""
         scenario = self._scenario
         if scenario is None:
@@ -179,7 +179,7 @@ class PreflightService(Service):
                 checked_ns=now_ns if asked.done else None, actor=asked.actor,
             )
         )  # fmt: skip
-        self.look()
+        self.evaluate()
 
     def _reset(self, why: str) -> None:
         """Reset the manual checks; ``why`` is shown for those that were done."""
@@ -191,25 +191,25 @@ class PreflightService(Service):
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "control" and streams_voided_by(event):
             self._reset(_LINK_LOST)
-            self.look()
+            self.evaluate()
 
     def _on_robot_chosen(self, _event: RobotChosen) -> None:
         self._reset(_OTHER_ROBOT)
-        self.look()
+        self.evaluate()
 
     def _on_session_ended(self, _event: SessionEnded) -> None:
         self._reset(_NEXT_RECORDING)
-        self.look()
+        self.evaluate()
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop != self._emergency_stop:
             self._emergency_stop = drive.emergency_stop
-            self.look()
+            self.evaluate()
 
     def _on_microphone_changed(self, microphone: MicrophoneStatus) -> None:
         if microphone.state == "on" and microphone.level >= _LOUD and not self._loud:
             self._loud = True
-            self.look()
+            self.evaluate()
 
     def _check_disk(self) -> None:
         scenario = self._scenario
@@ -218,7 +218,7 @@ class PreflightService(Service):
 
     def _on_disk_looked_at(self, disk: Disk) -> None:
         self._disk = disk
-        self.look()
+        self.evaluate()
 
 
 def _ticked_words(check: PreflightCheck) -> str:

@@ -71,12 +71,12 @@ class ProtocolService(Service):
         else:
             self._begin(actor)
 
-    def standing(self, now_ns: int, *, resumed: bool) -> list[Event]:
+    def state_events(self, now_ns: int, *, resumed: bool) -> list[Event]:
         """Initial events of a recording, or those missed during a pause."""
         if resumed:
             return [replace(event, stamp_ns=now_ns) for event in self._since_pause or ()]
         opened: list[Event] = [self._walk.opened(now_ns)] if self._walk.steps else []
-        entered = self._entered if self._walk.under_way else None
+        entered = self._entered if self._walk.is_running else None
         return opened if entered is None else [*opened, replace(entered, stamp_ns=now_ns)]
 
     def pause(self, paused: bool) -> None:

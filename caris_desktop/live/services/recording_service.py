@@ -85,7 +85,7 @@ class RecordingService(Service):
 
     def _read(self, value: Any, _raw: bytes) -> None:  # reader thread
         if isinstance(value, RecorderReport):
-            self._children.tell(self.on_report, value)
+            self._children.call_in_gui(self.on_report, value)
         else:
             self._bus.publish_recorded(value)
 

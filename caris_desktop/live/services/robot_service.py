@@ -176,7 +176,7 @@ class RobotService(Service):
             self.cancel_goal()
         self.offer_controls(scenario.controls, driving_permitted=driving)
 
-    def standing(self) -> list[Event]:
+    def state_events(self) -> list[Event]:
         """Initial events of a recording about this robot."""
         return [] if self._connection is None else [self._chosen(self._connection)]
 

@@ -20,8 +20,8 @@ from caris_desktop.live.services.robot_service import RobotConnection, RobotServ
 class AnotherRobotService(Service):
     """Connects the robot requested last; finding and leaving one may take a while.
 
-    ``by_name`` reads files in a background thread and raises UserFacingError. ``simulated`` starts the simulated robot if
-    necessary and connects it for the actor once ready; raises UserFacingError on failure.
+    ``by_name`` reads files in a background thread and raises UserFacingError. ``simulated`` starts the simulated robot
+    if necessary and connects it for the actor once ready; raises UserFacingError on failure.
     """
 
     def __init__(

@@ -71,8 +71,8 @@ class LayoutFiles(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParts:
-    """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario. ``save_text``
-    gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
+    """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario.
+    ``save_text`` gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
     ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and ``conflicts``
     lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not saved.
     """
@@ -148,7 +148,7 @@ class ScenarioService(Service):
         self._state.places.set(scenario.places)
         self._bus.publish(self._opened())
 
-    def standing(self, now_ns: int) -> list[Event]:
+    def state_events(self, now_ns: int) -> list[Event]:
         """Initial events of a recording about it."""
         return [self._opened(), *([] if self._layout is None else [replace(self._layout, stamp_ns=now_ns)])]
 
@@ -257,7 +257,7 @@ class ScenarioService(Service):
             )
             return
 
-        def keep() -> None:
+        def save() -> None:
             try:
                 accept(question)
             except OSError as error:
@@ -267,7 +267,7 @@ class ScenarioService(Service):
                     tr("Make room, or make your settings writable, and open it again."),
                 ) from error
 
-        self._slow_work.do(keep, lambda _kept: None, self._bus.answer)
+        self._slow_work.do(save, lambda _kept: None, self._bus.answer)
 
     def _save(self, asked: intents.SaveScenario) -> None:
         in_session = self._state.recording.value.state in IN_SESSION

@@ -112,7 +112,7 @@ class SessionService(Service):
         concerned.assistant.forget(conversation=True)
         concerned.suggestions.forget()
         concerned.protocol.begin_session(asked.actor, step_id=concerned.going_on.step)
-        checked = concerned.preflight.standing(accepted=asked.anyway)
+        checked = concerned.preflight.state_events(accepted=asked.anyway)
         if not concerned.recording.announce_session([*self._current_state(resumed=False), *checked]):
             return
         if concerned.scenario.current.permissions.audio_recording:
@@ -149,10 +149,10 @@ class SessionService(Service):
         link: LinkStatus = state.link.value
         standing: list[Event] = [
             LinkChanged(now_ns, "control", link.state, link.address, link.detail),
-            *self._with.scenario.standing(now_ns),
-            *self._with.protocol.standing(now_ns, resumed=resumed),
-            *self._with.robot.standing(),
-            *self._with.going_on.standing(now_ns),
+            *self._with.scenario.state_events(now_ns),
+            *self._with.protocol.state_events(now_ns, resumed=resumed),
+            *self._with.robot.state_events(),
+            *self._with.going_on.state_events(now_ns),
         ]
         if state.drive.value.emergency_stop:
             latched = self._latched or EmergencyStopChanged(now_ns, True, "wizard")
@@ -205,8 +205,8 @@ class SessionService(Service):
         """Implements :meth:`WizardConsole.look_before_recording`."""
         scenario = self._with.scenario.current
 
-        def look() -> BeforeRecording:
+        def query() -> BeforeRecording:
             free_bytes, bytes_per_hour = self._parts.disk(scenario)
             return BeforeRecording(self._parts.suggested_details(), bytes_per_hour, free_bytes)
 
-        self._slow_work.do(look, told, lambda _failure: told(BeforeRecording()))
+        self._slow_work.do(query, told, lambda _failure: told(BeforeRecording()))

@@ -172,7 +172,7 @@ class SoundService(Service):
     def _let_go(self) -> None:
         if not self._state.sound.value.talking:
             return
-        if self._voice.under_way:
+        if self._voice.is_speaking:
             self._voice.end()
             self._deaf.start()
         else:

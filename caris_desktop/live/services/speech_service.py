@@ -283,14 +283,14 @@ class SpeechService(Service):
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
         if isinstance(value, UtteranceChanged) and value.origin != "heard":
-            if not self._both.told(value):
+            if not self._both.handle(value):
                 self.queue.report(value, raw)
         else:
             self._children.pass_on(self.on_heard, value, raw)
 
     def _read_own(self, value: Any, raw: bytes) -> None:  # reader thread
         if isinstance(value, Problem):
-            self._children.tell(self.on_heard, value)
+            self._children.call_in_gui(self.on_heard, value)
         else:
             self.read(value, raw)
 

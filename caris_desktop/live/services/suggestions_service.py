@@ -220,7 +220,7 @@ class SuggestionsService(Service):
         if asking is not None:
             asking.cancel(why)
 
-    def tell(self, event: SuggestionChanged) -> None:
+    def on_suggestion(self, event: SuggestionChanged) -> None:
         """Callback of the rounds: a reply was shown, or its outcome is known."""
         self._bus.publish(event)
 
@@ -233,7 +233,7 @@ class SuggestionsService(Service):
         place = selected_place(self._state)
         doing = self._state.protocol.value.title or self._doing
 
-        def told(what: AssistantPeople) -> tuple[ChatMessage, ...]:
+        def messages(what: AssistantPeople) -> tuple[ChatMessage, ...]:
             rows: list[PersonRow] = [row for row in self._state.persons.value if row.here]
             # The addressee comes first: of many people only some are listed.
             rows.sort(key=lambda row: row.person_id != person_id)
@@ -255,10 +255,10 @@ class SuggestionsService(Service):
             )
 
         naming = self._scenario.permissions.naming_people
-        recorded = told("numbers")
+        recorded = messages("numbers")
         return _Asked(
             begun,
-            told(settings.people) if naming and settings.people != "numbers" else recorded,
+            messages(settings.people) if naming and settings.people != "numbers" else recorded,
             recorded,
             SuggestionsStatus(
                 "asking", begun.turn_id, begun.revision, model=self._model.model,

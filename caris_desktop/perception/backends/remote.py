@@ -231,7 +231,7 @@ def _read(answer: dict[str, Any], scale: float) -> Detections:
     return Detections(boxes[:, :4] / scale, boxes[:, 4], boxes[:, 5].astype(np.int64), points)
 
 
-def told(found: Detections) -> str:
+def encode_answer(found: Detections) -> str:
     """Answer of the server."""
     boxes = np.column_stack([found.corners_px.round(2), found.confidences.round(4), found.classes])
     keypoints = None if found.keypoints is None else found.keypoints.round(2).tolist()

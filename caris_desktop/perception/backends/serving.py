@@ -16,7 +16,7 @@ from websockets.http11 import Request, Response
 
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.picture_checks import PictureError, decoded
-from caris_desktop.perception.backends.remote import PROTOCOL, told
+from caris_desktop.perception.backends.remote import PROTOCOL, encode_answer
 from caris_desktop.perception.detector import Detector
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ async def serving(
         try:
             await connection.send(hello)
             async for message in connection:
-                await connection.send(_look(detector, message))
+                await connection.send(_answer_request(detector, message))
         except ConnectionClosed:
             pass
         finally:
@@ -90,7 +90,7 @@ async def serving(
         yield server
 
 
-def _look(detector: Detector, message: str | bytes) -> str:
+def _answer_request(detector: Detector, message: str | bytes) -> str:
     if isinstance(message, str) or len(message) < 4:
         return json.dumps({"error": "This is no picture."})
     try:
@@ -98,7 +98,7 @@ def _look(detector: Detector, message: str | bytes) -> str:
     except PictureError:
         return json.dumps({"error": "This picture cannot be read."})
     try:
-        return told(detector.detect(np.asarray(image, np.uint8)))
+        return encode_answer(detector.detect(np.asarray(image, np.uint8)))
     except Exception:  # a failed image does not end the server
         log.exception("a picture of %s pixels could not be looked at", image.shape[:2])
         return json.dumps({"error": "The detector failed on this picture."})

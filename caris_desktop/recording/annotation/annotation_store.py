@@ -27,7 +27,7 @@ from caris_desktop.recording.annotation.annotation_editing import (
     tiers_of_coder,
 )
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
-from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedStretch, CodedTier, Coding
+from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedInterval, CodedTier, Coding
 from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
 
 _FOLDER = "annotations"
@@ -132,7 +132,7 @@ def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
             tier.name,
             tier.vocabulary,
             tuple(
-                CodedStretch(item.annotation_id, item.start_ms, item.end_ms, item.value)
+                CodedInterval(item.annotation_id, item.start_ms, item.end_ms, item.value)
                 for item in document.of_tier(tier.tier_id)
             ),
             tier.participant,

@@ -16,7 +16,7 @@ _Time = Annotated[int, FieldSpec(unit="milliseconds", at_least=0, at_most=2**32 
 
 
 @dataclass(frozen=True, slots=True)
-class CodedStretch:
+class CodedInterval:
     """A labelled stretch of time."""
 
     annotation_id: _Id
@@ -32,7 +32,7 @@ class CodedTier:
     tier_id: _Id
     name: Named
     vocabulary: Annotated[str, FieldSpec("A vocabulary of the file; empty: free text.", order=1)]
-    annotations: Annotated[tuple[CodedStretch, ...], FieldSpec("In the order of time; they do not overlap.", order=1)]
+    annotations: Annotated[tuple[CodedInterval, ...], FieldSpec("In the order of time; they do not overlap.", order=1)]
     participant: Annotated[Text, FieldSpec("Whom the tier is about.")] = ""
 
 

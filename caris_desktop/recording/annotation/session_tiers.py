@@ -117,7 +117,7 @@ def streams_of_tiers() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretch:
+class _TierInterval:
     """Interval on a tier; ``end_ns`` None: a point event."""
 
     start_ns: int
@@ -130,7 +130,7 @@ class _Row:
     """Tier before sorting and resolution of overlaps."""
 
     name: str
-    stretches: list[_Stretch]
+    stretches: list[_TierInterval]
     vocabulary: str = ""
     participant: str = ""
 
@@ -153,7 +153,7 @@ class TimelineBuilder:
         self._scenarios: list[ScenarioOpened] = []
         self._protocol: list[ProtocolEvent] = []
         self._commands: list[tuple[int, Twist2D, str]] = []
-        self._others: dict[type[Any], list[_Stretch]] = {}
+        self._others: dict[type[Any], list[_TierInterval]] = {}
         self._folded: dict[type[Any], Callable[[Any], None]] = {
             **dict.fromkeys((UtteranceChanged, UtteranceCorrected), self._utterances.append),
             Marked: self._marks.append,
@@ -180,9 +180,9 @@ class TimelineBuilder:
         elif kind in BY_TYPE and _is_event(BY_TYPE[kind]):
             start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
             if isinstance(start_ns, int) and isinstance(end_ns, int):
-                stretch = _Stretch(start_ns, max(start_ns, end_ns), summary_of(value))
+                stretch = _TierInterval(start_ns, max(start_ns, end_ns), summary_of(value))
             else:
-                stretch = _Stretch(value.stamp_ns, None, summary_of(value))
+                stretch = _TierInterval(value.stamp_ns, None, summary_of(value))
             self._others.setdefault(kind, []).append(stretch)
 
     def fraction_of(self, stamp_ns: int) -> float:
@@ -239,13 +239,13 @@ class TimelineBuilder:
             mine = [item for item in said if item.speaker == speaker]
             yield _Row(
                 _SPEECH[speaker],
-                [_Stretch(item.start_ns or 0, item.end_ns, item.text) for item in mine],
+                [_TierInterval(item.start_ns or 0, item.end_ns, item.text) for item in mine],
                 participant=participant,
             )
             if speaker == "robot":
                 yield _Row(
                     QT_TR_NOOP("Robot speech origin"),
-                    [_Stretch(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
+                    [_TierInterval(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
                     "Speech origin",
                     participant,
                 )
@@ -253,17 +253,17 @@ class TimelineBuilder:
         corrected = [item for item in said if item.heard_text is not None]
         yield _Row(
             QT_TR_NOOP("Speech before correction"),
-            [_Stretch(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
+            [_TierInterval(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
         )
         tagged = [item for item in said if item.tags]
         yield _Row(
             QT_TR_NOOP("Speech tags"),
-            [_Stretch(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],
+            [_TierInterval(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],
         )
 
     def _protocol_row(self) -> _Row:
         visits = self._step_visits()
-        stretches = [_Stretch(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
+        stretches = [_TierInterval(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
         return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
     def _mark_rows(self) -> Iterable[_Row]:
@@ -286,11 +286,11 @@ class TimelineBuilder:
         stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in commands], np.int64)
         held_ns = held_until_ns(stamps_ns, ended_ns=ended_ns, pauses=self._paused_spans()).tolist()
         driven = [(*one, end_ns) for one, end_ns in zip(commands, held_ns, strict=True) if one[1] != Twist2D()]
-        motion = _joined([_Stretch(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
+        motion = _joined([_TierInterval(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
         if commands:
             # No command means standing: before the first one and wherever commands stopped.
             motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
-        sources = _joined([_Stretch(stamp_ns, end_ns, source) for stamp_ns, _, source, end_ns in driven])
+        sources = _joined([_TierInterval(stamp_ns, end_ns, source) for stamp_ns, _, source, end_ns in driven])
         yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
         yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
         goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
@@ -307,7 +307,7 @@ class TimelineBuilder:
         counts, here, since_ns = [], 0, 0
         for stamp_ns, change in changes:
             if here and stamp_ns > since_ns:
-                counts.append(_Stretch(since_ns, stamp_ns, str(here)))
+                counts.append(_TierInterval(since_ns, stamp_ns, str(here)))
             here, since_ns = here + change, stamp_ns
         yield _Row(QT_TR_NOOP("People present"), counts)
         if len(present) > MOST_PEOPLE:
@@ -318,36 +318,36 @@ class TimelineBuilder:
             if isinstance(event, PersonAppeared) and event.number
         }
         for person_id, spans in present.items():
-            there = [_Stretch(*span, states.state("present")) for span in spans]
+            there = [_TierInterval(*span, states.state("present")) for span in spans]
             yield _Row(_person(person_id, numbers), there, "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:
         yield _Row(
             QT_TR_NOOP("LLM exchanges"),
-            [_Stretch(item.asked_ns, item.stamp_ns, states.answer_words(item)) for item in self._exchanges],
+            [_TierInterval(item.asked_ns, item.stamp_ns, states.answer_words(item)) for item in self._exchanges],
             participant="Assistant",
         )
         utterances = self.utterances()
         uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in self._answers]
         yield _Row(
             QT_TR_NOOP("LLM answer use"),
-            [_Stretch(item.stamp_ns, None, states.state(use)) for item, use in uses],
+            [_TierInterval(item.stamp_ns, None, states.state(use)) for item, use in uses],
             "Answer use",
         )
 
     def _console_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
-        trouble: list[_Stretch] = []
+        trouble: list[_TierInterval] = []
         for link in dict.fromkeys(change.link for change in self._links):
             changes = [change for change in self._links if change.link == link]
             for change, end_ns in _until_next(changes, ended_ns):
                 if change.state in _TROUBLE:
-                    trouble.append(_Stretch(change.stamp_ns, end_ns, states.link_words(change)))
+                    trouble.append(_TierInterval(change.stamp_ns, end_ns, states.link_words(change)))
         yield _Row(QT_TR_NOOP("Link trouble"), trouble)
         yield _Row(
             QT_TR_NOOP("Obstacle guard"),
             [
-                _Stretch(change.stamp_ns, end_ns, states.state(change.state))
+                _TierInterval(change.stamp_ns, end_ns, states.state(change.state))
                 for change, end_ns in _until_next(self._guards, ended_ns)
                 if change.state not in ("absent", "clear")
             ],
@@ -355,23 +355,25 @@ class TimelineBuilder:
         yield _Row(
             QT_TR_NOOP("Emergency stop"),
             [
-                _Stretch(change.stamp_ns, end_ns, states.emergency_words(change))
+                _TierInterval(change.stamp_ns, end_ns, states.emergency_words(change))
                 for change, end_ns in _until_next(self._emergencies, ended_ns)
                 if change.latched
             ],
         )
-        yield _Row(QT_TR_NOOP("Pauses"), [_Stretch(*span, states.state("paused")) for span in self._paused_spans()])
+        yield _Row(
+            QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in self._paused_spans()]
+        )
         yield _Row(
             QT_TR_NOOP("Scenario"),
             [
-                _Stretch(opened.stamp_ns, end_ns, opened.title or opened.file_name)
+                _TierInterval(opened.stamp_ns, end_ns, opened.title or opened.file_name)
                 for opened, end_ns in _until_next(self._scenarios, ended_ns)
             ],
         )
 
     def _add_tick(self, tick: StepTicked) -> None:
         self._protocol.append(tick)
-        self._others.setdefault(StepTicked, []).append(_Stretch(tick.stamp_ns, None, summary_of(tick)))
+        self._others.setdefault(StepTicked, []).append(_TierInterval(tick.stamp_ns, None, summary_of(tick)))
 
     def _add_command(self, command: CommandSent) -> None:
         self._commands.append((command.stamp_ns, command.twist, command.source))
@@ -476,23 +478,23 @@ def motion_of(twist: Twist2D) -> str:
 
 
 def _filled(
-    runs: list[_Stretch], value: str, start_ns: int, end_ns: int, pauses: list[tuple[int, int]]
-) -> list[_Stretch]:
+    runs: list[_TierInterval], value: str, start_ns: int, end_ns: int, pauses: list[tuple[int, int]]
+) -> list[_TierInterval]:
     """Fill the gaps of ``runs`` with ``value`` except while recording was paused; merge neighbours."""
-    filled: list[_Stretch] = []
+    filled: list[_TierInterval] = []
     at_ns = start_ns
-    fixed = sorted([*runs, *(_Stretch(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns)
-    for run in [*fixed, _Stretch(end_ns, end_ns, "")]:
+    fixed = sorted([*runs, *(_TierInterval(begin_ns, until_ns, "") for begin_ns, until_ns in pauses)], key=_start_ns)
+    for run in [*fixed, _TierInterval(end_ns, end_ns, "")]:
         if run.start_ns > at_ns:
-            filled.append(_Stretch(at_ns, run.start_ns, value))
+            filled.append(_TierInterval(at_ns, run.start_ns, value))
         filled.append(run)
         at_ns = max(at_ns, run.end_ns or run.start_ns)
     return [run for run in _joined(filled) if run.value]
 
 
-def _joined(runs: list[_Stretch]) -> list[_Stretch]:
+def _joined(runs: list[_TierInterval]) -> list[_TierInterval]:
     """Merge contiguous intervals of equal value; drop empty ones."""
-    joined: list[_Stretch] = []
+    joined: list[_TierInterval] = []
     for run in runs:
         before = joined[-1] if joined else None
         if before is not None and run.value == before.value and before.end_ns == run.start_ns:
@@ -502,7 +504,7 @@ def _joined(runs: list[_Stretch]) -> list[_Stretch]:
     return [run for run in joined if (run.end_ns or 0) > run.start_ns]
 
 
-def _start_ns(stretch: _Stretch) -> int:
+def _start_ns(stretch: _TierInterval) -> int:
     return stretch.start_ns
 
 
@@ -512,20 +514,22 @@ def _until_next(changes: list[Any], ended_ns: int) -> list[tuple[Any, int]]:
     return [(change, max(change.stamp_ns, end_ns)) for change, end_ns in zip(changes, ends_ns, strict=True)]
 
 
-def _of_mark(mark: FinalMark, value: str) -> _Stretch:
-    return _Stretch(mark.start_ns, mark.end_ns, value if isinstance(value, LocalizedText) else " ".join(value.split()))
+def _of_mark(mark: FinalMark, value: str) -> _TierInterval:
+    return _TierInterval(
+        mark.start_ns, mark.end_ns, value if isinstance(value, LocalizedText) else " ".join(value.split())
+    )
 
 
-def _of_goal(goal: NavigationGoal, ended_ns: int) -> _Stretch:
-    return _Stretch(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, states.goal_words(goal))
+def _of_goal(goal: NavigationGoal, ended_ns: int) -> _TierInterval:
+    return _TierInterval(goal.start_ns, ended_ns if goal.end_ns is None else goal.end_ns, states.goal_words(goal))
 
 
-def _in_states(stretches: list[_Stretch]) -> list[_Stretch]:
+def _in_states(stretches: list[_TierInterval]) -> list[_TierInterval]:
     return [dataclasses.replace(one, value=states.state(one.value)) for one in stretches]
 
 
 def _lanes(
-    stretches: list[_Stretch], *, started_ns: int, duration_ms: int, joined: bool
+    stretches: list[_TierInterval], *, started_ns: int, duration_ms: int, joined: bool
 ) -> list[list[tuple[int, int, str]]]:
     """Distribute intervals over as few rows of (start, end, value) as needed without overlap.
 

@@ -85,7 +85,7 @@ class Pin:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Way:
+class Trajectory:
     """Trajectory of the robot: ``points_m`` float64, shape (n, 2), at ``seconds``; ``by_itself`` while navigating
     autonomously.
     """
@@ -286,7 +286,7 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
 # Trajectory on the map
 
 
-def path_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
+def path_on_map(way: Trajectory, grid: OccupancyGrid | None, places: Sequence[Pin]) -> Markup:
     """Trajectory on the map. ``grid`` may be None; at least one point is required."""
     left, bottom, right, top = _bounds(way, grid)
     scale = _MAP_PX / (right - left)
@@ -311,7 +311,7 @@ def path_on_map(way: Way, grid: OccupancyGrid | None, places: Sequence[Pin]) -> 
     return _svg(width, whole, *parts, title="The way of the robot on the map", look="drawing map")
 
 
-def _bounds(way: Way, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
+def _bounds(way: Trajectory, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
     xs, ys = [way.points_m[:, 0]], [way.points_m[:, 1]]
     if grid is not None:
         rows, columns = np.nonzero(grid.cells >= 0)
@@ -388,7 +388,7 @@ def map_png(grid: OccupancyGrid) -> bytes:
     return content.tobytes()
 
 
-def _path_lines(way: Way, spot: Any) -> list[Markup]:
+def _path_lines(way: Trajectory, spot: Any) -> list[Markup]:
     """Trajectory in pieces that darken with time; dashed where the robot navigated autonomously."""
     count = len(way.points_m)
     if count < 2:
@@ -421,7 +421,7 @@ def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return [*kept, points[-1]] if math.dist(points[-1], kept[-1]) > 0.2 else kept
 
 
-def _minutes(way: Way, spot: Any, places_px: Sequence[tuple[float, float]]) -> list[Markup]:
+def _minutes(way: Trajectory, spot: Any, places_px: Sequence[tuple[float, float]]) -> list[Markup]:
     """Position at each full minute (or five, ten...), if the robot moved since the last one shown."""
     begins_s, ends_s = float(way.seconds[0]), float(way.seconds[-1])
     step_s = _step(ends_s - begins_s, 12, (30, 60, 120, 300, 600, 1200, 1800, 3600, 7200))

@@ -242,10 +242,10 @@ def _media(session: Session, out: Path, progress: Callable[[float], None]) -> It
         first_ns = row.get("first_stamp_ns")
         if isinstance(first_ns, int) and abs(first_ns) < 2**63:
 
-            def tell(fraction: float, number: int = number) -> None:
+            def report(fraction: float, number: int = number) -> None:
                 progress((number + fraction) / count)
 
-            linked = _video(session, str(row["file_name"]), first_ns, out, tell)
+            linked = _video(session, str(row["file_name"]), first_ns, out, report)
             yield replace(linked, note=f"{linked.note} {moments_words(row)}")
     for number, (name, its_blocks) in enumerate(blocks.items(), start=len(videos)):
         progress(number / count)

@@ -49,7 +49,7 @@ class Written:
     steps: int
 
 
-def whose(session: Session) -> dict[str, str]:
+def session_columns(session: Session) -> dict[str, str]:
     """Session columns that begin every line, so that lines of several sessions can be distinguished."""
     return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
 
@@ -75,7 +75,7 @@ def _write_driving(
     def end_step() -> None:
         action = situation.action(step_ns + STEP_NS)
         # States are large, and a session is mostly rest.
-        if writer.under_way or _moves(action):
+        if writer.is_open or _moves(action):
             writer.add(step_ns, _state(begun_with, step_ns), action, _frames(begun_with, step_ns))
 
     try:
@@ -203,7 +203,7 @@ class _EpisodeWriter:
 
     def __init__(self, session: Session, out: Path, pictures: _StepPictures) -> None:
         self._session = session
-        self._whose = whose(session)
+        self._whose = session_columns(session)
         self._pictures = pictures
         self._out = out
         self.index = out / "episodes.jsonl"
@@ -216,7 +216,7 @@ class _EpisodeWriter:
         self._sources: Counter[str] = Counter()
 
     @property
-    def under_way(self) -> bool:
+    def is_open(self) -> bool:
         return self._file is not None
 
     def add(
@@ -296,7 +296,7 @@ def write_dialogue(session: Session, out: Path) -> Written:
         reply.utterance.utterance_id: reply.delay_s
         for reply in reaction_times(facts.utterances, exchanges, facts.pauses)
     }
-    in_view, of_this = _counts_in_view(session), whose(session)
+    in_view, of_this = _counts_in_view(session), session_columns(session)
     path = out / "turns.jsonl"
     turns, before_ns = 0, -(2**62)
     with path.open("w", encoding="utf-8", errors="replace") as file:

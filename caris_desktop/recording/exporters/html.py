@@ -28,7 +28,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.exporters import drawings
-from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Way, duration_text
+from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Trajectory, duration_text
 from caris_desktop.recording.exporters.methods_words import MEANS_WORDS, gaps_words
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.pseudonyms import coding_of
@@ -134,7 +134,7 @@ def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) 
         "lasts": duration_text(session.duration_s),
         "time_line": seen.strips(),
         "legend": seen.legend(),
-        **_way(facts, measures, grid, scenario),
+        **_trajectory(facts, measures, grid, scenario),
         **_responses(measures),
         **_talk(measures),
         **_driving(measures),
@@ -402,7 +402,7 @@ def _sample(shape: str, look: str) -> Markup:
 # Trajectory on the map
 
 
-def _way(
+def _trajectory(
     facts: SessionData, measures: Measures, grid: OccupancyGrid | None, scenario: ScenarioText | None
 ) -> dict[str, Any]:
     in_map = facts.pose_ns.size > 0
@@ -416,7 +416,7 @@ def _way(
     for stretch in goals:
         by_itself |= (stamps_ns >= stretch.start_ns) & (stamps_ns <= stretch.end_ns)
     places = [drawings.pose_pin(pose, name) for name, pose in scenario.places] if scenario and in_map else []
-    way = Way(
+    way = Trajectory(
         seconds=((stamps_ns - facts.session.started_ns) / 1e9)[::thin],
         points_m=points[::thin, :2],
         headings_rad=headings_rad[::thin],

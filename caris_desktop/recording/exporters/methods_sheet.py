@@ -127,10 +127,10 @@ def methods_sheet(sessions: Sequence[Session], progress: Callable[[float], None]
     known = []
     for number, session in enumerate(counting):
 
-        def tell(fraction: float, *, before: int = number) -> None:
+        def report(fraction: float, *, before: int = number) -> None:
             progress(0.95 * (before + fraction) / len(counting))
 
-        known.append(read_known(session, tell))
+        known.append(read_known(session, report))
     return _Answers(StudyFacts(known, practice_available(sessions), len(copies))).sheet()
 
 

@@ -154,7 +154,7 @@ class _Survey:
     last_ns: int = 0
     own: OwnSession | None = None
     mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
-    stretches: list["_Stretch"] = field(default_factory=list)
+    stretches: list["_BagPart"] = field(default_factory=list)
 
     def moved(self, messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
         """Messages without hour-long gaps between them, and without strays."""
@@ -167,7 +167,7 @@ class _Survey:
 
 
 @dataclass(slots=True)
-class _Stretch:
+class _BagPart:
     """Part of a bag without hour-long gaps. ``number`` is that of its first message in the file; ``moved_ns`` shifts
     its times, None if it is left out.
     """
@@ -259,7 +259,7 @@ def _refuse_nothing(
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
     """Read every message once for topics and times; problems are noted in the second pass."""
     survey = _Survey(Counter())
-    minutes: dict[int, _Stretch] = {}
+    minutes: dict[int, _BagPart] = {}
     for number, message in enumerate(bag.messages(notes)):
         if not number % _TELL_EVERY:
             progress(_SURVEY_SHARE * min(1.0, message.fraction))
@@ -272,7 +272,7 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
             if len(minutes) >= _MOST_MINUTES:
                 notes.add("The times in the bag lie too far apart; messages of further times were left out.")
                 continue
-            minutes[message.at_ns // _MINUTE_NS] = _Stretch(message.at_ns, message.at_ns, 1, number)
+            minutes[message.at_ns // _MINUTE_NS] = _BagPart(message.at_ns, message.at_ns, 1, number)
         else:
             minute.first_ns, minute.last_ns = min(minute.first_ns, message.at_ns), max(minute.last_ns, message.at_ns)
             minute.count += 1
@@ -295,9 +295,9 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
     return survey
 
 
-def _intervals(minutes: list[_Stretch]) -> list[_Stretch]:
+def _intervals(minutes: list[_BagPart]) -> list[_BagPart]:
     """Merge parts that no hour-long gap separates."""
-    joined: list[_Stretch] = []
+    joined: list[_BagPart] = []
     for minute in minutes:
         last = joined[-1] if joined else None
         if last is not None and minute.first_ns - last.last_ns < _NEAR_NS:
@@ -308,7 +308,7 @@ def _intervals(minutes: list[_Stretch]) -> list[_Stretch]:
     return joined
 
 
-def _take_out_gaps(stretches: list[_Stretch], notes: ReadNotes) -> None:
+def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
     """Close hour-long gaps: a clock set while recording, or one wrong stamp, would make a session of years. The largest
     part keeps its times; the others follow in file order, a second apart.
     """

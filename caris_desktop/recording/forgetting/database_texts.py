@@ -23,14 +23,14 @@ class DatabaseTexts:
         """List the places, and replace those to redact."""
         to_change = False
 
-        def look(whose: str, text: str) -> str:
+        def scan(whose: str, text: str) -> str:
             nonlocal to_change
             if whose not in self._ids:
-                found = self._work.look(text, self._file, lambda: f"what is kept of {whose}")
+                found = self._work.find(text, self._file, lambda: f"what is kept of {whose}")
                 to_change = to_change or any(decision == "redact" for _, _, decision in found)
             return text
 
-        self._pass_through(look)
+        self._pass_through(scan)
         if to_change:
             self._pass_through(self._without)
 
@@ -38,12 +38,12 @@ class DatabaseTexts:
         """Number of texts that name the person without a decision to keep them."""
         count = 0
 
-        def look(whose: str, text: str) -> str:
+        def scan(whose: str, text: str) -> str:
             nonlocal count
             count += self._without(whose, text) != text
             return text
 
-        self._pass_through(look)
+        self._pass_through(scan)
         return count
 
     def _without(self, _whose: str, text: str) -> str:

@@ -44,8 +44,8 @@ class SessionMedia:
 
     def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
         """Redact video and photos. Raises OSError."""
-        videos = [video for video in self._told("videos") if self._seen.seen_by(str(video.get("camera")))]
-        told = {str(video.get("file_name")) for video in self._told("videos")}
+        videos = [video for video in self._recorded_entries("videos") if self._seen.seen_by(str(video.get("camera")))]
+        told = {str(video.get("file_name")) for video in self._recorded_entries("videos")}
         for number, video in enumerate(videos):
             path = self._folder / str(video.get("file_name"))
             if not path.is_file():
@@ -54,15 +54,15 @@ class SessionMedia:
                 self._remove_video(path)
             else:
 
-                def tell(done: float, *, number: int = number, name: str = path.name) -> None:
+                def report(done: float, *, number: int = number, name: str = path.name) -> None:
                     progress((number + done) / len(videos), name)
 
-                self._cover_video(path, video, tell)
+                self._cover_video(path, video, report)
         if self._seen.any and isinstance(self._session.header.get("videos"), list):
             self._treat_other_videos(told)
         self._treat_photos(how)
 
-    def _told(self, what: str) -> list[dict[str, Any]]:
+    def _recorded_entries(self, what: str) -> list[dict[str, Any]]:
         entries = self._session.header.get(what)
         return [
             entry
@@ -168,7 +168,7 @@ class SessionMedia:
         spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
         visits = [(from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._seen.visits_ns]
         theirs = _without_spans(visits, [_exactly(utterance) for utterance in audible])
-        for sound in self._told("audio"):
+        for sound in self._recorded_entries("audio"):
             path = self._folder / str(sound.get("file_name"))
             if not path.is_file():
                 continue

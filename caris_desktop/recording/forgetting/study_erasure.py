@@ -124,7 +124,7 @@ class Forgotten:
         return not (self.waiting or self.left or self.problems)
 
 
-def under_way(study: Path) -> list[str]:
+def unfinished_erasures(study: Path) -> list[str]:
     """Ids of people whose erasure was begun and not finished. Raises OSError."""
     found = [first_line_of(path).get("person_id") for path in (study / FOLDER).glob("under-way-*.jsonl")]
     return [str(person_id) for person_id in found if person_id]
@@ -269,14 +269,14 @@ class _Forgetting:
     def _find_person_tracks(self, sessions: list[Path]) -> None:
         links: list[tuple[bool, str, str]] = []
         for folder in sessions:
-            with self._told(folder):
+            with self._reporting_problems(folder):
                 # Truncated recordings are repaired first, as on every opening.
                 open_session(folder)
                 links += links_in(folder / "events.mcap")
         self._ids = everyone_who_is(self._request.person_ids, links)
         for number, folder in enumerate(sessions):
             self._notify(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
-            with self._told(folder):
+            with self._reporting_problems(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
     def _find_speech(self, sessions: list[Path]) -> None:
@@ -285,7 +285,7 @@ class _Forgetting:
             seen = self._seen_in.get(folder)
             if seen is None:
                 continue
-            with self._told(folder):
+            with self._reporting_problems(folder):
                 session = open_session(folder, repair=False)
                 self._speech[folder] = speech = speech_in(session, self._ids, seen)
                 file = self._journal.name_of(folder / "events.mcap")
@@ -610,7 +610,7 @@ class _Forgetting:
             file = self._journal.name_of(path)
             if file in waiting:
                 still += len(hits)
-            elif self._texts.kept(file):
+            elif self._texts.retains_name(file):
                 kept += len(hits)
             else:
                 left.append(file)
@@ -686,7 +686,7 @@ class _Forgetting:
         self._progress(min(1.0, fraction), what if isinstance(what, LocalizedText) else self._without_names(what))
 
     @contextlib.contextmanager
-    def _told(self, folder: Path) -> Iterator[None]:
+    def _reporting_problems(self, folder: Path) -> Iterator[None]:
         """Report problems of one session and continue with the others."""
         try:
             yield

@@ -73,11 +73,11 @@ class TextWork:
         """Places without a decision."""
         return [place for place in self.places.values() if not self.decided(place)]
 
-    def kept(self, file: str) -> bool:
+    def retains_name(self, file: str) -> bool:
         """True if a decision keeps the person's name in a file."""
         return any(place.file == file and self.decided(place) == "keep" for place in self.places.values())
 
-    def look(self, text: str, file: str, where: Callable[[], str]) -> list[tuple[int, int, Decision]]:
+    def find(self, text: str, file: str, where: Callable[[], str]) -> list[tuple[int, int, Decision]]:
         """Matches in a text, each with its decision."""
         spoken = list(self.sentences.spans(text))
         found: list[tuple[int, int, Decision]] = [(start, end, "redact") for start, end in spoken]
@@ -114,7 +114,7 @@ class TextWork:
         """Redact names by decision, and the person's speech; return the text and the number of changes."""
         quiet = replace(self, places={})
         changed, words = without_words(text, self.utterances)
-        changed, count = redacted(changed, quiet.look(changed, file, str), yaml=yaml)
+        changed, count = redacted(changed, quiet.find(changed, file, str), yaml=yaml)
         return changed, words + count
 
     def _noted(self, place: Passage) -> Decision:
@@ -156,7 +156,7 @@ def inspect_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
     """List the places of a file; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for number, line in enumerate(lines_of(path, encoding), start=1):
-        found = work.look(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
+        found = work.find(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
         wanted = wanted or _is_to_change(found)
     return wanted
 
@@ -179,7 +179,7 @@ def inspect_photo(work: TextWork, path: Path, file: str) -> bool:
     """List the places in a PNG's texts; True if anything is to be redacted. Raises OSError."""
     wanted = False
     for name, text in _photo_texts(path).items():
-        wanted = _is_to_change(work.look(text, file, lambda name=name: f"its {name}")) or wanted  # type: ignore[misc]
+        wanted = _is_to_change(work.find(text, file, lambda name=name: f"its {name}")) or wanted  # type: ignore[misc]
     return wanted
 
 
@@ -214,13 +214,13 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
     with path.open("rb") as opened:
         index = mcap_chunks.scan(opened)
 
-        def look(value: bytes) -> bytes:
-            spans = work.look(_text_of(value), file, lambda: "what heads the record")
+        def scan(value: bytes) -> bytes:
+            spans = work.find(_text_of(value), file, lambda: "what heads the record")
             found.to_change |= _is_to_change(spans)
             return value
 
         for record in index.beside:
-            _changed_metadata(record, look)
+            _changed_metadata(record, scan)
         for number in range(index.count):
             try:
                 content = mcap_chunks.read_block(opened, index, number)
@@ -230,7 +230,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
                 text = _text_of(content[message.start : message.end])
                 text, words = without_words(text, work.utterances)
                 found.to_change = found.to_change or words > 0
-                spans = work.look(text, file, lambda text=text: _moment_of(text, moment))  # type: ignore[misc]
+                spans = work.find(text, file, lambda text=text: _moment_of(text, moment))  # type: ignore[misc]
                 if _is_to_change(spans):
                     found.to_change = True
                     utterance = _UTTERANCE.search(text)

@@ -101,9 +101,9 @@ class Blurring:
         """Set the consents, also for waiting frames: a withdrawn consent applies at once."""
         self._consents = consents
 
-    def look(self, people: People, now_ns: int) -> None:
+    def add_detections(self, people: People, now_ns: int) -> None:
         """Add the detections of one frame, also while nobody is to be covered: that may begin with the next frame."""
-        self._line(people.camera).look(people, now_ns)
+        self._line(people.camera).add_detections(people, now_ns)
         self.go_on(now_ns)
 
     def add(
@@ -179,7 +179,7 @@ class _Line:
         self._looks: list[People] = []
         self._heard_ns: int | None = None
 
-    def look(self, people: People, now_ns: int) -> None:
+    def add_detections(self, people: People, now_ns: int) -> None:
         self._heard_ns = now_ns
         insort(self._looks, people, key=_stamp_of)
         del self._looks[:-_KEPT_LOOKS]

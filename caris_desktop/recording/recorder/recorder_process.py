@@ -165,7 +165,7 @@ class _Recorder:
                 self._report_outlet(self._offer_markers(offered=message.offered, words=message.words))
             case _:
                 if isinstance(message, People):
-                    self._blurring.look(message, clock.now_ns())
+                    self._blurring.add_detections(message, clock.now_ns())
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
 

@@ -447,7 +447,7 @@ class SessionRecorder:
             # Arrivals never decrease: a replay would show the frame after values that came meanwhile.
             self._put(spec, ref, arrived_ns)
 
-        def keep(covered: NDArray[np.uint8]) -> None:
+        def write(covered: NDArray[np.uint8]) -> None:
             if self._video_ended:
                 return
             if not self._media.add_frame(ref, covered):
@@ -455,7 +455,7 @@ class SessionRecorder:
             elif not waits:
                 self._put(spec, ref, arrived_ns)
 
-        self._when_covered(ref, image_bgr, keep)
+        self._when_covered(ref, image_bgr, write)
 
     def _write_sound(self, chunk: AudioChunk) -> None:
         if not self._audio_permitted or self._audio_ended:

@@ -593,7 +593,10 @@ def _driving(facts: SessionData) -> Driving:
     distance_m: float | None = None
     speed_mps: float | None = None
     if facts.odometry_ns.size:
-        distance_m, speed_mps = way_m(facts.odometry_ns, facts.odometry[:, :2]), float(facts.odometry[:, 2].max())
+        distance_m, speed_mps = (
+            trajectory_length_m(facts.odometry_ns, facts.odometry[:, :2]),
+            float(facts.odometry[:, 2].max()),
+        )
         if not np.ptp(facts.odometry[:, :2], axis=0).any():
             # Odometry with velocity only, without poses.
             steps_s = np.minimum(np.diff(facts.odometry_ns) / 1e9, _LONGEST_STEP_S)
@@ -612,7 +615,7 @@ def _driving(facts: SessionData) -> Driving:
     )
 
 
-def way_m(stamps_ns: NDArray[np.int64], points_m: NDArray[np.float64]) -> float:
+def trajectory_length_m(stamps_ns: NDArray[np.int64], points_m: NDArray[np.float64]) -> float:
     """Path length through the points, shape (n, 2), without implausible jumps."""
     steps_m = np.hypot(*np.diff(points_m, axis=0).T)
     seconds = np.diff(stamps_ns) / 1e9
@@ -763,7 +766,8 @@ MEASURES: tuple[Measure, ...] = (
            lambda m: m.driving.guard_interventions),
     Measure("protocol_steps", "", "Steps of the protocol; nothing, as below, where there was none.", _of_steps(len)),
     Measure("steps_visited", "", "Of these, how many were begun.", _of_steps(lambda s: sum(x.visits > 0 for x in s))),
-    Measure("steps_skipped", "", "Of these, how many were skipped.", _of_steps(lambda s: sum(x.skipped > 0 for x in s))),
+    Measure("steps_skipped", "", "Of these, how many were skipped.",
+           _of_steps(lambda s: sum(x.skipped > 0 for x in s))),
     Measure("steps_late", "", "Of these, how many took a second or more longer than expected.",
            _of_steps(lambda s: sum(x.late_s >= LATE_FROM_S for x in s))),
     Measure("steps_late_s", "s", "By how much longer, all in all.", _of_steps(lambda s: sum(x.late_s for x in s))),

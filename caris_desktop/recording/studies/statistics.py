@@ -240,16 +240,16 @@ def _export(
         target = tables / folder.name
         signature = content_signature(folder)
 
-        def tell(fraction: float, *, number: int = number, name: str = folder.name) -> None:
+        def report(fraction: float, *, number: int = number, name: str = folder.name) -> None:
             progress(0.95 * (number + fraction) / len(folders), f"{name} to tables")
 
-        tell(0.0)
+        report(0.0)
         if known.get(folder.name) == signature and target.is_dir():
             continue
         _remove(target)
         known.pop(folder.name, None)
         try:
-            export_session(folder, "parquet", target, ExportContext(progress=tell, pseudonyms=pseudonyms))
+            export_session(folder, "parquet", target, ExportContext(progress=report, pseudonyms=pseudonyms))
         except ExportError as error:
             problems.append(f"{folder.name}: {error}")
         else:

@@ -157,12 +157,12 @@ class StudyIndex:
     def rebuild(self, progress: Callable[[float], None] = _no_progress) -> None:
         """Clear the index and read all sessions again. Raises OSError as :meth:`update`."""
 
-        def anew() -> None:
+        def rebuild_all() -> None:
             with self._database:
                 self._forget(self._database.execute("SELECT id FROM session").fetchall())
             self._update(progress)
 
-        self._whole(anew)
+        self._whole(rebuild_all)
 
     def sessions(self, query: SessionQuery | None = None) -> tuple[SessionEntry, ...]:
         """Matching sessions, newest first."""
@@ -298,7 +298,7 @@ class StudyIndex:
         except sqlite3.Error as error:
             _log.warning("%s: %s", self._path, error)
             self._database.close()
-            self._database = self._anew(error) if _is_damage(error) else self._in_memory(str(error))
+            self._database = self._recreate(error) if _is_damage(error) else self._in_memory(str(error))
             self._update(_no_progress)
             return act()
 
@@ -310,13 +310,13 @@ class StudyIndex:
         except sqlite3.Error as error:
             if database is not None:
                 database.close()
-            return self._anew(error) if _is_damage(error) else self._in_memory(str(error))
+            return self._recreate(error) if _is_damage(error) else self._in_memory(str(error))
         if foreign:
             database.close()
             return self._in_memory(QT_TR_NOOP("it is a database of something else"))
         return database
 
-    def _anew(self, damage: sqlite3.Error) -> sqlite3.Connection:
+    def _recreate(self, damage: sqlite3.Error) -> sqlite3.Connection:
         """Empty index in place of a damaged one."""
         _log.warning("%s is made anew: %s", self._path, damage)
         database: sqlite3.Connection | None = None

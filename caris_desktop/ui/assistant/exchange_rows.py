@@ -67,7 +67,7 @@ class ExchangeRows(QScrollArea):
             if self._column.indexOf(row) != place:
                 self._column.removeWidget(row)
                 self._column.insertWidget(place, row)
-            row.tell(exchange, current=exchange.exchange_id == current, live=live, speaks=speaks)
+            row.show_exchange(exchange, current=exchange.exchange_id == current, live=live, speaks=speaks)
         if len(self._rows) != count:
             self.updateGeometry()
 
@@ -122,10 +122,10 @@ class _Row(QWidget):
         line.addWidget(self.away)
         theme.changed.connect(self.update)
 
-    def tell(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
+    def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
         words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
         role = {"answered": "green", "failed": "amber"}.get(exchange.state, "dim")
-        if exchange.under_way:
+        if exchange.is_pending:
             role = "blue"
         self._state.setText(words)
         self._theme.color_text(self._state, "dim" if exchange.use else role)
@@ -136,8 +136,8 @@ class _Row(QWidget):
         self.say.setToolTip(tr("Say this answer"))
         self.say.setAccessibleName(tr("Say the answer to: {question}").format(question=exchange.question))
         self.away.setEnabled(live)
-        self.away.setToolTip(tr("Cancel this question") if exchange.under_way else tr("Put this question away"))
-        away = tr("Cancel: {question}") if exchange.under_way else tr("Put away: {question}")
+        self.away.setToolTip(tr("Cancel this question") if exchange.is_pending else tr("Put this question away"))
+        away = tr("Cancel: {question}") if exchange.is_pending else tr("Put away: {question}")
         self.away.setAccessibleName(away.format(question=exchange.question))
         if current != self._current:
             self._current = current

@@ -60,7 +60,7 @@ class PromptContextChips(FlowRow):
             self._pictures.clear()
             self._show()
 
-    def keep(self, left_out: Sequence[str], pictures: Sequence[str]) -> None:
+    def restore(self, left_out: Sequence[str], pictures: Sequence[str]) -> None:
         """Restore the state of the former panel."""
         self._left_out, self._pictures = set(left_out), list(pictures)
         self._show()

@@ -19,7 +19,7 @@ _ABOVE_PX, _BELOW_PX = 5, 6
 
 
 @dataclass(frozen=True, slots=True)
-class RowLook:
+class RowHighlight:
     """Highlighting of a turn. ``ahead``: after the current time of a replay. ``found``: searched words in it."""
 
     raised: bool
@@ -53,7 +53,7 @@ class RowPainter:
         line_px = metrics.lineSpacing()
         return lambda row: _ABOVE_PX + _HEAD_PX + line_px * (1 + len(row.words) // per_line) + _BELOW_PX
 
-    def paint(self, painter: QPainter, rect: QRect, row: TranscriptRow, look: RowLook) -> None:
+    def paint(self, painter: QPainter, rect: QRect, row: TranscriptRow, look: RowHighlight) -> None:
         theme, ground = self._theme, QRectF(rect).adjusted(6, 1, -6, -1)
         if look.raised:
             painter.setPen(Qt.PenStyle.NoPen)

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import QAbstractScrollArea, QFrame, QToolTip
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import tokens
-from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowLook, RowPainter, words_rect
+from caris_desktop.ui.conversation.transcript_painting import SIDE_PX, WORDS_PX, RowHighlight, RowPainter, words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_regions import AccessibleRegion, AccessibleRegions
@@ -491,12 +491,12 @@ class TranscriptView(QAbstractScrollArea):
             return
         for row in self.visible_rows():
             if self.row_rect(row).intersects(event.rect()):
-                self._painter.paint(painter, self.row_rect(row), self._rows[row], self._look(row))
+                self._painter.paint(painter, self.row_rect(row), self._rows[row], self._highlight(row))
 
-    def _look(self, number: int) -> RowLook:
+    def _highlight(self, number: int) -> RowHighlight:
         row = self._rows[number]
         current = row.utterance_id == self._current
-        return RowLook(
+        return RowHighlight(
             raised=current or number == self._now_row,
             focused=current and self.hasFocus(),
             ahead=self._now_row is not None and number > self._now_row,

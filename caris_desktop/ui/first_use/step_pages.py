@@ -170,14 +170,14 @@ class LivePicture(QWidget):
         self._console = console
         self._image: QImage | None = None
         self._timer = QTimer(self, interval=_PICTURE_EVERY_MS)
-        self._timer.timeout.connect(self.look)
+        self._timer.timeout.connect(self.refresh)
         self._timer.start()
 
     @property
     def shows_picture(self) -> bool:
         return self._image is not None
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Update the preview if visible."""
         stream = self._console.state.frame
         if not self.isVisible():

@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class WorkingCopy:
     """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
 
     arrangement: DockLayout
@@ -29,7 +29,7 @@ class LayoutFile:
     def __init__(self, values: WizardProfiles) -> None:
         self._values = values
 
-    def working(self, scenario: str, kind: SizeClass, file_tree: LayoutNode) -> Kept | None:
+    def working(self, scenario: str, kind: SizeClass, file_tree: LayoutNode) -> WorkingCopy | None:
         """The working copy, or None. Raises ValueError if unreadable; it is then set aside."""
         text = str(self._values.value(_WORKING, "{}"))
         everything = _read(text)
@@ -44,13 +44,15 @@ class LayoutFile:
         try:
             if not isinstance(entry, dict):
                 raise ValueError("it is no group of keys")  # noqa: TRY004, TRY301
-            return Kept(arrangement_from(entry.get("arrangement")), entry.get("of") != layout_data(file_tree))
+            return WorkingCopy(arrangement_from(entry.get("arrangement")), entry.get("of") != layout_data(file_tree))
         except (ValueError, RecursionError) as error:
             self._put_aside(scenario, json.dumps({scenario: {kind: entry}}))
             self._write(scenario, kind, None)
             raise ValueError(str(error)) from error
 
-    def keep(self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None) -> None:
+    def save_working_copy(
+        self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None
+    ) -> None:
         """Save a working copy; None if the layout equals the file's."""
         entry = None
         if arrangement is not None:

@@ -168,7 +168,7 @@ class AssistantPanel(Panel):
         self.update_view()
 
     def use_settings(self, settings: PanelSettings) -> None:
-        self.along.keep(settings.assistant.left_out, self.along.pictures)
+        self.along.restore(settings.assistant.left_out, self.along.pictures)
 
     def save_state(self) -> Any:
         return self.field.text(), self.along.left_out, self.along.pictures
@@ -176,7 +176,7 @@ class AssistantPanel(Panel):
     def restore_state(self, lasting: Any) -> None:
         text, left_out, pictures = lasting
         self.field.setText(text)
-        self.along.keep(left_out, pictures)
+        self.along.restore(left_out, pictures)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -356,14 +356,14 @@ class AssistantPanel(Panel):
             self._stop_editing()
         if not self._editing and self._answer.toPlainText() != shown.answer:
             self._show_answer(shown.answer)
-        if self._shown.under_way and not shown.under_way:
+        if self._shown.is_pending and not shown.is_pending:
             # Scroll a completed answer to its beginning.
             self._answer.verticalScrollBar().setValue(0)
         self._shown = shown
         live = self._live
         speaks = self._speaks
         self._rows.show_rows(exchanges, shown.exchange_id, live=live, speaks=speaks)
-        has_answer = bool(shown.answer.strip()) and not shown.under_way
+        has_answer = bool(shown.answer.strip()) and not shown.is_pending
         self._question.setText(
             tr("You asked: {question}").format(question=text_formatting.shortened(shown.question, 140))
             if shown.question
@@ -380,11 +380,11 @@ class AssistantPanel(Panel):
         self._again.setEnabled(live)
         again = shown.state in ("failed", "cancelled") and bool(shown.question) and not has_answer
         offered = {
-            self._say: speaks and not shown.under_way and not again,
-            self._edit: speaks and not shown.under_way and not again,
+            self._say: speaks and not shown.is_pending and not again,
+            self._edit: speaks and not shown.is_pending and not again,
             self._again: again,
-            self._cancel: shown.under_way,
-            self._dismiss: bool(shown.exchange_id) and not shown.under_way,
+            self._cancel: shown.is_pending,
+            self._dismiss: bool(shown.exchange_id) and not shown.is_pending,
         }
         self._offered = [button for button, is_offered in offered.items() if is_offered]
         for button in offered:
@@ -396,7 +396,7 @@ class AssistantPanel(Panel):
         self._show_parts()
 
     def _show_fact(self, status: AssistantStatus) -> None:
-        under_way = sum(exchange.under_way for exchange in status.exchanges)
+        under_way = sum(exchange.is_pending for exchange in status.exchanges)
         match status.state:
             case "ready":
                 self.set_fact(status.model or tr("ready"))
@@ -442,7 +442,7 @@ class AssistantPanel(Panel):
             text = tr(status.detail) or tr("No language model is set up.")
         elif shown.state == "preparing":
             text = tr("Reading the pictures…")
-        elif shown.under_way and not shown.answer:
+        elif shown.is_pending and not shown.answer:
             text = tr(shown.detail) or tr("Thinking…")
         elif self._editing:
             text = tr("Change the words. Enter says them.")

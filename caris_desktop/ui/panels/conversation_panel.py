@@ -243,14 +243,14 @@ class ConversationPanel(Panel):
         self._matches = found_in(self.view.rows, query)
         self._match = min(self._match, len(self._matches) - 1)
         self.view.show_found(self._matches, query)
-        self._search.tell(self._match, len(self._matches), query)
+        self._search.show_count(self._match, len(self._matches), query)
 
     def go_to_match(self, step: int) -> None:
         """Go to the next or previous match."""
         if self._matches:
             self._match = (self._match + step) % len(self._matches) if self._match >= 0 else len(self._matches) - 1
             self.view.show_turn(self._matches[self._match])
-        self._search.tell(self._match, len(self._matches), self._search.field.text())
+        self._search.show_count(self._match, len(self._matches), self._search.field.text())
 
     # ---- commands
 
@@ -321,7 +321,7 @@ class _SearchLine(QWidget):
         row.addWidget(self._found)
         row.addWidget(close)
 
-    def tell(self, match: int, count: int, query: str) -> None:
+    def show_count(self, match: int, count: int, query: str) -> None:
         if not query.strip():
             self._found.setText("")
         else:

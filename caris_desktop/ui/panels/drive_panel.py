@@ -271,7 +271,7 @@ class DrivePanel(Panel):
             self.set_fact(tr("not possible now"), "amber")
         elif drive.guard == "overridden":
             self.set_fact(tr("guard off"), "amber")
-        elif self.hold.held or self.hold.motion.wish.moving:
+        elif self.hold.held or self.hold.motion.command.moving:
             self.set_fact(tr("driving · {speed:.2f} m/s at most").format(speed=top_mps), "blue")
         elif by_itself and not text_formatting.goal_speed(self.state.robot.value, drive)[1]:
             self.set_fact(tr("goals: own speed"), "amber")
@@ -297,7 +297,7 @@ class DrivePanel(Panel):
         if drive.cap_reason:
             limited = tr("Limited to {percent:.0f} %: {reason}")
             return limited.format(percent=drive.cap_fraction * 100, reason=tr(drive.cap_reason)), "amber"
-        if self.hold.held or self.hold.motion.wish.moving:
+        if self.hold.held or self.hold.motion.command.moving:
             return tr("Let go to stop."), "dim"
         if going_to:
             speed, as_drive_says = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)

@@ -98,7 +98,7 @@ class MotionPanel(Panel):
         for part in (self._widget, self._widget.viewport()):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._told = ThrottledAccessibleDescription(self._widget, self.told)
+        self._told = ThrottledAccessibleDescription(self._widget, self.value_text)
         self._widget.ci.setContentsMargins(0, 0, 0, 0)
         self._widget.ci.layout.setSpacing(4)
         self._plots: list[Any] = []
@@ -254,7 +254,7 @@ class MotionPanel(Panel):
                 hatch.clear()
         self._drawn_ns = self._paused_at_ns
 
-    def told(self) -> str:
+    def value_text(self) -> str:
         """Current commanded and measured values as text for screen readers."""
         now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
         said = []

@@ -241,7 +241,7 @@ class PeoplePanel(Panel):
 
     def _show_selected(self, _person_id: object = None) -> None:
         if self.in_view:
-            self.list.show_meant(self.state.selected_person.value)
+            self.list.highlight_selected(self.state.selected_person.value)
 
     def _show_asked(self, _asked: object = None) -> None:
         asked: AskedAbout | None = self.state.asked_person.value

@@ -130,7 +130,7 @@ class VideoPanel(Panel):
         if state.frame.value is not None and state.frame.freshness == "fresh":
             self._on_frame_changed(state.frame.value)
         self._on_freshness_changed(state.frame.freshness)
-        self.strip.look()
+        self.strip.refresh_all()
 
     def show_scenario(self) -> None:
         self._offer_photos()
@@ -174,7 +174,7 @@ class VideoPanel(Panel):
         self.strip.setMinimumSize(0 if below else thick_px, thick_px if below else 0)
         self.strip.setMaximumSize(_ANY_PX if below else thick_px, thick_px if below else _ANY_PX)
         self.strip.use_place(place)
-        self.strip.look()
+        self.strip.refresh_all()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -301,7 +301,7 @@ class VideoPanel(Panel):
         self.view.show_out_of_reach(state.link.value.state == "lost")
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s, late=state.frame.arrives_late)
-        self._seen.look(self.view, now_s)
+        self._seen.add(self.view, now_s)
         self._told.changed()
         self.strip.refresh()
 

@@ -104,7 +104,7 @@ class AboutPage(QWidget):
         self._search.setAccessibleName(tr("Find in the history"))
         add_clear_button(self._search)
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
-        self._looking.timeout.connect(self.look_up)
+        self._looking.timeout.connect(self.request_history)
         self._search.textChanged.connect(lambda _text: self._looking.start())
         self.history = HistoryList(theme)
         self._no_history = QLabel(wordWrap=True)
@@ -301,7 +301,7 @@ class AboutPage(QWidget):
         if self._person is not None:
             self._do(intents.SplitPerson(self._person.person_id))
 
-    def look_up(self) -> None:
+    def request_history(self) -> None:
         """Request the history of the person."""
         if self._person is not None:
             self.history_wanted.emit(self._person.person_id, self._search.text())

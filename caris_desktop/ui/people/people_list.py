@@ -93,7 +93,7 @@ class PeopleList(FastTableView):
 
     # ---- display
 
-    def show_meant(self, person_id: str) -> None:
+    def highlight_selected(self, person_id: str) -> None:
         """Highlight the selected person."""
         if person_id != self._meant:
             self._meant = person_id
@@ -117,7 +117,7 @@ class PeopleList(FastTableView):
             self.scrollTo(self._people.index(row))
 
     @property
-    def meant(self) -> str:
+    def selected(self) -> str:
         return self._meant
 
     def bring_into_view(self, person_id: str) -> None:
@@ -404,7 +404,7 @@ class PersonDelegate(QStyledItemDelegate):
         if caption:
             self._paint_caption(painter, QRect(rect.left(), rect.top() - CAPTION_PX, rect.width(), CAPTION_PX), caption)
         naming = person.person_id == self._view.naming
-        if naming or person.person_id == self._view.meant:
+        if naming or person.person_id == self._view.selected:
             painter.fillRect(rect.adjusted(2, 1, -2, -1), theme.color("blue_soft"))
             painter.fillRect(QRect(rect.left() + 2, rect.top() + 1, 3, rect.height() - 2), theme.color("blue"))
         if self._view.hasFocus() and index.row() == self._view.currentIndex().row():

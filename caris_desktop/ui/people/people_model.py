@@ -10,7 +10,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order, standing_of, what_is_seen
+from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order, presence_of, what_is_seen
 
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _MANY = 20
@@ -128,7 +128,7 @@ class PeopleModel(QAbstractListModel):
         now_ns = self._present.now_ns()
         for row, person in enumerate(self._persons):
             # Rows of known people have no age: five hundred cost nothing per second.
-            if standing_of(person) == "known":
+            if presence_of(person) == "known":
                 seen: tuple[object, ...] = (person, self.knows(person.person_id), self.is_unconfirmed(person.person_id))
             else:
                 seen = (

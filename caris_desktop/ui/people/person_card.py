@@ -143,7 +143,7 @@ class PersonCard(QWidget):
         self._seen.setText(" · ".join(what_is_seen(person, now_ns)))
         self.about.show_person(person, self._groups())
         if newly:
-            self.about.look_up()
+            self.about.request_history()
         if self.page == "merge":
             self.merge.show_person(person, self._everyone())
 

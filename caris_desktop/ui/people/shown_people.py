@@ -28,7 +28,7 @@ _AHEAD_RAD = math.radians(8)
 _BESIDE_RAD = math.radians(110)
 
 
-def standing_of(person: PersonRow) -> Standing:
+def presence_of(person: PersonRow) -> Standing:
     if person.here:
         return "here"
     return "was" if person.since_ns else "known"
@@ -36,7 +36,7 @@ def standing_of(person: PersonRow) -> Standing:
 
 def is_nameless_past(person: PersonRow) -> bool:
     """Whether a former person has neither a name nor any notes."""
-    return standing_of(person) == "was" and not person.known and not text_formatting.has_given_name(person)
+    return presence_of(person) == "was" and not person.known and not text_formatting.has_given_name(person)
 
 
 def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
@@ -45,7 +45,7 @@ def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
     """
     groups: dict[Standing, list[PersonRow]] = {"here": [], "was": [], "known": []}
     for person in persons:
-        groups[standing_of(person)].append(person)
+        groups[presence_of(person)].append(person)
     groups["here"].sort(key=lambda person: person.since_ns)
     groups["was"].sort(key=lambda person: -person.last_seen_ns)
     groups["known"].sort(key=lambda person: text_formatting.person_name(person).casefold())
@@ -54,7 +54,7 @@ def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
 
 def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
     """Captions of the first row of each group. Present people need none."""
-    standings = [standing_of(person) for person in persons]
+    standings = [presence_of(person) for person in persons]
     firsts = {standing: standings.index(standing) for standing in CAPTIONS if standing in standings}
     return {
         row: f"{tr(CAPTIONS[standing])} · {standings.count(standing)}"
@@ -144,7 +144,7 @@ def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:
     """Parts of a row's second line, most important first, as a narrow row shows only the beginning."""
-    standing = standing_of(person)
+    standing = presence_of(person)
     if standing == "known":
         return [tr("known from before")]
     if standing == "was":
@@ -197,7 +197,7 @@ def buttons_of(
         return ()
     if not text_formatting.has_given_name(person):
         return RowButton("name", tr("Name"), "pencil-simple", tr("Give {name} a name").format(name=name)), card
-    if is_identified(person) and standing_of(person) == "here":
+    if is_identified(person) and presence_of(person) == "here":
         this_is_not = tr("This is not {name}. It is remembered.").format(name=name)
         return RowButton("not", "", "user-minus", this_is_not), rename, card
     return rename, card

@@ -15,7 +15,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.practice.training_record import PracticeRun, keep, practised
+from caris_desktop.ui.practice.training_record import PracticeRun, practised, save_run
 from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -176,7 +176,7 @@ class PracticeStrip(Bar, QWidget):
         if not self._kept:
             self._kept = True
             now = datetime.now(UTC).isoformat(timespec="seconds")
-            keep(
+            save_run(
                 self._wizards,
                 PracticeRun(now, status.done, len(STEPS), round(status.minutes, 1), status.score),
             )

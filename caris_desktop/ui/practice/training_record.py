@@ -32,7 +32,7 @@ def practised(wizards: WizardProfiles) -> tuple[PracticeRun, ...]:
     return tuple(run for run in runs if run is not None)
 
 
-def keep(wizards: WizardProfiles, run: PracticeRun) -> None:
+def save_run(wizards: WizardProfiles, run: PracticeRun) -> None:
     runs = (*practised(wizards), run)[-_AT_MOST:]
     wizards.set_value(_KEY, json.dumps([asdict(one) for one in runs]))
 

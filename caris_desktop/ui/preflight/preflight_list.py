@@ -45,14 +45,14 @@ class PreflightList(QScrollArea):
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        self._catch_up()
+        self._update_rows()
 
     def _on_changed(self, _checks: object) -> None:
         self._outdated = True
         if self.isVisible():
-            self._catch_up()
+            self._update_rows()
 
-    def _catch_up(self) -> None:
+    def _update_rows(self) -> None:
         if self._outdated:
             self._outdated = False
             self._show(self._console.state.preflight.value)
@@ -67,12 +67,12 @@ class PreflightList(QScrollArea):
     @property
     def rows(self) -> dict[str, "PreflightRow"]:
         """Rows by check id, in order."""
-        self._catch_up()
+        self._update_rows()
         return self._rows
 
     def height_px(self) -> int:
         """Height with all rows."""
-        self._catch_up()
+        self._update_rows()
         inner = self._inner
         return inner.heightForWidth(self.width()) if inner.hasHeightForWidth() else inner.sizeHint().height()
 

@@ -114,14 +114,14 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         asked = self._asked
         self._say(tr("The file is being read."))
 
-        def told(refusal: str) -> None:
+        def on_imported(refusal: str) -> None:
             if asked != self._asked:
                 return  # cancelled, or another file was chosen meanwhile
             self._say(refusal)
             if not refusal:
                 self.accept()
 
-        self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()), told)
+        self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
 
     def _forget(self) -> None:
         self._asked = -1

@@ -199,7 +199,7 @@ class TierDialog(VisualTabOrderMixin, QDialog):
     def sizeHint(self) -> QSize:
         return QSize(480, super().sizeHint().height())
 
-    def wish(self) -> TierRequest:
+    def requested_tier(self) -> TierRequest:
         coder, name = " ".join(self._coder.currentText().split()), " ".join(self._name.text().split())
         if self._tier is not None and self._name.text() == tr_filled(self._tier.title):
             name = self._tier.name
@@ -236,7 +236,7 @@ class TierDialog(VisualTabOrderMixin, QDialog):
         self.adjustSize()
 
     def _on_save(self) -> None:
-        wish = self.wish()
+        wish = self.requested_tier()
         if wish.vocabulary is not None and not wish.vocabulary.entries:
             refusal = tr("Write at least one label, or choose free text.")
         else:

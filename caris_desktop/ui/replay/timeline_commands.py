@@ -115,7 +115,7 @@ class TimelineCommands(QObject):
         if active is None:
             return
         from_ms = self.position_ms if selected is None else selected.start_ms
-        found = self._canvas.shown.track_of(active).beside(from_ms, direction)
+        found = self._canvas.shown.track_of(active).neighbour(from_ms, direction)
         if found is None:
             none = tr("No later annotation on {tier}.") if direction > 0 else tr("No earlier annotation on {tier}.")
             self.say(none.format(tier=active.name))
@@ -165,7 +165,7 @@ class TimelineCommands(QObject):
             return True
         self.set_open(None)
         end_ms = self.position_ms
-        following = self._own_track(stretch.tier_id).beside(stretch.start_ms, 1)
+        following = self._own_track(stretch.tier_id).neighbour(stretch.start_ms, 1)
         if following is not None:
             end_ms = min(end_ms, following.start_ms)
         if end_ms <= stretch.start_ms:

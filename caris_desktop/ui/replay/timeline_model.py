@@ -147,7 +147,7 @@ class Track:
                 return self.annotations[index]
         return None
 
-    def beside(self, at_ms: float, direction: int) -> Annotation | None:
+    def neighbour(self, at_ms: float, direction: int) -> Annotation | None:
         """Next annotation that starts after this time, or last one that starts before."""
         if direction > 0:
             index = int(np.searchsorted(self.starts_ms, at_ms, "right"))

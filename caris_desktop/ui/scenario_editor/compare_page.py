@@ -172,7 +172,7 @@ class ComparePage(QWidget):
 
     def _take(self, difference: Difference) -> None:
         self._editing.document.restore_state(difference.path, self._other_data)
-        self._editing.told(reshaped=True)
+        self._editing.emit_changes(reshaped=True)
 
 
 def _said_by(other: Other) -> tuple[str, dict[str, Any]]:

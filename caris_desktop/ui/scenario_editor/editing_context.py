@@ -29,7 +29,7 @@ class Editing(QObject):
         super().__init__(parent)
         self.document = document
 
-    def told(self, *, reshaped: bool = False) -> None:
+    def emit_changes(self, *, reshaped: bool = False) -> None:
         """Emit the signals of a change."""
         if reshaped:
             self.reshaped.emit()
@@ -37,23 +37,23 @@ class Editing(QObject):
 
     def set(self, path: KeyPath, value: Any) -> None:
         self.document.set(path, value)
-        self.told()
+        self.emit_changes()
 
     def clear(self, path: KeyPath) -> None:
         self.document.clear(path)
-        self.told()
+        self.emit_changes()
 
     def add(self, path: KeyPath, entry: Any) -> None:
         self.document.add(path, entry)
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
 
     def remove(self, path: KeyPath) -> None:
         self.document.remove(path)
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
 
     def move(self, path: KeyPath, place: int) -> None:
         self.document.move(path, place)
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
 
     def replace(self, path: KeyPath, value: Any) -> None:
         """Replace the whole value."""
@@ -62,16 +62,16 @@ class Editing(QObject):
         else:
             self.document.set(path, value)
         self.document.pause()
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
 
     def undo(self) -> UndoStep | None:
         step = self.document.undo()
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
         return step
 
     def redo(self) -> UndoStep | None:
         step = self.document.redo()
-        self.told(reshaped=True)
+        self.emit_changes(reshaped=True)
         return step
 
     def mistakes_at(self, path: KeyPath) -> list[Mistake]:

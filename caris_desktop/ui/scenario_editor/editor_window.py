@@ -339,7 +339,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def revert(self) -> None:
         self.text_page.flush()
         self.document.revert()
-        self.editing.told(reshaped=True)
+        self.editing.emit_changes(reshaped=True)
 
     # ---- saving
 

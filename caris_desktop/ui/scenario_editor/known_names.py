@@ -26,7 +26,7 @@ class KnownNames(QObject):
 
     def _on_read(self, files: dict[Known, tuple[str, ...]]) -> None:
         self._files = files
-        self._editing.told()
+        self._editing.emit_changes()
 
     def of(self, kind: Known) -> Names:
         state, data = self._state, self._editing.document.data

@@ -41,4 +41,4 @@ class RobotHere(ActionButton):
             ("heading_deg", round(math.degrees(pose.heading_rad))),
         ):
             document.set((*self._path, name), value)
-        self._context.editing.told()
+        self._context.editing.emit_changes()

@@ -112,7 +112,7 @@ class Saving(QObject):
             editor.document.set(_TITLE, self._title)
         editor.document.note_saved(self._sent, saved.text, saved.path)
         editor.leave_name()
-        editor.editing.told(reshaped=True)
+        editor.editing.emit_changes(reshaped=True)
         editor.compare_page.offer_again()
         said = tr("Saved in {file}.")
         if self._title and self._console.state.recording.value.state in IN_SESSION:
@@ -144,7 +144,7 @@ class Saving(QObject):
             try:
                 kept = self._rebase(found)
             except ValueError as error:
-                reason = _told(error)
+                reason = _error_text(error)
             else:
                 said = tr(
                     "It was not saved yet: the file was changed elsewhere, and is read anew. Your own changes stand in "
@@ -185,7 +185,7 @@ class Saving(QObject):
         try:
             kept = self._rebase(found)
         except ValueError as error:
-            notice.say("meanwhile", broken.format(reason=_told(error)), "red")
+            notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
             return
         said = tr("The file was changed elsewhere and is read anew.")
         if kept:
@@ -196,12 +196,12 @@ class Saving(QObject):
         """Rebase the edits onto the file's current contents; returns how many were kept. Raises ValueError."""
         kept = self._editor.document.rebase(found.text)
         self._opened = found
-        self._editor.editing.told(reshaped=True)
+        self._editor.editing.emit_changes(reshaped=True)
         self._editor.compare_page.offer_again()
         return len(kept)
 
 
-def _told(error: ValueError) -> str:
+def _error_text(error: ValueError) -> str:
     if isinstance(error, YamlSourceError):
         return tr("line {line}: {message}").format(line=error.line, message=error)
     return str(error)

@@ -72,7 +72,7 @@ class TextPage(QWidget):
                 document.pause()
             self._flushed_s = now_s
             document.set_text(typed)
-            self._editing.told(reshaped=True)
+            self._editing.emit_changes(reshaped=True)
 
     def _on_changed(self) -> None:
         if self.isVisible():

@@ -20,7 +20,7 @@ class SeenLately:
     def __init__(self) -> None:
         self._seen_s: dict[str, float] = {}
 
-    def look(self, view: FrameView, now_s: float) -> None:
+    def add(self, view: FrameView, now_s: float) -> None:
         """Add the visible people; call on each repaint."""
         self._seen_s.update({name: now_s for name, _named in view.visible_detections()})
         self._seen_s = {name: at_s for name, at_s in self._seen_s.items() if now_s - at_s <= _STILL_THERE_S}

@@ -65,7 +65,7 @@ class AccessibleRegions(QObject):
         for number, control in enumerate(self._controls):
             if number < len(seen):
                 spot = seen[number]
-                control.tell(spot, spot.rect.intersected(room).translated(origin))
+                control.show_spot(spot, spot.rect.intersected(room).translated(origin))
             elif not control.isHidden():
                 control.hide()
 
@@ -85,7 +85,7 @@ class _Control(QAbstractButton):
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.hide()
 
-    def tell(self, spot: AccessibleRegion, place: QRect) -> None:
+    def show_spot(self, spot: AccessibleRegion, place: QRect) -> None:
         self.key = spot.key
         if self.accessibleName() != spot.name:
             self.setAccessibleName(spot.name)

@@ -110,7 +110,7 @@ class SmallPicture(QAbstractButton):
             case _:
                 return "", tr("No picture at this moment")
 
-    def look(self) -> None:
+    def refresh_now(self) -> None:
         """Refresh now, after it was hidden."""
         if self._stream.value is not None and self._stream.freshness == "fresh":
             self._taken_s = -math.inf
@@ -283,10 +283,10 @@ class CameraStrip(QWidget):
         for picture in self.pictures:
             picture.refresh()
 
-    def look(self) -> None:
+    def refresh_all(self) -> None:
         """Refresh all thumbnails, when the panel becomes visible."""
         for picture in self.pictures:
-            picture.look()
+            picture.refresh_now()
 
     def _on_clicked(self) -> None:
         picture = self.sender()

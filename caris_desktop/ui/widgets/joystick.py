@@ -58,9 +58,9 @@ class Joystick(QWidget):
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, let go to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
-        self._told = ThrottledAccessibleDescription(self, self.told)
+        self._told = ThrottledAccessibleDescription(self, self.command_text)
 
-    def told(self) -> str:
+    def command_text(self) -> str:
         """Current command as text."""
         if not self.isEnabled():
             return tr("Off")
@@ -81,7 +81,7 @@ class Joystick(QWidget):
         return ", ".join(parts) or tr("At rest")
 
     @property
-    def wish(self) -> TeleopCommand:
+    def command(self) -> TeleopCommand:
         return self._wish
 
     @property

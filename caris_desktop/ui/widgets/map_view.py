@@ -107,7 +107,7 @@ class MapView(QWidget):
         if self.shown.pose is not None:
             self.shown.trail.add(self.shown.pose)
             if self._press is None and self._pan_from is None and self.shown.aim is None:
-                self._keep_up_with(self.shown.pose)
+                self._follow_pose(self.shown.pose)
         self._update_soon()
 
     def show_scan(self, scan: LaserScan | None) -> None:
@@ -216,7 +216,7 @@ class MapView(QWidget):
             self.moved.emit()
             self.update()
 
-    def _keep_up_with(self, pose: Pose2D) -> None:
+    def _follow_pose(self, pose: Pose2D) -> None:
         if self.follow:
             self.viewport.center = QPointF(pose.x_m, pose.y_m)
         if self.shown.rotate:

@@ -5,13 +5,13 @@ import numpy as np
 
 from caris_desktop.conversation.face.drawing import Box, Lips, Words, drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import FaceMotion, Look, SpokenLoudness, loudness
+from caris_desktop.conversation.face.face_motion import FaceMotion, FaceState, SpokenLoudness, loudness
 
 FRAME_NS = 40_000_000
 UNBLINKING = Face("A", blink_every_s=0.0)
 
 
-def looks(motion: FaceMotion, seconds: float, *, from_s: float = 0.0) -> list[Look]:
+def looks(motion: FaceMotion, seconds: float, *, from_s: float = 0.0) -> list[FaceState]:
     return [motion.at(round(from_s * 1e9) + number * FRAME_NS) for number in range(round(seconds * 25))]
 
 
@@ -62,17 +62,17 @@ def test_a_voice_that_nobody_hears_here_moves_the_mouth_in_syllables_until_it_en
 
 def test_what_is_drawn_follows_the_look() -> None:
     face = UNBLINKING
-    plain = drawing_of(face, Look())
-    right = drawing_of(face, Look(gaze_right=1.0, gaze_up=1.0))
+    plain = drawing_of(face, FaceState())
+    right = drawing_of(face, FaceState(gaze_right=1.0, gaze_up=1.0))
     eyes = [shape for shape in plain.shapes if isinstance(shape, Box)]
     moved = [shape for shape in right.shapes if isinstance(shape, Box)]
     assert all(after.x > before.x and after.y < before.y for before, after in zip(eyes, moved, strict=True))
     (mouth,) = (shape for shape in plain.shapes if isinstance(shape, Lips))
-    (speaking,) = (shape for shape in drawing_of(face, Look(mouth_open=1.0)).shapes if isinstance(shape, Lips))
+    (speaking,) = (shape for shape in drawing_of(face, FaceState(mouth_open=1.0)).shapes if isinstance(shape, Lips))
     assert speaking.lower - speaking.upper > mouth.lower - mouth.upper + 5
-    captioned = drawing_of(face, Look(), caption="Hello")
+    captioned = drawing_of(face, FaceState(), caption="Hello")
     (words,) = (shape for shape in captioned.shapes if isinstance(shape, Words))
     (raised,) = (shape for shape in captioned.shapes if isinstance(shape, Lips))
     assert words.text == "Hello" and raised.y < mouth.y < words.y
-    assert len(drawing_of(face, Look(hearing=1.0)).shapes) == len(plain.shapes) + 1
-    assert drawing_of(replace(face, ink="#ffffff"), Look()).plain()["shapes"][0]["ink"] == "#ffffff"
+    assert len(drawing_of(face, FaceState(hearing=1.0)).shapes) == len(plain.shapes) + 1
+    assert drawing_of(replace(face, ink="#ffffff"), FaceState()).plain()["shapes"][0]["ink"] == "#ffffff"

@@ -10,7 +10,7 @@ from websockets.exceptions import InvalidStatus
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import Face
-from caris_desktop.conversation.face.face_motion import Look
+from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.conversation.face.page import FacePage, drawn
 
 FACE = Face("A")
@@ -53,11 +53,11 @@ def test_a_page_gets_what_is_shown_now_each_change_and_a_sign_of_life() -> None:
 
     async def story() -> None:
         async with served(told.append) as (page, address):
-            page.show(drawn(drawing_of(FACE, Look())))
+            page.show(drawn(drawing_of(FACE, FaceState())))
             async with connect(address.replace("http", "ws") + "face") as socket:
                 first = json.loads(await socket.recv())
                 assert [shape["kind"] for shape in first["drawing"]["shapes"]] == ["box", "box", "lips"]
-                page.show(drawn(drawing_of(FACE, Look(), caption="Hello")))
+                page.show(drawn(drawing_of(FACE, FaceState(), caption="Hello")))
                 assert json.loads(await socket.recv())["drawing"]["shapes"][-1]["text"] == "Hello"
                 page.show(b"\xff\xd8 a picture")
                 assert await socket.recv() == b"\xff\xd8 a picture"
@@ -75,7 +75,7 @@ def test_a_page_that_does_not_read_holds_up_nobody_and_gets_the_newest() -> None
             connect(address.replace("http", "ws") + "face", max_queue=1) as slow,
         ):
             for number in range(1000):
-                page.show(drawn(drawing_of(FACE, Look(), caption=f"{number} " + 2000 * "word ")))
+                page.show(drawn(drawing_of(FACE, FaceState(), caption=f"{number} " + 2000 * "word ")))
                 await asyncio.sleep(0)
             seen: list[str] = []
             while not seen or not seen[-1].startswith("999 "):

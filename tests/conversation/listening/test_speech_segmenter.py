@@ -12,7 +12,7 @@ from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
 from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.heard_turn import Stretch
+from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_agreement import HeardWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
@@ -74,8 +74,8 @@ class Bench:
         self.own_words: Any = own_words or Known()
         self.told: list[Any] = []
         self.now_s = 10.0
-        self.asked: list[Stretch] = []
-        self.answer: Callable[[Stretch], HeardText | None] = self.words
+        self.asked: list[TurnInterval] = []
+        self.answer: Callable[[TurnInterval], HeardText | None] = self.words
         self.ear = SpeechSegmenter(
             source,
             TurnTaking(SilenceOfPeople(), SilenceBounds()),
@@ -86,7 +86,7 @@ class Bench:
             tell=self.told.append,
         )
 
-    def words(self, stretch: Stretch) -> HeardText:
+    def words(self, stretch: TurnInterval) -> HeardText:
         loud = np.flatnonzero(np.abs(stretch.sound) > 0.1) / RATE_HZ
         if not len(loud):
             return HeardText((), "en")

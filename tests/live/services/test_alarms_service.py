@@ -32,7 +32,7 @@ class Desk:
     def wait(self, seconds: float) -> None:
         self.now_ns += round(seconds * S)
         self.state.check_freshness()
-        self.service.look()
+        self.service.evaluate()
 
     def happens(self, event: object) -> None:
         self.service.follows()[type(event)](event)
@@ -58,7 +58,7 @@ def test_a_picture_that_stays_away_is_an_alarm_though_nobody_tells_of_it(desk: D
     assert desk.alarms == ["picture"]
     assert desk.state.alarms.value[0].what == "No picture comes from the camera front."
     desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
-    desk.service.look()
+    desk.service.evaluate()
     assert desk.alarms == []
     assert [(change.state, change.told) for change in desk.told] == [("raised", False), ("ended", False)]
 
@@ -220,11 +220,11 @@ def test_a_lidar_whose_stamps_are_beyond_belief_is_told(desk: Desk) -> None:
 
     for late_s, cause in ((3600.0, "scan_age"), (3.0, "lidar"), (0.05, "")):
         desk.state.take(scan(late_s))
-        desk.service.look()
+        desk.service.evaluate()
         for _ in range(60):
             desk.wait(0.1)
             desk.state.take(scan(late_s))
-            desk.service.look()
+            desk.service.evaluate()
         assert [one for one in desk.alarms if one in ("scan_age", "lidar")] == ([cause] if cause else [])
         if cause == "lidar":
             assert "old when they arrive" in desk.state.alarms.value[0].what

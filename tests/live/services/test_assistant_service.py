@@ -108,7 +108,7 @@ def new_desk(qtbot: QtBot) -> Iterator[Callable[..., Desk]]:
 
 def answered(desk: Desk, qtbot: QtBot, asked: intents.Ask) -> LlmExchange:
     desk.do(asked)
-    qtbot.waitUntil(lambda: not desk.rows[0].under_way)
+    qtbot.waitUntil(lambda: not desk.rows[0].is_pending)
     exchange = desk.published[-1]
     assert isinstance(exchange, LlmExchange)
     return exchange
@@ -265,7 +265,7 @@ def test_several_questions_are_asked_beside_one_another(new_desk: Callable[..., 
     desk = new_desk()
     for number in range(3):
         desk.do(intents.Ask(f"Question {number}?"))
-    qtbot.waitUntil(lambda: not any(row.under_way for row in desk.rows))
+    qtbot.waitUntil(lambda: not any(row.is_pending for row in desk.rows))
     assert [(row.question, row.answer) for row in desk.rows] == [
         (f"Question {number}?", "Well.") for number in (2, 1, 0)
     ]

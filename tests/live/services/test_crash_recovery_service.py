@@ -189,13 +189,13 @@ def test_the_next_recording_is_headed_by_it_and_ends_it(after_a_crash: Run) -> N
     run.ask(intents.GoOnWithTrial())
     run.ask(intents.ConfirmAsBefore("consent"))
     assert run.service.step == "kitchen"
-    heads = run.service.standing(7)
+    heads = run.service.state_events(7)
     assert [(type(event), event.stamp_ns) for event in heads] == [(TrialResumed, 7), (ConfirmedAsBefore, 7)]
     run.record("two")
     assert run.state.going_on.value.state == "", "the card is gone while it is recorded"
-    assert len(run.service.standing(8)) == 2, "as for what goes on after a pause"
+    assert len(run.service.state_events(8)) == 2, "as for what goes on after a pause"
     run.state.recording.set(replace(run.state.recording.value, state="idle"))
-    assert run.service.step == "" and run.service.standing(9) == [] and run.state.going_on.value.state == ""
+    assert run.service.step == "" and run.service.state_events(9) == [] and run.state.going_on.value.state == ""
 
 
 def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run) -> None:
@@ -283,7 +283,7 @@ def test_a_recording_that_ended_is_not_unfinished(run: Run, tmp_path: Path) -> N
 
 def test_who_does_not_want_to_go_on_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:
     after_a_crash.ask(intents.LeaveTrial())
-    assert after_a_crash.state.going_on.value.state == "" and after_a_crash.service.standing(1) == []
+    assert after_a_crash.state.going_on.value.state == "" and after_a_crash.service.state_events(1) == []
     another = runs()
     another.start()
     assert another.state.going_on.value.state == ""

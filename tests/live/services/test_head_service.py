@@ -61,14 +61,14 @@ def head(state: LiveState, robot: RecordingRobot) -> HeadService:
 def test_looking_somewhere_stays_within_what_the_neck_can_do(
     head: HeadService, state: LiveState, robot: RecordingRobot
 ) -> None:
-    head.look_at(pan_rad=3.0, tilt_rad=-0.1)
+    head.turn_to(pan_rad=3.0, tilt_rad=-0.1)
     [sent] = robot.sent
     assert (sent.pan_rad, sent.tilt_rad) == (1.0, -0.1)
     assert (state.look.value.pan_rad, state.look.value.tilt_rad) == (1.0, -0.1)
 
 
 def test_a_nod_goes_down_and_back_to_where_it_looked(qtbot: QtBot, head: HeadService, robot: RecordingRobot) -> None:
-    head.look_at(pan_rad=0.3, tilt_rad=-0.1)
+    head.turn_to(pan_rad=0.3, tilt_rad=-0.1)
     robot.sent.clear()
     head.nod()
     head.nod()
@@ -78,7 +78,7 @@ def test_a_nod_goes_down_and_back_to_where_it_looked(qtbot: QtBot, head: HeadSer
 
 def test_what_turns_the_head_ends_a_nod(qtbot: QtBot, head: HeadService, robot: RecordingRobot) -> None:
     head.nod()
-    head.look_at(pan_rad=0.5, tilt_rad=0.0)
+    head.turn_to(pan_rad=0.5, tilt_rad=0.0)
     qtbot.wait(600)
     assert (robot.sent[-1].pan_rad, len(robot.sent)) == (0.5, 2)
 
@@ -104,7 +104,7 @@ def test_it_turns_at_its_speed_while_held_and_not_longer(
 def test_it_turns_to_the_end_of_the_range_and_no_further(
     qtbot: QtBot, head: HeadService, robot: RecordingRobot
 ) -> None:
-    head.look_at(pan_rad=0.95, tilt_rad=0.0)
+    head.turn_to(pan_rad=0.95, tilt_rad=0.0)
     head.turn_head(pan=1.0, tilt=0.0)
     qtbot.waitUntil(lambda: len(robot.sent) >= 5)
     head.release()
@@ -139,14 +139,14 @@ def test_what_ends_a_turn(
     assert len(robot.sent) == sent
     if ending in ("emergency stop", "link lost"):
         head.turn_head(pan=1.0, tilt=0.0)
-        head.look_at(pan_rad=0.1, tilt_rad=0.0)
+        head.turn_to(pan_rad=0.1, tilt_rad=0.0)
         assert len(robot.sent) == sent, "nothing moves it meanwhile"
 
 
 def test_a_robot_without_a_head_has_none_to_turn(head: HeadService, state: LiveState, robot: RecordingRobot) -> None:
     assert state.look.value.present
     state.robot.set(replace(PROFILE, head=None))
-    head.look_at(pan_rad=0.1, tilt_rad=0.0)
+    head.turn_to(pan_rad=0.1, tilt_rad=0.0)
     head.turn_head(pan=1.0, tilt=0.0)
     assert not state.look.value.present
     assert robot.sent == []

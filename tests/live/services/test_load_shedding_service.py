@@ -51,7 +51,7 @@ class Machine:
     ) -> int:
         for number in range(round(seconds * 1000 / LOOK_EVERY_MS)):
             self.now_ns += LOOK_EVERY_MS * 1_000_000
-            self.steps.look(
+            self.steps.add_samples(
                 late_ms if number % once_in == 0 else 0.0, self.now_ns,
                 frame_age_ms=frame_age_ms, detection_ms=detection_ms,
             )  # fmt: skip

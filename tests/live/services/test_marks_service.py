@@ -87,10 +87,10 @@ def test_stretches_go_on_until_they_end(desk: Desk) -> None:
 def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
     mark_id = desk.mark("Laughs")
     pressed_ns = desk.last.stamp_ns
-    desk.marks.stretch(intents.StretchMark(mark_id))
+    desk.marks.open_interval(intents.StretchMark(mark_id))
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [mark_id]
     desk.marks.end_mark(mark_id)
-    desk.marks.stretch(intents.StretchMark(mark_id))
+    desk.marks.open_interval(intents.StretchMark(mark_id))
     assert (desk.last.start_ns, desk.last.end_ns) == (pressed_ns, desk.last.stamp_ns)
     assert [mark.state for mark in desk.told] == ["done", "open", "done"]
 

@@ -286,7 +286,7 @@ PIECE = np.full((1600, 1), 8192, np.int16)
 
 def hear_robot(bench: Bench) -> None:
     bench.bus.publish(AudioChunk(clock.now_ns(), "robot microphone", 16000, PIECE))
-    bench.service._distant.look()
+    bench.service._distant.update_status()
 
 
 def test_the_robots_microphone_is_asked_for_where_it_has_one(qapp: QApplication) -> None:
@@ -342,13 +342,13 @@ def test_a_robot_that_sends_no_sound_is_told_once_and_keeps_nobody_waiting(
     bench.state.robot.set(EARED)
     bench.service.open_and_then(bench.begin)
     monkeypatch.setattr(remote_microphone, "_SILENT_NS", 0)
-    bench.service._distant.look()
+    bench.service._distant.update_status()
     assert bench.begun == 1
     assert bench.state.microphone.value.state == "failed"
     assert bench.told == [], "a robot that is not there yet sends nothing, and that is no news"
     bench.state.link.set(LinkStatus("connected"))
-    bench.service._distant.look()
-    bench.service._distant.look()
+    bench.service._distant.update_status()
+    bench.service._distant.update_status()
     assert bench.begun == 1
     assert bench.told == ["No sound comes from a microphone that is open: the robot's microphone."]
     monkeypatch.undo()

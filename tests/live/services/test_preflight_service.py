@@ -84,11 +84,11 @@ def test_what_changes_is_looked_at_anew(bench: Bench) -> None:
     assert bench.check("emergency_stop").state == "major"
     assert bench.check("microphone").state == "not checked"
     bench.state.microphone.set(MicrophoneStatus("on", level=0.01))
-    bench.service.look()
+    bench.service.evaluate()
     assert bench.check("microphone").state == "pending"
     bench.speak()
     bench.state.microphone.set(MicrophoneStatus())
-    bench.service.look()
+    bench.service.evaluate()
     assert bench.check("microphone").state == "passed", "it was heard before it was closed"
 
 
@@ -105,7 +105,7 @@ def test_a_lost_link_takes_everything_back_and_says_so(bench: Bench, gone: LinkS
     bench.link("connected")
     assert bench.check(SIGNED).state == "not checked", "it is looked after again"
     bench.state.microphone.set(MicrophoneStatus())
-    bench.service.look()
+    bench.service.evaluate()
     assert bench.check("microphone").state == "not checked"
 
 
@@ -119,13 +119,13 @@ def test_another_robot_is_looked_after_anew(bench: Bench) -> None:
 def test_a_recording_is_told_how_everything_stood(bench: Bench) -> None:
     bench.state.drive.set(DriveStatus(emergency_stop=True))
     bench.tick()
-    told = {event.check_id: event for event in bench.service.standing(accepted=True)}
+    told = {event.check_id: event for event in bench.service.state_events(accepted=True)}
     assert set(told) == {check.id for check in bench.state.preflight.value}
     assert all(isinstance(event, PreflightChecked) and event.at_start for event in told.values())
     assert (told["emergency_stop"].state, told["emergency_stop"].accepted) == ("major", True)
     assert (told[SIGNED].state, told[SIGNED].actor, told[SIGNED].accepted) == ("passed", WIZARD, False)
     assert told["by hand: Emergency button in reach"].accepted, "it was not ticked, and the wizard knew"
-    assert not any(event.accepted for event in bench.service.standing(accepted=False))
+    assert not any(event.accepted for event in bench.service.state_events(accepted=False))
 
 
 def test_while_a_recording_runs_the_checks_stand_and_the_next_one_begins_anew(bench: Bench) -> None:

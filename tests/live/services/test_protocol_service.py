@@ -35,7 +35,7 @@ class Desk:
             self.protocol.handlers()[type(intent)](intent)
 
     def standing(self, *, resumed: bool = False) -> list[Any]:
-        return self.protocol.standing(clock.now_ns(), resumed=resumed)
+        return self.protocol.state_events(clock.now_ns(), resumed=resumed)
 
     @property
     def status(self) -> ProtocolStatus:

@@ -93,7 +93,7 @@ def test_what_the_console_saves_itself_is_not_opened_anew(bench: Bench, qtbot: Q
     bench.service.handlers()[intents.SavePlace](intents.SavePlace("Here", Pose2D(1.0, 2.0, 0.0)))
     qtbot.waitUntil(lambda: len(bench.service.current.places) == 1, timeout=20_000)
     for _ in range(2):
-        bench.service._watch.look()
+        bench.service._watch.check_contents()
         done: list[None] = []
         bench.slow_work.do(lambda: None, done.append, pytest.fail)
         qtbot.waitUntil(lambda: done == [None], timeout=20_000)  # noqa: B023

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.search_terms import all_of
-from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person, under_way
+from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person, unfinished_erasures
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
@@ -30,7 +30,7 @@ def forget(study: Path) -> bool:
     """As the command does: what the database does not know any more nobody looks for."""
     known = (study / "people.sqlite").exists()
     names = (NAME,) if known else ()
-    if not known and PERSON not in under_way(study):
+    if not known and PERSON not in unfinished_erasures(study):
         return True
     request = ForgetRequest(study, (PERSON,), names, otherwise="redact")
     return forget_person(request, lambda: erase(study)).complete

@@ -22,7 +22,12 @@ from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.person_tracks import messages_of
 from caris_desktop.recording.forgetting.review import read_review
 from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError, all_of
-from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person, under_way
+from caris_desktop.recording.forgetting.study_erasure import (
+    ForgetRequest,
+    Forgotten,
+    forget_person,
+    unfinished_erasures,
+)
 from caris_desktop.recording.photo_file import PEOPLE, TAGS, change_texts, texts_of
 from caris_desktop.recording.recorder.media_writer import write_photo
 from caris_desktop.recording.session.folder_lock import hold
@@ -90,7 +95,7 @@ def test_nothing_of_them_is_found_any_more_and_the_receipt_proves_it(study: Path
     assert receipt["search_before"]["names"] >= sum(before.values())
     assert receipt["search_after"]["names"] == receipt["search_after"]["pictures"] == 0
     assert receipt["search_after"]["bytes"] >= sum(map(len, every_file(study / "sessions").values()))
-    assert PERSON not in under_way(study)
+    assert PERSON not in unfinished_erasures(study)
     assert (study / "notes.txt").read_text(encoding="utf-8") == f"[forgotten] was early. {OTHER} was late.\n"
     # What is exported from now on has nothing of them either.
     export_all(ExportRequest(tuple(sessions_of(study)), ("csv", "eaf", "html", "parquet"), study / "exported"))
@@ -283,7 +288,7 @@ def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monk
     now = every_file(study)
     assert {name: now.get(name) for name in before} == before
     assert not [name for name in now if name.endswith(".part")]
-    assert PERSON in under_way(study)
+    assert PERSON in unfinished_erasures(study)
     monkeypatch.undo()
     assert forget(study).complete
     assert receipt_of(study)["resumed"]

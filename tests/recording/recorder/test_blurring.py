@@ -150,7 +150,7 @@ def play(what: BlurWhat, *, without: frozenset[int], frames: int = FRAMES) -> Ou
     for number in range(frames + RATE_HZ):
         now_ns = SECOND_NS + number * SECOND_NS // RATE_HZ
         while waiting_looks and waiting_looks[0][0] <= now_ns:
-            blurring.look(waiting_looks.pop(0)[1], now_ns)
+            blurring.add_detections(waiting_looks.pop(0)[1], now_ns)
         blurring.go_on(now_ns)
         stamp_ns, came_ns[number] = now_ns, now_ns
         if number * LOOK_HZ // RATE_HZ > (number - 1) * LOOK_HZ // RATE_HZ:
@@ -207,10 +207,10 @@ def test_who_agreed_is_shown_and_who_did_not_is_not() -> None:
     blurring.use_consents(UseConsents(video=frozenset({"p-ada"})))
     ref, image = frame(at_ms=50)
     done: list[NDArray[np.uint8]] = []
-    blurring.look(look(0, ADA, BEN), ref.stamp_ns)
+    blurring.add_detections(look(0, ADA, BEN), ref.stamp_ns)
     blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
-    blurring.look(look(100, ADA, BEN), ref.stamp_ns)
-    blurring.look(look(350, ADA, BEN), ref.stamp_ns)
+    blurring.add_detections(look(100, ADA, BEN), ref.stamp_ns)
+    blurring.add_detections(look(350, ADA, BEN), ref.stamp_ns)
     assert share_the_same(done[0], image, ADA) == 1.0
     assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
 
@@ -222,10 +222,10 @@ def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
     blurring.use_consents(UseConsents(video=frozenset({"p-ada"})))
     ref, image = frame(at_ms=50)
     done: list[NDArray[np.uint8]] = []
-    blurring.look(look(0, PersonBox(1, "p-new", 50, 50, 80, 200, 0.9)), ref.stamp_ns)
+    blurring.add_detections(look(0, PersonBox(1, "p-new", 50, 50, 80, 200, 0.9)), ref.stamp_ns)
     blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
     for at_ms in (100, 350):
-        blurring.look(look(at_ms, ADA), ref.stamp_ns)
+        blurring.add_detections(look(at_ms, ADA), ref.stamp_ns)
     assert share_the_same(done[0], image, ADA) < SURELY_THE_SAME
 
 
@@ -237,10 +237,10 @@ def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_fou
     done: list[NDArray[np.uint8]] = []
     twice = replace(ADA, track=0, person_id="", left_px=55, width_px=60, confidence=0.2)
     brief = replace(BEN, track=0, person_id="")
-    blurring.look(look(0, ADA), ref.stamp_ns)
+    blurring.add_detections(look(0, ADA), ref.stamp_ns)
     blurring.add(ref, image.copy(), ref.stamp_ns, done.append)
     for at_ms in (100, 350):
-        blurring.look(replace(look(at_ms, ADA), unfollowed=(twice, brief)), ref.stamp_ns)
+        blurring.add_detections(replace(look(at_ms, ADA), unfollowed=(twice, brief)), ref.stamp_ns)
     assert share_the_same(done[0], image, ADA) == 1.0
     assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
 
@@ -248,7 +248,7 @@ def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_fou
 def test_what_waits_is_bounded_and_goes_on_covered() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("everybody"))
-    blurring.look(look(0, ADA), SECOND_NS)
+    blurring.add_detections(look(0, ADA), SECOND_NS)
     done: list[NDArray[np.uint8]] = []
     frames = [frame(number, at_ms=number) for number in range(1, 100)]
     for ref, image in frames:
@@ -293,7 +293,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Session:
         ref = FrameRef(stamp_ns, None, "front", "", 0, number, WIDTH_PX, HEIGHT_PX)
         if number % 4 == 0 and number < 60:
             people = People(stamp_ns, "front", number, WIDTH_PX, HEIGHT_PX, (ADA, BEN), 50.0)
-            blurring.look(people, clock.now_ns())
+            blurring.add_detections(people, clock.now_ns())
             session.write(people)
         session.write(ref)
         if number == 20:

@@ -41,8 +41,8 @@ from caris_desktop.recording.studies.measures import (
     link_trouble,
     measure,
     read_facts,
+    trajectory_length_m,
     visits,
-    way_m,
 )
 from tests.recording.told_session import at, drive, exchange, heard, said, silenced, tell
 
@@ -360,8 +360,8 @@ def test_overlapping_stretches_count_once() -> None:
     assert covered_s(stretches) == 6.0
     assert covered_s([]) == 0.0
     stamps_ns = np.array([0, 10**9, 2 * 10**9])
-    assert way_m(stamps_ns, np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 400.0]])) == 5.0
-    assert way_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0
+    assert trajectory_length_m(stamps_ns, np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 400.0]])) == 5.0
+    assert trajectory_length_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0
 
 
 def _one_number(facts: SessionData) -> tuple[float, float, float, float]:

@@ -52,7 +52,7 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     assert [row.accessibleName() for row in alarms.rows] == [lost.accessibleName()]
     console.state.link.set(link)
     console.ahead_ns = 3_000_000_000
-    console.alarms.look()
+    console.alarms.evaluate()
     assert alarms.rows == ()
     assert find(window, "no_alarm").isVisible()
     assert not button.isVisible()

@@ -178,10 +178,10 @@ def test_the_camera_is_seen_and_an_old_picture_never(qtbot: QtBot, page: SetUpPa
     assert isinstance(picture, LivePicture)
     image_bgr, boxes = next(samples.video_frames())
     samples.show_frame(console, image_bgr, boxes)
-    picture.look()
+    picture.refresh()
     assert picture.shows_picture
     console.state.frame.clear()
-    picture.look()
+    picture.refresh()
     assert not picture.shows_picture
 
 

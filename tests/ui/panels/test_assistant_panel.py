@@ -49,7 +49,7 @@ def panel(window: MainWindow, console: FakeConsole) -> AssistantPanel:
 
 
 def asked(console: FakeConsole, *exchanges: ExchangeStatus) -> None:
-    state = "answering" if any(each.under_way for each in exchanges) else "ready"
+    state = "answering" if any(each.is_pending for each in exchanges) else "ready"
     newest = exchanges[0]
     console.state.assistant.set(
         AssistantStatus(state, "Small", newest.exchange_id, newest.question, newest.answer, newest.detail, exchanges)

@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import Face, load_face, parse_face
-from caris_desktop.conversation.face.face_motion import Look
+from caris_desktop.conversation.face.face_motion import FaceState
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.live.status import FaceStatus
@@ -90,7 +90,7 @@ def test_the_title_says_what_it_does_and_whether_anybody_can_see_it(console: Con
 
 def test_the_panel_shows_what_the_participant_sees(console: Console, panel: FacePanel) -> None:
     view = panel.findChild(FaceView)
-    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), Look()))
+    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), FaceState()))
     assert color_in_the_middle_of(view) == "#204060"
     console.state.face_drawing.reset_value(np.full((40, 60, 3), (10, 20, 200), np.uint8))
     assert color_in_the_middle_of(view) == "#c8140a"
@@ -124,7 +124,7 @@ def test_the_window_comes_and_goes_as_asked_and_never_takes_the_keys(
     console.state.face.set(replace(CALM, window=True))
     (shown,) = [widget for widget in QApplication.topLevelWidgets() if widget.objectName() == "face_window"]
     assert shown.isVisible() and QApplication.activeWindow() is window
-    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), Look()))
+    console.state.face_drawing.reset_value(drawing_of(Face("A", background="#204060"), FaceState()))
     assert color_in_the_middle_of(shown) == "#204060"
     console.state.face.set(CALM)
     assert not shown.isVisible()
