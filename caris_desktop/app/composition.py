@@ -32,20 +32,20 @@ from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Rol
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
-from caris_desktop.live.adapters import Adapters, RobotParts
+from caris_desktop.live.adapters import Adapters, RobotAdapters
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
-from caris_desktop.live.services.assistant_service import AssistantParts
+from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
-from caris_desktop.live.services.microphone_service import MicrophoneParts
-from caris_desktop.live.services.people_service import PeopleParts
-from caris_desktop.live.services.practice_service import PracticeParts
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters
+from caris_desktop.live.services.people_service import PeopleAdapters
+from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
-from caris_desktop.live.services.scenario_service import ScenarioParts
-from caris_desktop.live.services.session_service import SessionParts
-from caris_desktop.live.services.sound_service import SoundParts
+from caris_desktop.live.services.scenario_service import ScenarioAdapters
+from caris_desktop.live.services.session_service import SessionAdapters
+from caris_desktop.live.services.sound_service import SoundAdapters
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
@@ -164,7 +164,7 @@ def parts(
     *,
     study: StudyFolder,
     cameras: Sequence[str] | None = None,
-    microphone: MicrophoneParts | None = None,
+    microphone: MicrophoneAdapters | None = None,
     address_of: Callable[[str], str | None] = lambda _name: None,
 ) -> Adapters:
     """Parts of a console run. ``cameras`` replace those of the scenario. ``address_of`` returns the address of a listed
@@ -178,19 +178,19 @@ def parts(
         recorder=ProcessSpec("recorder", process_entry_points.recorder),
         speech=ProcessSpec("speech", process_entry_points.speech),
         said_before=said_before_file(study.path),
-        people=PeopleParts(
+        people=PeopleAdapters(
             inference=ProcessSpec("inference", process_entry_points.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
             as_told=_inference_as_configured,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
-        assistant=AssistantParts(
+        assistant=AssistantAdapters(
             server=ProcessSpec("language-model", process_entry_points.language_model),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
             list_models=local_models,
         ),
-        scenario=ScenarioParts(
+        scenario=ScenarioAdapters(
             load=_load_scenario,
             save_places=_save_places,
             text=scenario_text,
@@ -199,12 +199,12 @@ def parts(
             unpack=import_scenario,
             conflicts=import_conflicts,
         ),
-        robots=RobotParts(
+        robots=RobotAdapters(
             choices=_robots,
             connect_to=functools.partial(_connect_to, address_of=address_of),
             simulated=_no_robot_to_practise_on,
         ),
-        session=SessionParts(
+        session=SessionAdapters(
             suggested_details=lambda: following(load_last_details(study)),
             new_session=functools.partial(_new_session, study),
             expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
@@ -212,7 +212,7 @@ def parts(
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
             study=study.path,
         ),
-        practice=PracticeParts(layouts_dir() / "practice.yaml", _no_robot_to_practise_on, lambda _seconds: None),
+        practice=PracticeAdapters(layouts_dir() / "practice.yaml", _no_robot_to_practise_on, lambda _seconds: None),
         going_on=CrashRecoveryAdapters(
             Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "trials",
             study.sessions,
@@ -220,7 +220,7 @@ def parts(
         ),
         forgetting=functools.partial(_forgetting, study),
         listening=_recogniser,
-        sound=SoundParts(
+        sound=SoundAdapters(
             ProcessSpec("hearing along", process_entry_points.playback),
             ProcessSpec("own voice", process_entry_points.playback),
         ),
@@ -228,14 +228,14 @@ def parts(
     )
 
 
-def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str | None], None]) -> MicrophoneParts:
+def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str | None], None]) -> MicrophoneAdapters:
     """Microphones of this computer, with the stored choice of those used."""
 
     def choice(role: Role, source: str) -> MicrophoneChoice:
         body = ProcessSpec(source, process_entry_points.microphone, (source,))
         return MicrophoneChoice(body, functools.partial(chosen, role), functools.partial(keep, role))
 
-    return MicrophoneParts(choice("participant", MICROPHONE), choice("wizard", WIZARD_MICROPHONE))
+    return MicrophoneAdapters(choice("participant", MICROPHONE), choice("wizard", WIZARD_MICROPHONE))
 
 
 def recogniser_settings(scenario: Scenario) -> RecogniserSettings:

@@ -195,7 +195,7 @@ class ConsoleRun:
         self._to_confirm = None
         # The scenario is requested again in the next turn; later requests queue behind it.
         QTimer.singleShot(
-            0, self.window, lambda: self.console.read_aside(lambda: None, lambda _: self._connect_first_robot())
+            0, self.window, lambda: self.console.run_in_background(lambda: None, lambda _: self._connect_first_robot())
         )
 
     def _connect_first_robot(self) -> None:

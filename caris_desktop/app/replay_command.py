@@ -33,7 +33,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage_collection import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
-from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
@@ -167,9 +167,9 @@ class ReplayRun:
             return None
 
 
-def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str | None]) -> ReplayParts:
+def parts_of(session: Session, videos: VideoReader, name_of: Callable[[str], str | None]) -> ReplayAdapters:
     """Parts of this session's replay. Raises SessionError."""
-    return ReplayParts(
+    return ReplayAdapters(
         start_scenario=_first_scenario(session),
         read_scenario=_read_scenario,
         read_layout=_read_layout,

@@ -29,7 +29,7 @@ def missing(text: str, words: Mapping[str, Words]) -> tuple[str, ...]:
     return tuple(gap for gap in gaps(text) if gap not in words)
 
 
-def filled(text: str, words: Mapping[str, Words], name_of: Callable[[str], str]) -> Words:
+def fill_placeholders(text: str, words: Mapping[str, Words], name_of: Callable[[str], str]) -> Words:
     """Fill the placeholders of ``text``; ``name_of`` returns the spoken name for a person mark."""
     spoken = _GAP.sub(lambda gap: words[gap[1]].spoken if gap[1] in words else gap[0], text)
     recorded = _GAP.sub(lambda gap: words[gap[1]].recorded if gap[1] in words else gap[0], text)

@@ -241,12 +241,12 @@ def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:
     return velocity_topic is not None and topic.strip("/") == velocity_topic.strip("/")
 
 
-def filled(template: Any, value: ControlValue) -> Any:
+def fill_template(template: Any, value: ControlValue) -> Any:
     """``template`` with every ``$value`` replaced: alone by the value itself, within a text by its text."""
     if isinstance(template, Mapping):
-        return {key: filled(item, value) for key, item in template.items()}
+        return {key: fill_template(item, value) for key, item in template.items()}
     if isinstance(template, (list, tuple)):
-        return [filled(item, value) for item in template]
+        return [fill_template(item, value) for item in template]
     if template == VALUE:
         return value
     if isinstance(template, str) and VALUE in template:

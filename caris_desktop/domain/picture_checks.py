@@ -58,7 +58,7 @@ def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image[:, :, :3], np.uint8)
 
 
-def unfolded(content: bytes) -> NDArray[np.uint8]:
+def decode_compressed(content: bytes) -> NDArray[np.uint8]:
     """Decode a whole JPEG or PNG as :func:`fitted` gives it. Raises PictureError, also for a truncated one."""
     import cv2
 

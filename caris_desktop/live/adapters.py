@@ -6,22 +6,22 @@ from pathlib import Path
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.services.assistant_service import AssistantParts
+from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import WantedCameras
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
-from caris_desktop.live.services.microphone_service import MicrophoneParts
-from caris_desktop.live.services.people_service import PeopleParts
-from caris_desktop.live.services.practice_service import PracticeParts
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters
+from caris_desktop.live.services.people_service import PeopleAdapters
+from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
-from caris_desktop.live.services.scenario_service import ScenarioParts
-from caris_desktop.live.services.session_service import SessionParts
-from caris_desktop.live.services.sound_service import SoundParts
+from caris_desktop.live.services.scenario_service import ScenarioAdapters
+from caris_desktop.live.services.session_service import SessionAdapters
+from caris_desktop.live.services.sound_service import SoundAdapters
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
 
 @dataclass(frozen=True, slots=True)
-class RobotParts:
+class RobotAdapters:
     """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises UserFacingError.
     ``simulated`` as in AnotherRobotService.
     """
@@ -38,15 +38,15 @@ class Adapters:
     recorder: ProcessSpec
     speech: ProcessSpec
     said_before: Path
-    people: PeopleParts
+    people: PeopleAdapters
     cameras: Callable[[Scenario], WantedCameras]
-    assistant: AssistantParts
-    scenario: ScenarioParts
-    robots: RobotParts
-    session: SessionParts
+    assistant: AssistantAdapters
+    scenario: ScenarioAdapters
+    robots: RobotAdapters
+    session: SessionAdapters
     going_on: CrashRecoveryAdapters
-    practice: PracticeParts
-    microphone: MicrophoneParts
-    sound: SoundParts
+    practice: PracticeAdapters
+    microphone: MicrophoneAdapters
+    sound: SoundAdapters
     listening: Callable[[Scenario], ProcessSpec]
     forgetting: Callable[[str], ProcessSpec]

@@ -202,7 +202,7 @@ class Console(QObject):
     def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
         self._session.check_before(told)
 
-    def read_aside(
+    def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         self._slow_work.do(read, done, self._bus.answer if failed is None else failed)

@@ -82,7 +82,7 @@ class Gate:
             what = tr("{act} is not possible: {field} cannot be {value}.")
             what = what.format(act=tr(spec.words), field=unfit[0], value=f"{unfit[1]:g}")
             return Refusal(what, tr("Nothing was done."), tr("Ask for another value."))
-        if intent.lets_go:
+        if intent.reduces_motion:
             return None
         withheld = self._permissions().withheld(intent.needs_permissions or spec.permissions)
         if withheld is not None:
@@ -174,5 +174,5 @@ def _replayed(intent: Intent) -> Refusal:
         tr("Nothing is sent to a robot, and the recording stays as it is."),
         tr("Use the bar below to move through the session."),
         severity="info",
-        quiet=intent.lets_go or isinstance(intent, _QUIET_IN_REPLAY),
+        quiet=intent.reduces_motion or isinstance(intent, _QUIET_IN_REPLAY),
     )

@@ -10,7 +10,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     EndPlaying,
     PlaybackAlive,
     PlaybackFailed,
-    Played,
+    PlaybackStarted,
     PlayedOut,
     PlayThis,
     SetVolume,
@@ -32,7 +32,7 @@ class Playback(QObject):
         body: ProcessSpec,
         children: ProcessManager,
         *,
-        played: Callable[[Played], None] = lambda _played: None,
+        played: Callable[[PlaybackStarted], None] = lambda _played: None,
         ended: Callable[[str, int | None, str], None],
         parent: QObject,
     ) -> None:
@@ -102,7 +102,7 @@ class Playback(QObject):
             self.child.stop(grace_s=1.0)
 
     def _read(self, value: Any, raw: bytes) -> None:  # reader thread
-        if isinstance(value, Played):
+        if isinstance(value, PlaybackStarted):
             self._played(value)
         else:
             self._children.pass_on(self.on_message, value, raw)

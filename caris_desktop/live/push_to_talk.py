@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.sound.playback_messages import Played
+from caris_desktop.conversation.sound.playback_messages import PlaybackStarted
 from caris_desktop.conversation.sound.resampling import Resampler
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
@@ -131,7 +131,7 @@ class PushToTalkVoice(QObject):
         if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
             self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))
 
-    def _on_played(self, played: Played) -> None:  # reader thread of the playback
+    def _on_played(self, played: PlaybackStarted) -> None:  # reader thread of the playback
         self._note(PlayedSound(played.stamp_ns, played.stream_id, "", played.sample_rate_hz, played.samples))
 
     def _note(self, sound: PlayedSound) -> None:

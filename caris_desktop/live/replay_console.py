@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayParts:
+class ReplayAdapters:
     """Adapters of a replay, chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError
     for unsupported records; ``start_scenario`` is the default until the record names one. ``name_of`` returns names of
     people. ``unsaved_dir``: fallback for annotations that cannot be saved in the session. ``live_consoles``: folder of
@@ -75,7 +75,7 @@ class ReplayConsole(QObject):
     thumbnail_made = Signal(str, object, object)
     noticed = Signal(object)
 
-    def __init__(self, parts: ReplayParts, session: Session, parent: QObject | None = None) -> None:
+    def __init__(self, parts: ReplayAdapters, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._parts = parts
         self._session = session
@@ -344,7 +344,7 @@ class ReplayConsole(QObject):
     def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
         told(BeforeRecording())
 
-    def read_aside(
+    def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         def report(failure: UserFacingError) -> None:

@@ -117,7 +117,7 @@ class RobotConnections(QObject):
 
     def start(self) -> None:
         """Start listening. On failure the console works without; replays then find none."""
-        self._console.read_aside(lambda: _own_place(self._folder), self._listen)
+        self._console.run_in_background(lambda: _own_place(self._folder), self._listen)
 
     def _listen(self, own: Path | None) -> None:
         if own is None or self._ended:

@@ -68,7 +68,7 @@ class WizardConsole(Protocol):
     def do(self, intent: Intent) -> str:
         """Run an intent; returns the reason if refused, else empty. The wizard is notified automatically."""
 
-    def read_aside(
+    def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         """Read files in a background thread: ``done`` receives the result of ``read``, ``failed`` its exception, which

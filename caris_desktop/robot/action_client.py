@@ -10,7 +10,7 @@ from uuid import uuid4
 import roslibpy
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.action_messages import (
     ACTIVE,
     PENDING,
@@ -86,7 +86,7 @@ class ActionClient(Protocol):
 
 
 def make_action_client(
-    ros: SafeRos, dialect: Dialect, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
+    ros: RosbridgeClient, dialect: Dialect, name: str, action_type: str, listener: GoalListener, *, motion: bool = False
 ) -> ActionClient:
     """Client of the action server ``name``; ``action_type`` may be spelled as in either dialect.
 
@@ -104,11 +104,13 @@ class ActionlibClient:
     """actionlib's topics, permanently subscribed, so that goals need no polling."""
 
     def __init__(
-        self, ros: SafeRos, name: str, package: str, type_: str, listener: GoalListener, *, motion: bool
+        self, ros: RosbridgeClient, name: str, package: str, type_: str, listener: GoalListener, *, motion: bool
     ) -> None:
-        def topic(leaf: str, package: str, message: str, *, motion: bool = False) -> SafeTopic:
+        def topic(leaf: str, package: str, message: str, *, motion: bool = False) -> RosbridgeTopic:
             message_type = type_name(Dialect.ROS1, package, message)
-            return SafeTopic(ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True, motion=motion)
+            return RosbridgeTopic(
+                ros, f"{name}/{leaf}", message_type, queue_length=10, every_message=True, motion=motion
+            )
 
         self._listener = listener
         self._type = f"{type_}Action"
@@ -175,7 +177,7 @@ class BridgedActionClient:
     """
 
     def __init__(
-        self, ros: SafeRos, name: str, action_type: str, listener: GoalListener, *, proven_by_feedback: bool
+        self, ros: RosbridgeClient, name: str, action_type: str, listener: GoalListener, *, proven_by_feedback: bool
     ) -> None:
         self._ros = ros
         self._name = name
@@ -197,7 +199,7 @@ class BridgedActionClient:
         self._cancelled: dict[str, None] = {}
         ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
         status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
-        self._status = SafeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
+        self._status = RosbridgeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
         self._status.subscribe(self._take_status)
 
     def send(self, goal_id: str, goal: Message) -> str | None:

@@ -17,11 +17,11 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.bridge_security import SecurityError, auth_operation
 from caris_desktop.robot.bridge_wire import Wire, open_wire
 from caris_desktop.robot.profile import SecuritySettings
-from caris_desktop.robot.real_time import LARGE_BYTES, go_back
+from caris_desktop.robot.real_time import LARGE_BYTES, drop_realtime_priority
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_cbor, decode_json, encode_json
 
 if TYPE_CHECKING:  # its factory creates instances of this
-    from caris_desktop.robot.transport import SafeFactory
+    from caris_desktop.robot.transport import RosbridgeFactory
 
 logger = logging.getLogger(__name__)
 
@@ -54,13 +54,13 @@ class LargeAnswer:
         return f"its answer of {self.size_bytes / 2**20:.0f} MB is larger than is accepted"
 
 
-class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
+class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
     """rosbridge operations of one websocket."""
 
     _pending_service_requests: dict[str, tuple[Callback | None, Callback | None]]
     _pending_action_requests: dict[str, tuple[Callback | None, Callback | None, Callback | None]]
 
-    def __init__(self, factory: "SafeFactory", wire: Wire) -> None:
+    def __init__(self, factory: "RosbridgeFactory", wire: Wire) -> None:
         super().__init__()
         self.factory = factory
         self.wire = wire
@@ -84,7 +84,7 @@ class SafeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no 
         """Decode and handle one message. Never raises."""
         factory = self.factory
         if len(payload) > LARGE_BYTES:
-            go_back()
+            drop_realtime_priority()
         if len(payload) > factory.sizes.message_bytes:
             if not self._take_large_answer(payload):
                 factory.refuse(
@@ -256,18 +256,18 @@ class WaitingOperation:
     """Operation for a websocket that is being opened."""
 
     id: str
-    send: Callable[[SafeProtocol], None]
+    send: Callable[[RosbridgeProtocol], None]
     fail: Callable[[str], None]
 
 
 class BridgeSocket:
-    """One of the websockets of a :class:`SafeFactory`. A ``WireOwner``."""
+    """One of the websockets of a :class:`RosbridgeFactory`. A ``WireOwner``."""
 
-    def __init__(self, factory: "SafeFactory") -> None:
+    def __init__(self, factory: "RosbridgeFactory") -> None:
         self._factory = factory
         self._admission: asyncio.Future[None] | None = None
         self._wire: Wire | None = None
-        self.protocol: SafeProtocol | None = None
+        self.protocol: RosbridgeProtocol | None = None
         self.silent = False
         self.waiting: list[WaitingOperation] = []
 
@@ -302,7 +302,7 @@ class BridgeSocket:
         """Start sending. False if the connection has ended meanwhile."""
         self.silent = False
         if self._wire is not None and self._wire.is_open:
-            self.protocol = SafeProtocol(self._factory, self._wire)
+            self.protocol = RosbridgeProtocol(self._factory, self._wire)
         return self.protocol is not None
 
     def abort(self, reason: str) -> None:
@@ -313,7 +313,7 @@ class BridgeSocket:
         if self._wire is not None:
             self._wire.close()
 
-    def take_protocol(self) -> SafeProtocol | None:
+    def take_protocol(self) -> RosbridgeProtocol | None:
         """Return and clear the finished protocol."""
         protocol, self.protocol = self.protocol, None
         return protocol

@@ -20,7 +20,7 @@ from caris_desktop.domain.control_definitions import (
     RobotControl,
     SendActionGoal,
     decided,
-    filled,
+    fill_template,
     is_velocity,
 )
 from caris_desktop.domain.control_effects import RobotInterfaceNames
@@ -30,9 +30,9 @@ from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
-from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, fitted
+from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, coerce_to_definition
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.action_messages import Ending
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.message_fields import Message, MessageError, message_of
@@ -151,7 +151,7 @@ class RobotControls:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         own: tuple[RobotControl, ...],
         watched: SubscriptionWatchdog,
@@ -174,9 +174,9 @@ class RobotControls:
         self._types = MessageTypes(ros, dialect)
         self._watched = watched
         self._controls: dict[str, RobotControl] = {}
-        self._publishers: dict[tuple[str, str], SafeTopic] = {}
+        self._publishers: dict[tuple[str, str], RosbridgeTopic] = {}
         self._servers: dict[tuple[str, str], _Server] = {}
-        self._readings: list[SafeTopic] = []
+        self._readings: list[RosbridgeTopic] = []
         self._values: dict[str, ControlValue] = {}
         self._told_s = -math.inf
         self._timer: asyncio.TimerHandle | None = None
@@ -205,7 +205,7 @@ class RobotControls:
             self._publishers.pop(key).unadvertise()
         for topic, type_ in topics - self._publishers.keys():
             # In advance: a publisher reaches its subscribers with a delay.
-            publisher = SafeTopic(self._ros, topic, self._spelled(type_))
+            publisher = RosbridgeTopic(self._ros, topic, self._spelled(type_))
             publisher.advertise()
             self._publishers[topic, type_] = publisher
         actions = {(effect.action, effect.type) for effect in wanted if isinstance(effect, SendActionGoal)}
@@ -242,7 +242,7 @@ class RobotControls:
         if self._timer is not None:
             self._timer.cancel()
 
-    def hold_still(self, held: bool) -> None:
+    def set_emergency_stop(self, held: bool) -> None:
         """Emergency stop: cancel the robot's own activity, and send nothing that could move it."""
         self._held = held
         if held:
@@ -329,8 +329,8 @@ class RobotControls:
     def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         try:
             definition = self._types.definition_now(*_kind_and_type(effect))
-            content = filled(_template(effect), command.value)
-            message = fitted(content, definition, rounds=control.kind == "slider")
+            content = fill_template(_template(effect), command.value)
+            message = coerce_to_definition(content, definition, rounds=control.kind == "slider")
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
             why = translation.localized(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
@@ -421,7 +421,7 @@ class RobotControls:
                 by_topic.setdefault((control.reading.topic, control.reading.type), []).append(control)
         for (name, type_), controls in by_topic.items():
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
-            topic = SafeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
+            topic = RosbridgeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
             self._readings.append(topic)
             self._watched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
 

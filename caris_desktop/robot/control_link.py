@@ -42,7 +42,7 @@ from caris_desktop.robot.robot_speech_choice import RobotSpeech
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
@@ -81,7 +81,7 @@ class ControlLink:
         self._put = outbox.put
         self._report = LinkReporter("control", address, outbox)
         traffic = TrafficMeter("control")
-        self._ros = SafeRos(address, self, security=profile.security, traffic=traffic)
+        self._ros = RosbridgeClient(address, self, security=profile.security, traffic=traffic)
         sources = {"scan": profile.scan, "odometry": profile.odometry}
         self._measurement = LinkMeasurement(
             self._ros, traffic, self._put,
@@ -118,14 +118,14 @@ class ControlLink:
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
-        self._velocity = SafeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
+        self._velocity = RosbridgeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
         # Receives other publishers' velocities, and our own echoes.
-        self._velocities = SafeTopic(
+        self._velocities = RosbridgeTopic(
             self._ros, profile.velocity.topic, velocity_type, queue_length=20, every_message=True
         )
         self._velocities.subscribe(self._take_velocity)
-        self._ros.factory.say_first(profile.velocity.topic, self._say_first)
+        self._ros.factory.on_connect_send(profile.velocity.topic, self._say_first)
         self._ros.factory.motion_round_trip = self._motion_round_trip
         self._handled = HandledOperations(self._ros, self._dialect, handled=self._commands_answered)
         self._navigator = Navigator(
@@ -390,7 +390,7 @@ class ControlLink:
 
     def _say_first(self) -> None:
         """First messages on a connection: the previous driver may have died while driving."""
-        if not self._unread.settled:
+        if not self._unread.acknowledged:
             self._stop_what_moves()
             for delay_s in ZERO_AGAIN_S:
                 self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_again))
@@ -402,7 +402,7 @@ class ControlLink:
 
         For half a second: more would conflict with navigation.
         """
-        if not self._unread.settled:
+        if not self._unread.acknowledged:
             self._lease.stop(self._loop.time(), "lease")
             self._move()
 
@@ -577,14 +577,14 @@ class ControlLink:
 
     # Stoppable parts of the emergency stop
 
-    def hold_still(self, held: bool, actor: Actor) -> None:
+    def set_emergency_stop(self, held: bool, actor: Actor) -> None:
         self._lease.emergency(held, self._loop.time())
         self._movement.stopped()
         if held:
             self._stopper = actor
             self._send_zero_first()
-        self._head.hold_still(held)
-        self._controls.hold_still(held)
+        self._head.set_emergency_stop(held)
+        self._controls.set_emergency_stop(held)
 
     def cancel_goals(self, reason: str, actor: Actor) -> None:
         self._navigator.cancel_all(reason, actor)
@@ -703,10 +703,10 @@ class ControlLink:
                 inventory = await take_inventory(self._ros)
             except ServiceCallError as error:
                 logger.info("The robot's inventory is not known: %s", error)
-                self._maps.learn(None)
+                self._maps.on_inventory(None)
             else:
-                self._emergency_stop.learn(inventory)
-                self._maps.learn(inventory)
+                self._emergency_stop.on_inventory(inventory)
+                self._maps.on_inventory(inventory)
                 missing = missing_from(self._profile, inventory)
                 if missing != self._told_missing and (missing or self._told_missing):
                     self._put(problem_of_missing(missing) if missing else nothing_is_missing())

@@ -46,7 +46,7 @@ from caris_desktop.robot.robot_checks import (
     take_inventory,
     what_rosapi_said,
 )
-from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros import joint_messages, message_conversion, navigation_messages
 from caris_desktop.ros.dialect import Dialect, decode_time, same_type
 from caris_desktop.ros.message_fields import MessageError
@@ -174,7 +174,7 @@ async def explore_robot(
     return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
-async def take_offer(ros: SafeRos) -> RobotOffer:
+async def take_offer(ros: RosbridgeClient) -> RobotOffer:
     """Query rosapi for the input of a proposal. Raises ServiceCallError."""
     inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
@@ -291,10 +291,12 @@ async def check_streams(
 
 
 @contextlib.asynccontextmanager
-async def _connected(address: str, security: SecuritySettings | None, timeout_s: float) -> AsyncIterator[SafeRos]:
+async def _connected(
+    address: str, security: SecuritySettings | None, timeout_s: float
+) -> AsyncIterator[RosbridgeClient]:
     """Separate connection. Raises ExploreError."""
     probe = LinkProbe()
-    ros = SafeRos(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
+    ros = RosbridgeClient(address, probe, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=security)
     ros.connect()
     try:
         try:
@@ -343,7 +345,7 @@ def _no_rosapi(error: Exception) -> ExploreError:
     )
 
 
-async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:
+async def _ros_version(ros: RosbridgeClient) -> tuple[Dialect | None, str]:
     """ROS version and distribution as reported; (None, "") from old robots."""
     try:
         answer = await ros.ask("/rosapi/get_ros_version", "rosapi/GetROSVersion")
@@ -354,14 +356,14 @@ async def _ros_version(ros: SafeRos) -> tuple[Dialect | None, str]:
     return dialect, distribution if isinstance(distribution, str) else ""
 
 
-async def _dialect_of_topics(ros: SafeRos) -> Dialect | None:
+async def _dialect_of_topics(ros: RosbridgeClient) -> Dialect | None:
     try:
         return (await take_inventory(ros)).dialect
     except ServiceCallError:
         return None
 
 
-async def _names(ros: SafeRos, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
+async def _names(ros: RosbridgeClient, service: str, kind: str, key: str, /, **arguments: str) -> list[str]:
     """List of names from rosapi; empty if it does not know the query."""
     try:
         answer = await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)
@@ -372,7 +374,7 @@ async def _names(ros: SafeRos, service: str, kind: str, key: str, /, **arguments
     return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
 
-async def _count_nodes(ros: SafeRos, topics: list[str], service: str, kind: str) -> dict[str, int]:
+async def _count_nodes(ros: RosbridgeClient, topics: list[str], service: str, kind: str) -> dict[str, int]:
     answers = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
     return {topic: len(nodes) for topic, nodes in zip(topics, answers, strict=True)}
 
@@ -387,7 +389,7 @@ def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-async def _type_of(ros: SafeRos, service: str, kind: str, /, **arguments: str) -> str:
+async def _type_of(ros: RosbridgeClient, service: str, kind: str, /, **arguments: str) -> str:
     """Type of a service or action from rosapi; empty if unknown."""
     try:
         found = (await ros.ask(f"/rosapi/{service}", f"rosapi/{kind}", arguments)).get("type")
@@ -402,7 +404,7 @@ def _interest(kind: str) -> int | None:
     return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
 
 
-async def _with_what_is_heard(ros: SafeRos, offer: RobotOffer) -> RobotOffer:
+async def _with_what_is_heard(ros: RosbridgeClient, offer: RobotOffer) -> RobotOffer:
     frames: set[str] = set()
     joints: dict[str, None] = {}
 
@@ -418,11 +420,11 @@ async def _with_what_is_heard(ros: SafeRos, offer: RobotOffer) -> RobotOffer:
         ("tf/tfMessage", take_transforms),
         ("sensor_msgs/JointState", take_joints),
     )
-    ears: list[SafeTopic] = []
+    ears: list[RosbridgeTopic] = []
     for topic, kind in offer.topics.items():
         for known, take in wanted:
             if same_type(kind, known) and len(ears) < _MOST_ASKED:
-                ear = SafeTopic(ros, topic, kind, every_message=True, queue_length=20)
+                ear = RosbridgeTopic(ros, topic, kind, every_message=True, queue_length=20)
                 ear.subscribe(take)
                 ears.append(ear)
     if ears:
@@ -464,7 +466,9 @@ def _hits(profile: RobotProfile, offer: RobotOffer) -> list[bool]:
 class _StreamListener:
     """Listener to one stream of a profile. Received transforms fill ``tree``."""
 
-    def __init__(self, ros: SafeRos, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree) -> None:
+    def __init__(
+        self, ros: RosbridgeClient, profile: RobotProfile, named: NamedTopic, kind: str, tree: TransformTree
+    ) -> None:
         self._named = named
         self._describe = _description_of(named, profile, tree)
         self._tree = tree if named.field in ("tf", "tf_static") else None
@@ -474,7 +478,7 @@ class _StreamListener:
         self._message: Any = None
         self._heard_ns = 0
         every = self._tree is not None
-        self._topic = SafeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
+        self._topic = RosbridgeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
         self._topic.subscribe(self._take)
 
     @property
@@ -536,7 +540,7 @@ class _StreamListener:
         return None if stamp_ns is None else (self._heard_ns + offset_ns - stamp_ns) / 1e9
 
 
-async def _clock_offset_ns(ros: SafeRos) -> int | None:
+async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
     """Robot clock minus this computer's clock, accurate to half a round trip."""
     asked_ns = time.time_ns()
     try:
@@ -583,7 +587,7 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _bridge_is_informed(ros: SafeRos, ears: list[_StreamListener]) -> bool:
+async def _bridge_is_informed(ros: RosbridgeClient, ears: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for ear in ears:
         if ear.heard:
@@ -592,7 +596,7 @@ async def _bridge_is_informed(ros: SafeRos, ears: list[_StreamListener]) -> bool
     return False
 
 
-async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_told: bool) -> StreamCheck:
+async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, bridge_told: bool) -> StreamCheck:
     def verdict(state: StreamState, detail: str) -> StreamCheck:
         return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
 
@@ -613,12 +617,12 @@ async def _listened_to(ros: SafeRos, named: NamedTopic, kind: str, *, bridge_tol
     return verdict("good", localized(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
 
 
-async def _lets_through(ros: SafeRos, topic: str, kind: str, before: set[str]) -> bool:
+async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set[str]) -> bool:
     """True if rosbridge becomes a publisher of the topic on request, as ROS reports. Nothing is sent.
 
     rosbridge silently ignores topics outside of its ``topics_glob``.
     """
-    publisher = SafeTopic(ros, topic, kind)
+    publisher = RosbridgeTopic(ros, topic, kind)
     publisher.advertise()
     try:
         for _ in range(_ADVERTISED_WITHIN):

@@ -13,7 +13,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import EmergencyStopInterface
 from caris_desktop.robot.robot_checks import RobotInventory, absolute_name
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.message_conversion import decode_bool, encode_bool
 
@@ -25,10 +25,10 @@ _LOOKED_FOR_EVERY_S = 2.0
 _TRIED_AGAIN_EVERY_S = 30.0
 
 
-class StoppedByIt(Protocol):
+class Stoppable(Protocol):
     """Part that the emergency stop acts on. Called on the loop."""
 
-    def hold_still(self, held: bool, actor: Actor) -> None:
+    def set_emergency_stop(self, held: bool, actor: Actor) -> None:
         """Forbid or allow motion. Repeated with every latch, even if already held."""
 
     def cancel_goals(self, reason: str, actor: Actor) -> None:
@@ -47,10 +47,10 @@ class EmergencyStop:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         interface: EmergencyStopInterface | None,
-        stopped: StoppedByIt,
+        stopped: Stoppable,
         watched: SubscriptionWatchdog,
         *,
         emit: Callable[[Any], None],
@@ -73,15 +73,15 @@ class EmergencyStop:
         self._again: asyncio.TimerHandle | None = None
         self._again_after_s = TRIED_AGAIN_AFTER_S
         self._connected_s = 0.0
-        self._command: SafeTopic | None = None
+        self._command: RosbridgeTopic | None = None
         bool_type = type_name(dialect, "std_msgs", "Bool")
         if self._interface.topic is not None:
-            state = SafeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
+            state = RosbridgeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
             # Robots publish changes only: a state published before this console connected counts too.
             watched.subscribe(state, self._take_state)
         if self._interface.command_topic is not None:
             # Latched, for late subscribers.
-            self._command = SafeTopic(
+            self._command = RosbridgeTopic(
                 ros, self._interface.command_topic, bool_type, latch=True, queue_size=1, motion=True
             )
             self._command.advertise()
@@ -148,7 +148,7 @@ class EmergencyStop:
         self._reached = False
         self._try_no_more()
 
-    def learn(self, inventory: RobotInventory) -> None:
+    def on_inventory(self, inventory: RobotInventory) -> None:
         """Missing services are not called until the robot has them."""
         self._services = inventory.services
         if self._again is not None:
@@ -248,7 +248,7 @@ class EmergencyStop:
         # The robot only repeats what the wizard latched.
         actor = self._asked_by if by == "wizard" or self._wizard_latched else ""
         if self.latched or before:
-            self._stopped.hold_still(self.latched, actor)
+            self._stopped.set_emergency_stop(self.latched, actor)
         # The wizard's latching is reported where it was pressed, with or without a link.
         if self.latched != before and not (self.latched and by == "wizard"):
             self._emit(EmergencyStopChanged(now_ns(), self.latched, by, actor))

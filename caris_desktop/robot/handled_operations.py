@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.robot.bridge_socket import NoAnswer
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_fields import message_of, text
 
@@ -34,7 +34,7 @@ class HandledOperations:
     ``handled`` gets the time since the request, in seconds.
     """
 
-    def __init__(self, ros: SafeRos, dialect: Dialect, *, handled: Callable[[float], None]) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, handled: Callable[[float], None]) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
         self._handled = handled
@@ -49,7 +49,7 @@ class HandledOperations:
         self._read_to_s = 0.0
         self._unhandled_since_s: float | None = None
         string = type_name(dialect, "std_msgs", "String")
-        self._topic = SafeTopic(
+        self._topic = RosbridgeTopic(
             ros, HANDLED_TOPIC, string, compression="none", queue_length=0, every_message=True, motion=True
         )
         self._topic.advertise()

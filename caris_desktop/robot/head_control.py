@@ -13,7 +13,7 @@ from caris_desktop.domain.sensing import HeadState
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile import HeadInterface
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.joint_messages import (
     decode_joint_state,
@@ -38,7 +38,7 @@ class RobotHead:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         head: HeadInterface | None,
         watched: SubscriptionWatchdog,
@@ -64,9 +64,9 @@ class RobotHead:
             if head.kind == "joint_trajectory"
             else ("naoqi_bridge_msgs", "JointAnglesWithSpeed")
         )
-        self._command = SafeTopic(ros, head.topic, type_name(dialect, package, message), queue_size=1)
+        self._command = RosbridgeTopic(ros, head.topic, type_name(dialect, package, message), queue_size=1)
         self._command.advertise()
-        states = SafeTopic(
+        states = RosbridgeTopic(
             ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True
         )
         watched.subscribe(states, self._take_joints)
@@ -94,7 +94,7 @@ class RobotHead:
                 self._timer = self._loop.call_at(due_s, self._send_next)
         return ""
 
-    def hold_still(self, held: bool) -> None:
+    def set_emergency_stop(self, held: bool) -> None:
         """Emergency stop: the head stays as it is and refuses commands until cleared."""
         began = held and not self._held
         self._held = held

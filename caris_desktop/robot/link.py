@@ -34,9 +34,9 @@ def run_control_link(connection: Connection, settings: LinkSettings) -> None:
     """
     from caris_desktop.robot.control_link import ControlLink
     from caris_desktop.robot.link_process import run_link
-    from caris_desktop.robot.real_time import come_first
+    from caris_desktop.robot.real_time import request_realtime_priority
 
-    come_first()
+    request_realtime_priority()
     run_link(
         connection,
         lambda outbox: ControlLink(settings.profile, settings.address, outbox, follows_crash=settings.follows_crash),

@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LOST_ON_THE_WAY, OVERTAKEN, Gap, LinkQuality
 from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, ServiceCallError
 from caris_desktop.ros.dialect import decode_time
 
 logger = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ class LinkMeasurement:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         traffic: TrafficMeter,
         put: Callable[[Any], None],
         *,

@@ -15,7 +15,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MapServices, RobotProfile
 from caris_desktop.robot.robot_checks import RobotInventory
-from caris_desktop.robot.transport import AnswerTooLargeError, SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.map_services import (
     LOCALIZE_AT_POSE,
@@ -73,7 +73,7 @@ class RobotMaps:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         profile: RobotProfile,
         *,
@@ -93,13 +93,13 @@ class RobotMaps:
         self._mapping: bool | None = None
         self._told = False
         self._busy = ""
-        self._initial_pose: SafeTopic | None = None
+        self._initial_pose: RosbridgeTopic | None = None
         if profile.initial_pose is not None:
             kind = type_name(dialect, "geometry_msgs", "PoseWithCovarianceStamped")
-            self._initial_pose = SafeTopic(ros, profile.initial_pose, kind, queue_size=1)
+            self._initial_pose = RosbridgeTopic(ros, profile.initial_pose, kind, queue_size=1)
             self._initial_pose.advertise()
 
-    def learn(self, inventory: RobotInventory | None) -> None:
+    def on_inventory(self, inventory: RobotInventory | None) -> None:
         """Find available operations on connection; by the profile alone if the robot has no inventory."""
         offer = _offer(self._services, self._dialect)
         if inventory is not None:

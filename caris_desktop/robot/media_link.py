@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain import clock, link_commands
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.picture_checks import PictureError, fitted, unfolded
+from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import CameraLens, FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -26,7 +26,7 @@ from caris_desktop.robot.robot_audio import RobotSound
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import MEDIA_SIZES, SafeRos, SafeTopic
+from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.message_fields import MessageError
@@ -51,7 +51,7 @@ class MediaLink:
         self._closing = False
         self._report = LinkReporter("media", address, outbox)
         traffic = TrafficMeter("media")
-        self._ros = SafeRos(
+        self._ros = RosbridgeClient(
             address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=profile.security, traffic=traffic
         )
         self._measurement = LinkMeasurement(
@@ -67,7 +67,7 @@ class MediaLink:
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
         for camera in profile.cameras:
-            images = SafeTopic(
+            images = RosbridgeTopic(
                 self._ros,
                 camera.topic,
                 type_name(dialect, "sensor_msgs", camera.type),
@@ -76,7 +76,7 @@ class MediaLink:
             self._watched.subscribe(images, partial(self._take_image, camera=camera))
             if camera.info is not None:
                 info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
-                info = SafeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
+                info = RosbridgeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
                 self._watched.subscribe(info, partial(self._take_lens, camera=camera))
         self._sound: RobotSound | None = None
         if profile.audio is not None:
@@ -88,10 +88,10 @@ class MediaLink:
         self._map_due: asyncio.TimerHandle | None = None
         if profile.map is not None:
             grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
-            topic = SafeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
+            topic = RosbridgeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
             self._watched.subscribe(topic, self._take_map)
         if profile.map_updates is not None:
-            SafeTopic(
+            RosbridgeTopic(
                 self._ros,
                 profile.map_updates.topic,
                 type_name(dialect, "map_msgs", "OccupancyGridUpdate"),
@@ -100,7 +100,7 @@ class MediaLink:
                 every_message=True,
             ).subscribe(self._take_map_update)
         if profile.simulation_time:
-            clock = SafeTopic(
+            clock = RosbridgeTopic(
                 self._ros, CLOCK.topic, type_name(dialect, "rosgraph_msgs", "Clock"), throttle_rate=CLOCK.throttle_ms
             )
             clock.subscribe(lambda message: self._measurement.take_simulation_time(decode_clock(message)))
@@ -283,7 +283,7 @@ def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
     MessageError and PictureError.
     """
     image = decode_compressed_image(message)
-    return unfolded(image.content), image.robot_stamp_ns
+    return decode_compressed(image.content), image.robot_stamp_ns
 
 
 def _raw(message: Any) -> tuple[NDArray[np.uint8], int | None]:

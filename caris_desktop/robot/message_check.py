@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, ServiceCallError
 from caris_desktop.ros.action_messages import action_package_and_name
 from caris_desktop.ros.definitions import (
     FLOATS,
@@ -40,7 +40,7 @@ class MessageMismatchError(ValueError):
 class MessageTypes:
     """Type definitions of one robot: queried once per connection, else the known standard ones."""
 
-    def __init__(self, ros: SafeRos, dialect: Dialect) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect) -> None:
         self._ros = ros
         self._dialect = dialect
         self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
@@ -113,7 +113,9 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
     return Definition(first or (), told)
 
 
-def fitted(message: Mapping[str, Any], definition: Definition | None, *, rounds: bool = False) -> dict[str, Any]:
+def coerce_to_definition(
+    message: Mapping[str, Any], definition: Definition | None, *, rounds: bool = False
+) -> dict[str, Any]:
     """``message`` in a form that can be sent, with integers where required. Fields may be omitted.
 
     ``definition`` None checks only that it can be encoded. ``rounds`` rounds to integers instead of refusing.

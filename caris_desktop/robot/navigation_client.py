@@ -15,7 +15,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
-from caris_desktop.robot.transport import SafeRos
+from caris_desktop.robot.transport import RosbridgeClient
 from caris_desktop.ros.action_messages import (
     Ending,
     decode_move_base_feedback,
@@ -58,7 +58,7 @@ class Navigator:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         server: NavigationServer | None,
         *,
         map_frame: str,

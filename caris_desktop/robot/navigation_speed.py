@@ -12,7 +12,7 @@ from caris_desktop.domain.events import NavigationSpeedChanged, Problem
 from caris_desktop.domain.link_commands import LimitGoals
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import NavigationServer
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.message_fields import MessageError
 from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
@@ -33,7 +33,7 @@ class NavigationSpeed:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         server: NavigationServer | None,
         *,
@@ -50,12 +50,14 @@ class NavigationSpeed:
         self._kept_mps: float | None = None
         self._told_failure = False
         self._asked = 0
-        self._topic: SafeTopic | None = None
+        self._topic: RosbridgeTopic | None = None
         told_by = server.speed_limit if server is not None else None
         self._reconfigure = told_by.reconfigure if told_by is not None else None
         self._parameters = told_by.parameters if told_by is not None else ()
         if told_by is not None and told_by.topic is not None:
-            self._topic = SafeTopic(ros, told_by.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1)
+            self._topic = RosbridgeTopic(
+                ros, told_by.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1
+            )
             self._topic.advertise()
 
     def limit(self, command: LimitGoals) -> None:

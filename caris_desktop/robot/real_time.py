@@ -30,7 +30,7 @@ _RTKIT_LONGEST_S = 0.2
 _ANSWERED_WITHIN_S = 5.0
 
 
-def come_first() -> None:
+def request_realtime_priority() -> None:
     """Request real-time priority for this process, as far as the system permits. Main thread only."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
@@ -47,16 +47,16 @@ def come_first() -> None:
         logger.info("comes before other programs")
 
 
-def is_first() -> bool:
+def has_realtime_priority() -> bool:
     """True while it has real-time priority."""
     if sys.platform != "linux":
         return False
     return os.sched_getscheduler(os.getpid()) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR
 
 
-def go_back() -> None:
+def drop_realtime_priority() -> None:
     """Return to normal priority."""
-    if not is_first():
+    if not has_realtime_priority():
         return
     for thread in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # one that has just ended
@@ -66,7 +66,7 @@ def go_back() -> None:
 
 
 def _on_long(_signal: int, _frame: object) -> None:
-    go_back()
+    drop_realtime_priority()
     logger.warning("computed for more than %.1f s without a pause: other programs have their turn again", LONGEST_S)
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from urllib.parse import quote
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.control_definitions import VALUE, filled
+from caris_desktop.domain.control_definitions import VALUE, fill_template
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -16,7 +16,7 @@ from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.robot_speech import STARTED_UNTOLD_S, STARTS_WITHIN_S, report_utterance
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
 from caris_desktop.ros.message_conversion import decode_bool
 
@@ -54,7 +54,7 @@ class RequestSpeech:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         speech: SpeechInterface,
         speaker: SpeechBackend,
@@ -77,7 +77,7 @@ class RequestSpeech:
         self._follows = speech.speaking is not None
         if speech.speaking is not None:
             kind = type_name(dialect, "std_msgs", "Bool")
-            topic = SafeTopic(ros, speech.speaking, kind, queue_length=10, every_message=True)
+            topic = RosbridgeTopic(ros, speech.speaking, kind, queue_length=10, every_message=True)
             topic.subscribe(self._take_speaking)
 
     def say(self, command: Say) -> None:
@@ -247,7 +247,7 @@ class ServiceSpeaker:
 
     needs_link = True
 
-    def __init__(self, ros: SafeRos, dialect: Dialect, told: SpeechService) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect, told: SpeechService) -> None:
         self._ros = ros
         self._told = told
         package, _, name = plain_name(told.type).partition("/")
@@ -256,7 +256,7 @@ class ServiceSpeaker:
         self.can_stop = told.stop is not None
 
     async def say(self, text: str, *, within_s: float) -> None:
-        await self._ask(self._told.name, self._kind, filled(self._told.request, text), within_s)
+        await self._ask(self._told.name, self._kind, fill_template(self._told.request, text), within_s)
 
     async def stop(self) -> None:
         if self._told.stop is not None:
@@ -290,7 +290,7 @@ class WebSpeaker:
         if self._told.body is None:
             await self._ask("GET", url, within_s)
         else:
-            await self._ask("POST", url, within_s, json=filled(self._told.body, text))
+            await self._ask("POST", url, within_s, json=fill_template(self._told.body, text))
 
     async def stop(self) -> None:
         if self._told.stop is not None:

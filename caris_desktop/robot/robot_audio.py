@@ -16,7 +16,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.console_sender import ProblemReporter
 from caris_desktop.robot.profile import AudioInterface
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.audio_messages import (
     AudioForm,
     decode_audio_data,
@@ -39,7 +39,7 @@ class RobotSound:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         told: AudioInterface,
         *,
@@ -55,17 +55,17 @@ class RobotSound:
         self._form = AudioForm(told.format, told.rate_hz, told.channels)
         self._clock = SoundClock()
         self._mp3: Mp3Stream | None = None
-        self._ears: list[tuple[SafeTopic, Callable[[Any], None]]] = []
+        self._ears: list[tuple[RosbridgeTopic, Callable[[Any], None]]] = []
         if told.topic is not None:
             data_type = type_name(dialect, _PACKAGE, told.type)
-            topic = SafeTopic(ros, told.topic, data_type, queue_length=_QUEUED, every_message=True)
+            topic = RosbridgeTopic(ros, told.topic, data_type, queue_length=_QUEUED, every_message=True)
             self._ears.append((topic, self._take))
             if told.info is not None:
-                info = SafeTopic(ros, told.info, type_name(dialect, _PACKAGE, "AudioInfo"))
+                info = RosbridgeTopic(ros, told.info, type_name(dialect, _PACKAGE, "AudioInfo"))
                 self._ears.append((info, self._take_info))
-        self._speaker: SafeTopic | None = None
+        self._speaker: RosbridgeTopic | None = None
         if told.speaker is not None:
-            self._speaker = SafeTopic(ros, told.speaker, type_name(dialect, _PACKAGE, "AudioData"))
+            self._speaker = RosbridgeTopic(ros, told.speaker, type_name(dialect, _PACKAGE, "AudioData"))
 
     def listen(self, on: bool) -> None:
         """Start or stop the robot's microphone stream."""

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
 from caris_desktop.ros.raw_image import republish_advice
 
@@ -72,7 +72,7 @@ class NamedTopic:
     needed: bool = True
 
 
-async def take_inventory(ros: SafeRos) -> RobotInventory:
+async def take_inventory(ros: RosbridgeClient) -> RobotInventory:
     """Query rosapi.
 
     Raises
@@ -104,7 +104,7 @@ def what_rosapi_said(error: Exception) -> str:
     return localized(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 
 
-async def _action_servers(ros: SafeRos) -> frozenset[str] | None:
+async def _action_servers(ros: RosbridgeClient) -> frozenset[str] | None:
     try:
         answer = await ros.ask("/rosapi/action_servers", "rosapi/GetActionServers")
         return frozenset(absolute_name(name) for name in _texts(answer.get("action_servers")))
@@ -397,7 +397,7 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
     Without rosapi, continuous streams are checked by listening.
     """
     probe = LinkProbe()
-    ros = SafeRos(address, probe, service_timeout_s=timeout_s, security=profile.security)
+    ros = RosbridgeClient(address, probe, service_timeout_s=timeout_s, security=profile.security)
     ros.connect()
     try:
         async with asyncio.timeout(timeout_s):
@@ -420,7 +420,7 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
         await ros.aclose(_GOODBYE_S)
 
 
-async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
+async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[str]:
     """One sentence for each continuous stream of the profile that is silent."""
     all_heard = asyncio.Event()
     wanted = [named for named in named_in(profile) if named.published and named.needed]
@@ -433,7 +433,7 @@ async def _silent_streams(ros: SafeRos, profile: RobotProfile) -> list[str]:
             all_heard.set()
 
     for named in wanted:
-        topic = SafeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
+        topic = RosbridgeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
         topic.subscribe(lambda _message, name=named.topic: hear(name))
     if silent:
         with contextlib.suppress(TimeoutError):
@@ -450,7 +450,7 @@ async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) ->
     if profile.ros != Dialect.ROS2.value:
         return ""
     probe = LinkProbe()
-    ros = SafeRos(address, probe, security=profile.security)
+    ros = RosbridgeClient(address, probe, security=profile.security)
     ros.connect()
     try:
         async with asyncio.timeout(timeout_s):

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.clock import now_ns
-from caris_desktop.domain.control_definitions import filled
+from caris_desktop.domain.control_definitions import fill_template
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
@@ -16,7 +16,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.action_messages import Ending
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_bool, encode_string
@@ -58,7 +58,7 @@ class ActionVoice:
     """
 
     def __init__(
-        self, ros: SafeRos, dialect: Dialect, action: SpeechAction, *, emit: Callable[[UtteranceChanged], None]
+        self, ros: RosbridgeClient, dialect: Dialect, action: SpeechAction, *, emit: Callable[[UtteranceChanged], None]
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
@@ -148,7 +148,7 @@ class ActionVoice:
 
     def _send_next(self) -> None:
         asked = self._waiting[0].asked
-        self._wire_id = self._client.send(asked.utterance_id, filled(self._goal, asked.text))
+        self._wire_id = self._client.send(asked.utterance_id, fill_template(self._goal, asked.text))
         if self._wire_id is None:
             self._end_all("failed", QT_TR_NOOP("the robot is not connected"))
         elif self._dialect is Dialect.ROS1:
@@ -192,7 +192,7 @@ class TopicVoice:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         speech: SpeechInterface | None,
         *,
@@ -205,20 +205,20 @@ class TopicVoice:
         self._silence_due: Actor | None = None
         self._waiting: deque[_Utterance] = deque()
         self._timer: asyncio.TimerHandle | None = None
-        self._say: SafeTopic | None = None
-        self._stop: SafeTopic | None = None
+        self._say: RosbridgeTopic | None = None
+        self._stop: RosbridgeTopic | None = None
         self._follows_topic = self._robot_speaks = self._in_one_breath = False
         if speech is None or speech.topic is None:
             return
-        self._say = SafeTopic(ros, speech.topic, type_name(dialect, "std_msgs", "String"))
+        self._say = RosbridgeTopic(ros, speech.topic, type_name(dialect, "std_msgs", "String"))
         self._say.advertise()
         if speech.stop:
-            self._stop = SafeTopic(ros, speech.stop, type_name(dialect, "std_msgs", "Empty"))
+            self._stop = RosbridgeTopic(ros, speech.stop, type_name(dialect, "std_msgs", "Empty"))
             self._stop.advertise()
         if speech.speaking:
             self._follows_topic = True
             bool_type = type_name(dialect, "std_msgs", "Bool")
-            speaking = SafeTopic(ros, speech.speaking, bool_type, queue_length=10, every_message=True)
+            speaking = RosbridgeTopic(ros, speech.speaking, bool_type, queue_length=10, every_message=True)
             speaking.subscribe(self._take_speaking)
 
     def say(self, command: Say) -> None:

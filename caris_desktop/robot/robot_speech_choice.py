@@ -8,7 +8,7 @@ from caris_desktop.domain.link_commands import Say
 from caris_desktop.robot.profile import SpeechInterface
 from caris_desktop.robot.request_speech import RequestSpeech, ServiceSpeaker, SpeechBackend, WebSpeaker
 from caris_desktop.robot.robot_speech import ActionVoice, RobotVoice, TopicVoice
-from caris_desktop.robot.transport import SafeRos
+from caris_desktop.robot.transport import RosbridgeClient
 from caris_desktop.robot.unprompted_speech import UnpromptedSpeech
 from caris_desktop.ros.dialect import Dialect
 
@@ -18,7 +18,7 @@ class RobotSpeech:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         dialect: Dialect,
         speech: SpeechInterface | None,
         *,
@@ -48,7 +48,7 @@ class RobotSpeech:
 
 
 def _voice_of(
-    ros: SafeRos, dialect: Dialect, speech: SpeechInterface | None, emit: Callable[[UtteranceChanged], None]
+    ros: RosbridgeClient, dialect: Dialect, speech: SpeechInterface | None, emit: Callable[[UtteranceChanged], None]
 ) -> RobotVoice:
     if speech is not None and speech.action is not None:
         return ActionVoice(ros, dialect, speech.action, emit=emit)

@@ -19,7 +19,7 @@ from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.profile import RobotProfile, TopicSource
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import (
     decode_battery_state,
@@ -48,7 +48,7 @@ class Sensors:
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         profile: RobotProfile,
         report: LinkReporter,
         measurement: LinkMeasurement,
@@ -125,7 +125,7 @@ class Sensors:
         """Subscribe. ``watched`` False: it is normally silent, and resubscribing would lose messages."""
         if source is None:
             return
-        topic = SafeTopic(
+        topic = RosbridgeTopic(
             self._ros,
             source.topic,
             type_name(self._dialect, package, message),

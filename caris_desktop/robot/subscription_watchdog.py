@@ -8,7 +8,7 @@ from typing import Any, Literal
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 
 logger = logging.getLogger(__name__)
@@ -28,7 +28,9 @@ class _Listener:
     ``encoding``: usual for its type; other, as a trial; usual again, to confirm the cause; or settled on the other.
     """
 
-    def __init__(self, topic: SafeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]) -> None:
+    def __init__(
+        self, topic: RosbridgeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]
+    ) -> None:
         self.topic = topic
         self.heard = False
         self.asked_anew = 0
@@ -54,7 +56,7 @@ class SubscriptionWatchdog:
     new subscription.
     """
 
-    def __init__(self, ros: SafeRos, dialect: Dialect, *, tell: Callable[[Problem], None]) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, tell: Callable[[Problem], None]) -> None:
         self._ros = ros
         self._dialect = dialect
         self._tell = tell
@@ -63,7 +65,7 @@ class SubscriptionWatchdog:
         self._back_since_s: dict[str, float] = {}
         self._watch: asyncio.Task[None] | None = None
 
-    def subscribe(self, topic: SafeTopic, take: Callable[[Any], None]) -> None:
+    def subscribe(self, topic: RosbridgeTopic, take: Callable[[Any], None]) -> None:
         """Subscribe to ``topic`` and watch it."""
         listener = _Listener(topic, take, self._on_heard)
         self._known.append(listener)
@@ -71,7 +73,7 @@ class SubscriptionWatchdog:
         if self._ros.is_connected:
             self._begin()
 
-    def unsubscribe(self, topic: SafeTopic) -> None:
+    def unsubscribe(self, topic: RosbridgeTopic) -> None:
         """End a subscription made here."""
         self._known = [listener for listener in self._known if listener.topic is not topic]
         topic.unsubscribe()

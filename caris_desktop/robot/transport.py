@@ -1,9 +1,10 @@
 """roslibpy's API on a transport that is safe for driving.
 
-``SafeRos`` and ``SafeTopic`` are a ``roslibpy.Ros`` and a ``roslibpy.Topic``; ``roslibpy.Service``, ``roslibpy.Param``,
-``roslibpy.ActionClient`` and even an unmodified ``roslibpy.Topic`` work on a ``SafeRos``. Underneath is our own factory
-and protocol over :mod:`caris_desktop.robot.bridge_wire`, on one asyncio loop. Where roslibpy 2.1 says "once the
-connection is established" this means "now, or not at all". What the stock transport does, and what holds here instead:
+``RosbridgeClient`` and ``RosbridgeTopic`` are a ``roslibpy.Ros`` and a ``roslibpy.Topic``; ``roslibpy.Service``,
+``roslibpy.Param``, ``roslibpy.ActionClient`` and even an unmodified ``roslibpy.Topic`` work on a ``RosbridgeClient``.
+Underneath is our own factory and protocol over :mod:`caris_desktop.robot.bridge_wire`, on one asyncio loop. Where
+roslibpy 2.1 says "once the connection is established" this means "now, or not at all". What the stock transport does,
+and what holds here instead:
 
 1. It queues everything while disconnected and flushes it on reconnect, so velocity commands arrive seconds late.
    Here a publish, call or goal without a connection is dropped and counted (``dropped``); a call's errback is called at
@@ -16,9 +17,10 @@ connection is established" this means "now, or not at all". What the stock trans
    either as an answer; when binary messages come but none of them decodes, everything is subscribed again in JSON, and
    a topic can be asked for in the other encoding. Fragments are put together, status messages are logged.
 5. ``unsubscribe()`` of one Topic silences all others of that name, and a Topic used in both directions loses its
-   subscription on reconnect. A ``SafeTopic`` has its own callback and its own ids; what a Topic asked for is remembered
-   by id and not in the Topic.
-6. A blocking call inside a callback freezes the transport. Here it raises RuntimeError; use :meth:`SafeRos.ask`.
+   subscription on reconnect. A ``RosbridgeTopic`` has its own callback and its own ids; what a Topic asked for is
+   remembered by id and not in the Topic.
+6. A blocking call inside a callback freezes the transport. Here it raises RuntimeError; use
+   :meth:`RosbridgeClient.ask`.
 7. Calls under way are never failed. Here they fail in the moment of disconnection, and after a timeout.
    ``roslibpy.actionlib.ActionClient`` still blocks in its constructor, so goals are sent through topics
    (:mod:`caris_desktop.robot.navigation_client`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
@@ -26,15 +28,15 @@ connection is established" this means "now, or not at all". What the stock trans
 9. It has one websocket. rosbridge 2.0 and 2.1 handle the operations of one websocket one after another by default
    (``send_action_goals_in_new_thread`` and ``call_services_in_new_thread`` false): a goal holds everything behind it
    until it ends, and one that is refused holds it for good, while pings are still answered. Where there are motion
-   topics (``SafeTopic(..., motion=True)``) they have a websocket of their own here, which carries nothing that can
+   topics (``RosbridgeTopic(..., motion=True)``) they have a websocket of their own here, which carries nothing that can
    wait. Goals and service calls then have one for each that is under way, questions to rosapi another, and
    subscriptions and everything else the main one.
 
 Beyond that: ``wss://`` and rosauth as the profile's security settings say; every arrival is counted per topic
 (:mod:`caris_desktop.robot.traffic`); a message that is malformed, unknown or too large is refused and reported, and
 never ends the read loop; when messages come faster than they are handled, the newest of each topic win (a
-``SafeTopic`` can ask for every one) and what they replaced is counted; an exception in one callback reaches the log and
-nothing else.
+``RosbridgeTopic`` can ask for every one) and what they replaced is counted; an exception in one callback reaches the
+log and nothing else.
 
 Long because all of the API of roslibpy that is replaced is here.
 """
@@ -63,7 +65,7 @@ from caris_desktop.robot.bridge_socket import (
     LargeAnswer,
     NoAnswer,
     Operation,
-    SafeProtocol,
+    RosbridgeProtocol,
     WaitingOperation,
 )
 from caris_desktop.robot.bridge_wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
@@ -177,7 +179,9 @@ class LoopManager:
     def blocking_call_from_thread(self, callback: Callable[[Any], Any], timeout: float | None) -> Any:
         """As roslibpy's; raises RuntimeError on the loop's own thread instead of a deadlock."""
         if threading.get_ident() == self.thread_id:
-            raise RuntimeError("a blocking call on the loop's own thread would freeze the connection; use SafeRos.ask")
+            raise RuntimeError(
+                "a blocking call on the loop's own thread would freeze the connection; use RosbridgeClient.ask"
+            )
 
         async def call() -> Any:
             placeholder = self.loop.create_future()
@@ -212,10 +216,10 @@ class _Arrival:
     stamp_ns: int
     topic: str | None
     replaceable: bool
-    protocol: SafeProtocol
+    protocol: RosbridgeProtocol
 
 
-class SafeFactory:
+class RosbridgeFactory:
     """Maintains one link: subscriptions, dispatch, reconnection.
 
     The link is connected while its main websocket and, if there are motion topics, theirs are; it is lost when one of
@@ -281,12 +285,12 @@ class SafeFactory:
         return self._main.is_open and (self._motion is None or self._motion.is_open)
 
     @property
-    def protocol(self) -> SafeProtocol | None:
+    def protocol(self) -> RosbridgeProtocol | None:
         """Protocol of the main websocket."""
         return self._main.protocol
 
     @property
-    def motion_protocol(self) -> SafeProtocol | None:
+    def motion_protocol(self) -> RosbridgeProtocol | None:
         """Protocol of the motion websocket, without slow operations."""
         return (self._motion or self._main).protocol
 
@@ -294,7 +298,7 @@ class SafeFactory:
         sockets = (self._main, self._motion, self._questions, *self._calls)
         return [socket for socket in sockets if socket is not None]
 
-    def _protocols(self) -> list[SafeProtocol]:
+    def _protocols(self) -> list[RosbridgeProtocol]:
         return [socket.protocol for socket in self._sockets() if socket.protocol is not None]
 
     def server_heard_s(self) -> float:
@@ -365,7 +369,7 @@ class SafeFactory:
             return False
         return True
 
-    def _protocol_for(self, operation: Mapping[str, Any]) -> SafeProtocol | None:
+    def _protocol_for(self, operation: Mapping[str, Any]) -> RosbridgeProtocol | None:
         """Protocol for an operation: topics of motion have their own websocket."""
         return self.motion_protocol if operation.get("topic") in self.motion_topics else self.protocol
 
@@ -389,7 +393,7 @@ class SafeFactory:
         standing = self._standing.values()
         return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in standing)
 
-    def say_first(self, topic: str, words: Callback) -> None:
+    def on_connect_send(self, topic: str, words: Callback) -> None:
         """On each connection, advertise ``topic`` and call ``words`` before anything else."""
         self._first_topic, self._say_first = topic, words
 
@@ -525,7 +529,7 @@ class SafeFactory:
     # Calls and goals
 
     def call(
-        self, request_id: str, service: str, send: Callable[[SafeProtocol], None], fail: Callable[[str], None]
+        self, request_id: str, service: str, send: Callable[[RosbridgeProtocol], None], fail: Callable[[str], None]
     ) -> None:
         """Send a call or goal over a websocket where it neither waits nor blocks others.
 
@@ -598,7 +602,7 @@ class SafeFactory:
         if socket in self._calls:
             self._calls.remove(socket)
 
-    def not_answered(self, protocol: SafeProtocol) -> None:
+    def not_answered(self, protocol: RosbridgeProtocol) -> None:
         """A call timed out: abandon its websocket with whatever it blocks in the server."""
         questions = self._questions
         if questions is not None and questions.protocol is protocol:
@@ -624,7 +628,7 @@ class SafeFactory:
 
     # Incoming messages
 
-    def receive(self, payload: bytes, protocol: SafeProtocol) -> None:
+    def receive(self, payload: bytes, protocol: RosbridgeProtocol) -> None:
         if len(self._arrived) >= _MOST_WAITING:
             self.refuse(QT_TR_NOOP("more messages at once than can be handled"))
             return
@@ -716,7 +720,7 @@ class SafeFactory:
             lost = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
             self.manager.loop.call_later(_LINK_LOST_WITHIN_S, protocol.fail_everything, lost)
 
-    def _link_lost(self, ended: BridgeSocket, protocol: SafeProtocol, reason: str) -> None:
+    def _link_lost(self, ended: BridgeSocket, protocol: RosbridgeProtocol, reason: str) -> None:
         # Messages from before the gap are not delivered after it.
         self._arrived.clear()
         self._newest.clear()
@@ -795,7 +799,7 @@ class SafeFactory:
             logger.exception("A callback failed")
 
 
-class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
+class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
     """Connection to one rosbridge server, on the running asyncio loop.
 
     Create and use it on that loop's thread; roslibpy's blocking calls work from other threads.
@@ -815,7 +819,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         # Not Ros's constructor, which would choose a stock transport.
         self._id_counter = 0
         self.is_connecting = False
-        self.factory = SafeFactory(
+        self.factory = RosbridgeFactory(
             address,
             observer,
             timings=timings,
@@ -927,7 +931,7 @@ class SafeRos(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no types
         return 0 if protocol is None else protocol.wire.unsent_bytes
 
 
-class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
+class RosbridgeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
     """Topic independent of other Topics of its name.
 
     ``every_message`` delivers each message where they do not replace one another (results, transforms). ``compression``
@@ -940,7 +944,7 @@ class SafeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no types
 
     def __init__(
         self,
-        ros: SafeRos,
+        ros: RosbridgeClient,
         name: str,
         message_type: str,
         *,

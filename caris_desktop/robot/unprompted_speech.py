@@ -10,7 +10,7 @@ from typing import Any
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_string
 
@@ -26,14 +26,14 @@ class UnpromptedSpeech:
     """
 
     def __init__(
-        self, ros: SafeRos, dialect: Dialect, topic: str | None, *, emit: Callable[[UtteranceChanged], None]
+        self, ros: RosbridgeClient, dialect: Dialect, topic: str | None, *, emit: Callable[[UtteranceChanged], None]
     ) -> None:
         self._emit = emit
         self._asked: deque[tuple[int, str]] = deque(maxlen=_ASKED_AT_MOST)
         self._now: UtteranceChanged | None = None
         self._timer: asyncio.TimerHandle | None = None
         if topic is not None:
-            listening = SafeTopic(
+            listening = RosbridgeTopic(
                 ros, topic, type_name(dialect, "std_msgs", "String"), queue_length=10, every_message=True
             )
             listening.subscribe(self._take)

@@ -32,7 +32,7 @@ class UnreadCommands:
         self._zero_s: float | None = None
 
     @property
-    def settled(self) -> bool:
+    def acknowledged(self) -> bool:
         """True if the robot is known to have read a zero after the last velocity."""
         return self._settled
 

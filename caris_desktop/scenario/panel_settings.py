@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from caris_desktop.domain.intents import Along
+from caris_desktop.domain.intents import PromptPart
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.value_class import dataclass
 
@@ -61,7 +61,7 @@ class QuestionSettings:
     """The Assistant panel."""
 
     left_out: Annotated[
-        tuple[Along, ...],
+        tuple[PromptPart, ...],
         FieldSpec("What does not go along with a question, unless the wizard adds it.", longest=6, unique=True),
     ] = ()
 

@@ -12,7 +12,8 @@ from caris_desktop.scenario.scenario_file import schema_path
 from caris_desktop.scenario.scenario_model import Scenario
 
 _PAGE_HEAD = """\
-<!-- Written by `python -m caris_desktop.app.generated_reference` from caris_desktop/scenario/scenario_model.py: change it there. -->
+<!-- Written by `python -m caris_desktop.app.generated_reference` from
+caris_desktop/scenario/scenario_model.py: change it there. -->
 # The scenario file
 
 A scenario is one YAML file. It says what a study needs of the console: which panels stand where, what the wizard may

@@ -479,7 +479,7 @@ class BridgeServer:
             problem = typedefs.misfit(self.dialect, topic.type, message)
             if problem is not None:
                 raise MessageError(f"{name}: {problem}")
-            message = typedefs.filled(self.dialect, topic.type, message)
+            message = typedefs.with_defaults(self.dialect, topic.type, message)
         if topic.on_message is not None:
             topic.on_message(message)
             if self._obeyed_log is not None:

@@ -210,7 +210,7 @@ def field_names(dialect: Dialect, type_: str) -> list[str]:
     return [entry.name for entry in _values(_part_of(dialect, type_))]
 
 
-def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
+def with_defaults(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
     """``message`` as ROS passes it on: with zeros in omitted fields."""
     whole = blank(dialect, type_)
     for name, value in message.items():
@@ -218,7 +218,7 @@ def filled(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, A
         entry = next((one for one in _values(_part_of(dialect, type_)) if one.name == name), None)
         nested = isinstance(inside, dict) and isinstance(value, dict) and entry is not None
         whole[name] = (
-            filled(dialect, entry.type, value)
+            with_defaults(dialect, entry.type, value)
             if nested and entry is not None and entry.type not in _PRIMITIVES
             else value
         )

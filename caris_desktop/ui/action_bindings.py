@@ -34,7 +34,7 @@ from caris_desktop.ui.action_rows import (
     show_nth_expression,
 )
 from caris_desktop.ui.action_spec import ActionSpec, Condition, Feature
-from caris_desktop.ui.key_choices import Choices, Settled, conflicts, settle, types_something
+from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, settle, types_something
 from caris_desktop.ui.key_positions import modifier_name
 from caris_desktop.ui.mark_intents import mark_with_label
 from caris_desktop.ui.panel_table import possible_panels
@@ -202,7 +202,7 @@ class Actions(QObject):
         self._answering: dict[str, object] = {}
         self._standard: list[ActionSpec] = []
         self._choices: Choices = {}
-        self.settled = Settled()
+        self.settled = ResolvedBindings()
         self._specs: dict[str, ActionSpec] = {}
         self._driving_panels: tuple[QWidget, ...] = ()
         self._shortcuts: dict[str, QAction] = {}

@@ -29,7 +29,7 @@ def read_for(
         if failed is not None and shiboken6.isValid(part):
             failed(failure)
 
-    console.read_aside(read, deliver, None if failed is None else report_failed)
+    console.run_in_background(read, deliver, None if failed is None else report_failed)
 
 
 class Remembered(QObject):

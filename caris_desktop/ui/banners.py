@@ -29,7 +29,7 @@ class Banner(QWidget):
         self._theme = theme
         self._role = role
         self.text = ElidedLabel()
-        self.row = layouts.row(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
+        self.row = layouts.hbox(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.row.addWidget(self.text, 1)
         theme.restyle_on_change(self._style)
         self.hide()

@@ -32,7 +32,7 @@ class ClosingWindow(QWidget):
         self._since.setFont(theme.font(tokens.STATUS_PX))
         busy = QProgressBar(textVisible=False)
         busy.setRange(0, 0)
-        column = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        column = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (self._what, busy, self._since):
             column.addWidget(widget)
         self.setFixedWidth(420)

@@ -44,7 +44,7 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(cancel)
         buttons.addWidget(allow)
-        layout = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        layout = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (self._heading, file, hint):
             layout.addWidget(widget)
         layout.addWidget(self._list(question), 1)
@@ -59,7 +59,7 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
     def _list(self, question: FileQuestion) -> QScrollArea:
         """List of references, unconfirmed ones first."""
         holder = QWidget()
-        column = layouts.column(holder, margins_px=(0, 4, 8, 4), spacing_px=10)
+        column = layouts.vbox(holder, margins_px=(0, 4, 8, 4), spacing_px=10)
         new = [one for one in question.named if one not in question.known]
         if question.is_changed:
             column.addWidget(self._caption(tr("New in this file"), "amber"))

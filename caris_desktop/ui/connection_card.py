@@ -67,7 +67,7 @@ class ConnectionCard(Overlay):
         self._plot: Any = None
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
-        self._layout = layouts.column(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
+        self._layout = layouts.vbox(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
         self._heading = QLabel(tr("Connection in the last minute"), wordWrap=True)
         self._state = state
         self._facts = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
@@ -79,7 +79,7 @@ class ConnectionCard(Overlay):
         robots = ActionButton(theme, tr("Another robot…"), icon="robot")
         robots.setObjectName("connection_robots")
         robots.clicked.connect(self.robots_requested)
-        head = layouts.row(spacing_px=8)
+        head = layouts.hbox(spacing_px=8)
         head.addWidget(self._heading, 1)
         head.addWidget(diagnostics)
         head.addWidget(robots)

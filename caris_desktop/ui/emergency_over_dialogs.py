@@ -45,7 +45,7 @@ class EmergencyOverDialogs(QObject):
         button.setObjectName("emergency_stop_copy")
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)
-        layout = layouts.column(window, margins_px=0)
+        layout = layouts.vbox(window, margins_px=0)
         layout.addWidget(button)
         window.resize(self._button.size())
         window.move(self._button.mapToGlobal(QPoint(0, 0)))

@@ -160,19 +160,19 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     def _lay_out(self) -> None:
         content = QWidget()
-        layout = layouts.column(content, margins_px=0, spacing_px=12)
-        head = layouts.column(spacing_px=2)
+        layout = layouts.vbox(content, margins_px=0, spacing_px=12)
+        head = layouts.vbox(spacing_px=2)
         head.addWidget(self._heading)
         head.addWidget(self._which)
         layout.addLayout(head)
         layout.addWidget(self._make_formats(), 1)
         layout.addWidget(self._label(tr("Where to")))
-        where = layouts.row(spacing_px=8)
+        where = layouts.hbox(spacing_px=8)
         where.addWidget(self._folder, 1)
         where.addWidget(self._browse)
         layout.addLayout(where)
         layout.addWidget(self._label(tr("Licence, if others will get the data")))
-        licence = layouts.row(spacing_px=8)
+        licence = layouts.hbox(spacing_px=8)
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
         layout.addLayout(licence)
@@ -180,9 +180,9 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         layout.addSpacing(2)
         layout.addWidget(self._bar)
         layout.addWidget(self._what)
-        whole = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        whole = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
-        buttons = layouts.row(spacing_px=8)
+        buttons = layouts.hbox(spacing_px=8)
         buttons.addWidget(self._close)
         buttons.addStretch(1)
         for button in (self._open, self._cancel, self._start):
@@ -197,7 +197,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     def _make_formats(self) -> QScrollArea:
         rows = QWidget()
-        column = layouts.column(rows, margins_px=(0, 0, 8, 0), spacing_px=6)
+        column = layouts.vbox(rows, margins_px=(0, 0, 8, 0), spacing_px=6)
         for fmt in FORMATS:
             box = CheckBox(self._theme, tr(fmt.title))
             box.setObjectName(f"export_format_{fmt.name}")
@@ -208,7 +208,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             description = _Description(tr(fmt.description), box)
             description.setFont(self._theme.font(tokens.STATUS_PX))
             self._dim.append(description)
-            row = layouts.column(spacing_px=0)
+            row = layouts.vbox(spacing_px=0)
             row.addWidget(box)
             row.addWidget(description)
             column.addLayout(row)

@@ -88,7 +88,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
         for actions in ((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:]):
             side = QWidget()
-            lines = layouts.column(side, margins_px=0, spacing_px=2)
+            lines = layouts.vbox(side, margins_px=0, spacing_px=2)
             self._sides.append(side)
             self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
             for action in actions:
@@ -97,7 +97,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
                 self._rows[action] = row
                 lines.addWidget(row)
         rows = QWidget()
-        rows_layout = layouts.column(rows, margins_px=(0, 0, 8, 0))
+        rows_layout = layouts.vbox(rows, margins_px=(0, 0, 8, 0))
         rows_layout.addLayout(self._columns)
         rows_layout.addStretch(1)
         scroll = self._scroll = QScrollArea(widgetResizable=True)
@@ -135,13 +135,13 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         scroll.setMinimumHeight(_LEAST_ROWS_PX)
         scroll.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         content = QWidget()
-        layout = layouts.column(content, margins_px=0, spacing_px=12)
+        layout = layouts.vbox(content, margins_px=0, spacing_px=12)
         layout.addWidget(self._name)
         layout.addWidget(self._hint)
         layout.addWidget(self._view)
         layout.addWidget(scroll, 1)
         layout.addLayout(sliders)
-        whole = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        whole = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(foot)
         state.gamepad.changed.connect(self._on_status_changed)
@@ -302,7 +302,7 @@ class BindingRow(QWidget):
         self.change = ActionButton(theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX)
         self.change.setObjectName(f"change_{action}")
         self.change.setAccessibleName(tr("Change: {action}").format(action=title))
-        row = layouts.row(self, margins_px=0, spacing_px=12)
+        row = layouts.hbox(self, margins_px=0, spacing_px=12)
         row.addWidget(self._title)
         row.addWidget(self._bound, 1)
         row.addWidget(self.change)

@@ -52,7 +52,7 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         hint = QLabel(tr("Nothing was changed yet. What is replaced is put aside, not deleted."), wordWrap=True)
         theme.color_text(hint, "dim")
         holder = QWidget()
-        column = layouts.column(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
+        column = layouts.vbox(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
         self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
         for part in self.parts:
             column.addWidget(part)
@@ -75,7 +75,7 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(cancel)
         buttons.addWidget(self._import)
-        layout = layouts.column(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        layout = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
         for widget in (heading, hint):
             layout.addWidget(widget)
         layout.addWidget(scroll, 1)
@@ -130,10 +130,10 @@ class _Part(QWidget):
         self.shown.setAccessibleName(tr("What differs: theirs and what is there"))
         self.shown.setMinimumHeight(180)
         self.shown.hide()
-        named = layouts.row(spacing_px=8)
+        named = layouts.hbox(spacing_px=8)
         named.addWidget(self.choice, 1)
         named.addWidget(self.name, 1)
-        column = layouts.column(self, margins_px=0, spacing_px=6)
+        column = layouts.vbox(self, margins_px=0, spacing_px=6)
         column.addWidget(asked)
         column.addLayout(named)
         if not conflict.own:

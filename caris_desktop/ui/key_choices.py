@@ -39,7 +39,7 @@ Choices = Mapping[str, Keys]
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
+class ResolvedBindings:
     """Resolved bindings: ``rows`` with the chosen keys. ``fallen_back``: reasons for rejected choices.
 
     ``clashes``: phrases and gestures whose key in the scenario belongs to another row and therefore does not work.
@@ -151,7 +151,7 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
     return ""
 
 
-def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
+def settle(specs: Iterable[ActionSpec], choices: Choices) -> ResolvedBindings:
     """Resolve the bindings: the wizard's choices where possible, which take precedence over the scenario's keys."""
     standard = list(specs)
     told: list[str] = []
@@ -183,7 +183,9 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> Settled:
     return _with_own_keys(standard, rows, tuple(told))
 
 
-def _with_own_keys(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]) -> Settled:
+def _with_own_keys(
+    standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]
+) -> ResolvedBindings:
     taken = {normalized(key): spec for spec in firm for key in (*spec.keys, *spec.driving_keys)}
     settled = {spec.id: spec for spec in firm}
     clashes = []
@@ -197,7 +199,7 @@ def _with_own_keys(standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], t
             clashes.append((spec, other))
             # The row stays without a key, so that the shortcut sheet can assign another one.
             settled[spec.id] = replace(spec, keys=())
-    return Settled(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
+    return ResolvedBindings(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
 
 
 def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:

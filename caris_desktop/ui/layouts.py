@@ -6,7 +6,7 @@ Margins = int | tuple[int, int, int, int]
 """Equal on all sides; or left, top, right, bottom."""
 
 
-def column(
+def vbox(
     holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QVBoxLayout:
     """Vertical layout of ``holder``, or one without a parent."""
@@ -15,7 +15,7 @@ def column(
     return layout
 
 
-def row(
+def hbox(
     holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QHBoxLayout:
     """Horizontal layout of ``holder``, or one without a parent."""

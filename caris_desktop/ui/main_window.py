@@ -44,7 +44,7 @@ from caris_desktop.ui.notice_strip import NoticeStrip
 from caris_desktop.ui.observer.observer_window import ObserverWindows
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.palette_entries import PaletteEntries
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_memory import PaletteMemory
 from caris_desktop.ui.palette.quick_choices import QuickChoices
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -200,12 +200,12 @@ class MainWindow(PanelWindow, QWidget):
         self._place.restore()
 
     def _arrange(self) -> None:
-        self._column = layouts.column(self, margins_px=0, spacing_px=0)
+        self._column = layouts.vbox(self, margins_px=0, spacing_px=0)
         self._column.addWidget(self._top_bar)
         self._column.addWidget(self._strip)
         self._column.addWidget(self._protocol)
         self._column.addWidget(self.practice)
-        holder = layouts.column(margins_px=(8, 6, 8, 8))
+        holder = layouts.vbox(margins_px=(8, 6, 8, 8))
         self._middle = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         self._middle.setObjectName("middle")
         self._middle.setHandleWidth(8)
@@ -431,7 +431,7 @@ class MainWindow(PanelWindow, QWidget):
     def show_preflight(self) -> None:
         self._preflight.open()
 
-    def palette_entries(self) -> list[Entry]:
+    def palette_entries(self) -> list[PaletteItem]:
         """Commands and items of the command palette now."""
         return self._entries.now() if self._replay is None else self._entries.of_replay(self._replay)
 

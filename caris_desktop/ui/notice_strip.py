@@ -34,7 +34,7 @@ class NoticeStrip(Bar, QWidget):
         self._bands = tuple(bands)
         self._now = ElidedLabel()
         self._now.setObjectName("robot_now")
-        row = layouts.row(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
+        row = layouts.hbox(self, margins_px=(8, 4, 8, 0), spacing_px=tokens.GRID_PX)
         self._signs = StatusIndicators(theme, console.state)
         row.addWidget(self._signs)
         row.addWidget(self._now, 1)

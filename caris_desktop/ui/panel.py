@@ -116,7 +116,7 @@ class Panel(QWidget):
     def update_view(self) -> None:
         """Refresh everything after the panel becomes visible again."""
 
-    def follow(self, scenario: Scenario) -> bool:
+    def can_reuse(self, scenario: Scenario) -> bool:
         """Whether the panel can be reused for another scenario, whose ``reads`` are unchanged; ``show_scenario``
         follows.
 
@@ -157,7 +157,7 @@ class Panel(QWidget):
             self.choices_changed.emit()
 
     @contextmanager
-    def by_itself(self) -> Iterator[None]:
+    def preferences_blocked(self) -> Iterator[None]:
         """Context in which changes are not saved as preferences."""
         self._goes_by_itself += 1
         try:

@@ -123,7 +123,7 @@ class PanelManager(QObject):
         actions.bind_driving_panels(())
         kept, possible = {**self._panels, **self._aside}, self.possible()
         for name, panel in tuple(kept.items()):
-            if name not in possible or not panel.follow(scenario):
+            if name not in possible or not panel.can_reuse(scenario):
                 self._persist(name, kept.pop(name))
         self._open_scenario(scenario)
         tree = permitted(scenario.layout, possible)
@@ -372,7 +372,7 @@ class PanelManager(QObject):
             self._use_settings(name, panel)
 
     def _use_settings(self, name: PanelName, panel: Panel) -> None:
-        with panel.by_itself():
+        with panel.preferences_blocked():
             panel.use_settings(self._context.console.scenario.panels)
         self.opened.emit(name, panel)
 

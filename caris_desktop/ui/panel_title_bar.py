@@ -40,7 +40,7 @@ class PanelTitleBar(Bar, QWidget):
         self._fact.setObjectName("panel_fact")
         self._more = tuple(more)
         self._controls: tuple[QWidget, ...] = ()
-        self._row = row = layouts.row(self, spacing_px=8)
+        self._row = row = layouts.hbox(self, spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()

@@ -249,7 +249,7 @@ class Preferences(QObject):
     def _use_in_panel(self, name: str, panel: Panel) -> None:
         kept = _stored_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
         if isinstance(kept, dict):
-            with panel.by_itself():
+            with panel.preferences_blocked():
                 panel.use_choices(kept)
 
     def _file_of_panel(self, name: str) -> Any:

@@ -58,7 +58,7 @@ class ProblemCards(QWidget):
         self._cards: list[ProblemCard] = []
         self._opened: ProblemCard | None = None
         self._seen: dict[str, tuple[int, Severity, int]] = {}
-        self._column = layouts.column(self, margins_px=0, spacing_px=tokens.GRID_PX)
+        self._column = layouts.vbox(self, margins_px=0, spacing_px=tokens.GRID_PX)
         over.installEventFilter(self)
         over.laid_out.connect(self._on_laid_out)
         self._state = state
@@ -246,10 +246,10 @@ class ProblemCard(QWidget):
         close.setObjectName("problem_dismiss")
         close.setAccessibleName(tr("Dismiss"))
         close.clicked.connect(lambda: self.dismissed.emit(self))
-        column = layouts.column(spacing_px=3)
+        column = layouts.vbox(spacing_px=3)
         for label in self._labels:
             column.addWidget(label)
-        row = self._row = layouts.row(self, margins_px=(48, 12, 8, 14))
+        row = self._row = layouts.hbox(self, margins_px=(48, 12, 8, 14))
         row.addLayout(column, 1)
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         self._timer = QTimer(self, singleShot=True)

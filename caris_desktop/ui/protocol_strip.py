@@ -80,7 +80,7 @@ class ProtocolStrip(Bar, QWidget):
         self._skip = self._button("skip_step", "skip_step", icon="skip-forward", ghost=True)
         self.next_button = self._button("next_step", "next_step", icon="arrow-right", may_shrink=True)
         self._acts = (self._say, self._go, self._branch, self._back, self._skip, self.next_button)
-        self._row = layouts.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
+        self._row = layouts.hbox(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._row.addWidget(self.pills, 3)
         self._row.addWidget(self._note, 1)
         self._row.addWidget(self._ticked)

@@ -85,7 +85,7 @@ class ResumeTrialCard(QWidget):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
         self._boxes: dict[AsBefore, CheckBox] = {}
-        column = self._column = layouts.column(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
+        column = self._column = layouts.vbox(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
         column.addWidget(self._heading)
         column.addWidget(self._text)
         for what, asked in _ASKED.items():
@@ -102,7 +102,7 @@ class ResumeTrialCard(QWidget):
         self._no = ActionButton(theme, tr("Do not go on"), look="ghost", height_px=38)
         self._no.setObjectName("going_on_no")
         self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
-        buttons = layouts.row(spacing_px=tokens.GRID_PX)
+        buttons = layouts.hbox(spacing_px=tokens.GRID_PX)
         buttons.addWidget(self._no)
         buttons.addStretch(1)
         buttons.addWidget(self._start)

@@ -51,7 +51,7 @@ class NoteLine(QWidget):
         self._role, self._icon = "dim", ""
         self._label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        row = layouts.row(self, margins_px=(28, 2, 0, 2))
+        row = layouts.hbox(self, margins_px=(28, 2, 0, 2))
         row.addWidget(self._label)
         theme.changed.connect(self._style)
         self.hide()
@@ -99,7 +99,7 @@ class MappingRow(QWidget):
         self.box = DropDown(theme, f"mapping_{field}_box", label)
         self.box.setFixedWidth(270)
         self.box.setMaxVisibleItems(_SHORT_LIST)
-        row = layouts.row(self, margins_px=(0, 1, 0, 1), spacing_px=8)
+        row = layouts.hbox(self, margins_px=(0, 1, 0, 1), spacing_px=8)
         row.addWidget(name)
         if proposal is None:
             fixed = QLabel(topic)

@@ -148,7 +148,7 @@ class TopBar(Bar, QWidget):
         self.emergency.setProperty(STOPS, True)
         self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
         self.emergency.pressed.connect(self._on_emergency_pressed)
-        row = layouts.row(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
+        row = layouts.hbox(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
         row.addWidget(self._replay_badge)
         row.addWidget(self.scenario_button)

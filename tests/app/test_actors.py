@@ -26,7 +26,7 @@ from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
-from caris_desktop.live.services.practice_service import PracticeParts
+from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.live.state import LiveValue
@@ -394,7 +394,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
                 conflicts=lambda _path: (),
                 layouts=SavedElsewhere(),
             ),
-            practice=PracticeParts(scenario.path, lambda _actor: None, lambda _seconds: None),
+            practice=PracticeAdapters(scenario.path, lambda _actor: None, lambda _seconds: None),
             robots=replace(
                 parts.robots,
                 connect_to=lambda name: confirmed(folder / f"{name}.yaml"),

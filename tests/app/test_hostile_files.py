@@ -133,7 +133,7 @@ def test_a_block_that_would_take_a_gigabyte_is_refused_before_it_does(size_bytes
         + b"\x28\xb5\x2f\xfd"
     )
     with pytest.raises(mcap_chunks.DamagedBlockError):
-        mcap_chunks.unfolded(record(CHUNK, body))
+        mcap_chunks.decompress(record(CHUNK, body))
 
 
 def test_json_without_end_is_wrong_and_not_the_end() -> None:

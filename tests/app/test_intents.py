@@ -226,7 +226,7 @@ def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> No
     for permission in get_args(Permission):
         bench.done.clear()
         bench.permit(**{permission: False})
-        needed = permission in INTENTS[type(asked)].permissions and not asked.lets_go
+        needed = permission in INTENTS[type(asked)].permissions and not asked.reduces_motion
         refused = bench.console.do(asked)
         assert is_a_sentence(refused) if needed else refused == "", permission
         assert bench.done == ([] if needed else [asked]), permission
@@ -251,7 +251,7 @@ def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked
     state = bench.console.state
     state.drive.set(replace(state.drive.value, emergency_stop=True))
     bench.sent.clear()
-    moves = (INTENTS[type(asked)].moves or isinstance(asked, intents.UseControl)) and not asked.lets_go
+    moves = (INTENTS[type(asked)].moves or isinstance(asked, intents.UseControl)) and not asked.reduces_motion
     refused = bench.console.do(asked)
     assert refused == (f"{words_for(asked)} is not possible: the emergency stop is on." if moves else "")
     assert bench.done == ([] if moves else [asked])
@@ -287,7 +287,7 @@ def test_nothing_is_recorded_before_what_may_have_changed_is_confirmed(bench: Be
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_while_one_drives_the_base_is_refused_to_others_but_this_computers_wizard(bench: Bench, asked: Intent) -> None:
     state = bench.console.state
-    base = (INTENTS[type(asked)].moves == "base" or isinstance(asked, intents.UseControl)) and not asked.lets_go
+    base = (INTENTS[type(asked)].moves == "base" or isinstance(asked, intents.UseControl)) and not asked.reduces_motion
     for driver, who in ((WIZARD, "the wizard"), ("wizard:b", "another wizard"), (SCRIPT, "a script")):
         state.drive.set(replace(state.drive.value, driver=driver))
         for actor in (WIZARD, "wizard:a", "wizard:b", SCRIPT, CONSOLE):
@@ -310,7 +310,7 @@ def test_a_light_is_no_motion(bench: Bench) -> None:
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_without_a_link_nothing_is_asked_of_the_robot(bench: Bench, asked: Intent) -> None:
     state = bench.console.state
-    needs = INTENTS[type(asked)].needs_link and not asked.lets_go
+    needs = INTENTS[type(asked)].needs_link and not asked.reduces_motion
     for link in ("connecting", "trouble", "lost", "closed"):
         state.link.set(replace(state.link.value, state=link))
         bench.done.clear()

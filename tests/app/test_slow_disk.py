@@ -279,7 +279,7 @@ def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtb
 def test_the_list_of_robots_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
     told: list[str] = []
     console = bench.console
-    console.read_aside(console.robots, lambda robots: told.extend(robot.name for robot in robots))
+    console.run_in_background(console.robots, lambda robots: told.extend(robot.name for robot in robots))
     qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert told == []

@@ -53,7 +53,7 @@ def _measured(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     from PySide6.QtWidgets import QApplication
 
     from caris_desktop.app.composition import find_scenario
-    from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+    from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
     from caris_desktop.recording.replay.video_reader import VideoReader
     from caris_desktop.recording.session.session_reader import open_session
 
@@ -75,7 +75,7 @@ def _measured(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     opened_ms = 1000 * (time.perf_counter() - began_s)
     videos = VideoReader(session)
     console = ReplayConsole(
-        ReplayParts(
+        ReplayAdapters(
             start_scenario=find_scenario("tour-guide"),
             read_scenario=not_read,
             read_layout=not_read,

@@ -15,7 +15,7 @@ from typing import Any
 
 import roslibpy
 
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from tests.benchmarks.rosbridge_source import IMAGE_TOPIC, SCAN_TOPIC
 
 WARM_UP_S = 1.0
@@ -47,9 +47,9 @@ class Silent:
 
 async def ours(port: int, seconds: float, compression: str) -> Ages:
     ages = Ages()
-    ros = SafeRos(f"ws://127.0.0.1:{port}", Silent())
+    ros = RosbridgeClient(f"ws://127.0.0.1:{port}", Silent())
     for topic, kind in TYPES.items():
-        SafeTopic(ros, topic, kind, compression=compression).subscribe(ages.note(topic))
+        RosbridgeTopic(ros, topic, kind, compression=compression).subscribe(ages.note(topic))
     ros.connect()
     await asyncio.sleep(seconds + WARM_UP_S)
     await ros.aclose(0.5)

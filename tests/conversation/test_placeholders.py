@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.placeholders import Words, filled, gaps, missing
+from caris_desktop.conversation.placeholders import Words, fill_placeholders, gaps, missing
 
 ADA = Words("Ada", "{p-12}")
 
@@ -26,18 +26,22 @@ def test_gaps_are_small_words_in_braces(text: str, found: tuple[str, ...]) -> No
 
 
 def test_a_name_is_spoken_and_its_mark_is_recorded() -> None:
-    said = filled("Hello, {name}! Hello, {name}.", {"name": ADA}, nobody)
+    said = fill_placeholders("Hello, {name}! Hello, {name}.", {"name": ADA}, nobody)
     assert said == Words("Hello, Ada! Hello, Ada.", "Hello, {p-12}! Hello, {p-12}.")
 
 
 def test_a_mark_is_spoken_as_the_name_of_now() -> None:
-    assert filled("Bye, {p-7}.", {}, lambda person_id: {"p-7": "Luis"}[person_id]) == Words("Bye, Luis.", "Bye, {p-7}.")
+    assert fill_placeholders("Bye, {p-7}.", {}, lambda person_id: {"p-7": "Luis"}[person_id]) == Words(
+        "Bye, Luis.", "Bye, {p-7}."
+    )
 
 
 def test_what_has_no_words_is_missing_and_stays() -> None:
     assert missing("{name}, the {place} is on {day}.", {"name": ADA}) == ("place", "day")
-    assert filled("{name}: {day}", {"name": ADA}, nobody).spoken == "Ada: {day}"
+    assert fill_placeholders("{name}: {day}", {"name": ADA}, nobody).spoken == "Ada: {day}"
 
 
 def test_words_that_look_like_a_gap_are_not_filled_again() -> None:
-    assert filled("{day}", {"day": Words("{name}", "{name}"), "name": ADA}, nobody) == Words("{name}", "{name}")
+    assert fill_placeholders("{day}", {"day": Words("{name}", "{name}"), "name": ADA}, nobody) == Words(
+        "{name}", "{name}"
+    )

@@ -11,7 +11,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     BeginPlaying,
     EndPlaying,
     PlaybackFailed,
-    Played,
+    PlaybackStarted,
     PlayedOut,
     PlayThis,
 )
@@ -92,7 +92,7 @@ def test_what_is_played_is_heard_when_it_says_and_told_whole(sound: SoundServer)
             playback.listen_for(0.3)
         finally:
             playback.close()
-    told = [each for each in playback.heard if isinstance(each, Played)]
+    told = [each for each in playback.heard if isinstance(each, PlaybackStarted)]
     assert {each.stream_id for each in told} == {"s1"} and out.stream_id == "s1"
     samples = np.concatenate([each.samples[:, 0] for each in told])
     assert np.array_equal(samples, tone), "what was heard is what was to be played"

@@ -13,7 +13,7 @@ from caris_desktop.domain.control_definitions import (
     RobotControl,
     SendActionGoal,
     control_problems,
-    filled,
+    fill_template,
 )
 from caris_desktop.domain.schema_fields import data_of, value_from
 from caris_desktop.domain.schema_validation import problems
@@ -34,7 +34,7 @@ CONTROLS = (
 
 def test_a_value_alone_keeps_its_type_and_within_a_text_becomes_text() -> None:
     template = {"data": "$value", "text": "at $value %", "list": ["$value", 1], "other": 2}
-    assert filled(template, 0.5) == {"data": 0.5, "text": "at 0.5 %", "list": [0.5, 1], "other": 2}
+    assert fill_template(template, 0.5) == {"data": 0.5, "text": "at 0.5 %", "list": [0.5, 1], "other": 2}
 
 
 def test_what_is_written_is_accepted_and_reads_back_the_same() -> None:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, fitted, fitting_size, unfolded
+from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted, fitting_size
 from caris_desktop.domain.sensing import DepthGrid
 
 
@@ -41,15 +41,15 @@ def test_what_fits_is_not_copied() -> None:
 def test_no_byte_of_a_broken_picture_is_shown_and_none_breaks_the_program() -> None:
     rng = np.random.default_rng(3)
     whole = cv2.imencode(".jpg", rng.integers(0, 256, (48, 64, 3), np.uint8))[1].tobytes()
-    assert unfolded(whole).shape == (48, 64, 3)
+    assert decode_compressed(whole).shape == (48, 64, 3)
     for end in range(0, len(whole) - 2, 97):
         with pytest.raises(PictureError):
-            unfolded(whole[:end])
+            decode_compressed(whole[:end])
     for _ in range(200):
         broken = bytearray(whole)
         broken[int(rng.integers(2, 600))] ^= int(rng.integers(1, 256))
         try:
-            assert unfolded(bytes(broken)).ndim == 3
+            assert decode_compressed(bytes(broken)).ndim == 3
         except PictureError:
             continue
 

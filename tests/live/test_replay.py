@@ -25,7 +25,7 @@ from caris_desktop.live import annotation_session
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.protocol_run import ProtocolRun
-from caris_desktop.live.replay_console import ReplayConsole, ReplayParts
+from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status_tap import content_of
 from caris_desktop.recording.annotation import annotation_editing
@@ -82,7 +82,7 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
     ) -> ReplayConsole:
         session = open_session(folder or made.folder)
         videos = VideoReader(session)
-        parts = ReplayParts(
+        parts = ReplayAdapters(
             start_scenario=scenario,
             read_scenario=read_scenario,
             read_layout=read_layout,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, decoded, unfolded
+from caris_desktop.domain.picture_checks import PictureError, decode_compressed, decoded
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.perception.backends import serving
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
@@ -94,7 +94,7 @@ def refused_by_bags(content: bytes, _folder: Path) -> None:
 
 def refused_by_robots_and_cameras(content: bytes, _folder: Path) -> None:
     with pytest.raises(PictureError):
-        unfolded(content)
+        decode_compressed(content)
 
 
 def refused_by_the_detector(content: bytes, _folder: Path) -> None:
@@ -128,7 +128,7 @@ def test_nothing_but_a_jpeg_or_png_of_a_size_that_fits_reaches_a_decoder(
 def test_what_is_whole_is_shown_everywhere(ending: str, tmp_path: Path) -> None:
     content = coded(ending)
     assert decoded(content).shape == (48, 64, 3)
-    assert unfolded(content).shape == (48, 64, 3)
+    assert decode_compressed(content).shape == (48, 64, 3)
     assert (image_of(content).width(), image_of(content).height()) == (64, 48)
     assert previews(in_file(content, tmp_path), 100)
     assert bag_values._unfolded_image(content).shape == (48, 64, 3)

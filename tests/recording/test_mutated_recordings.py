@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from caris_desktop.domain.picture_checks import PictureError, decoded, unfolded
+from caris_desktop.domain.picture_checks import PictureError, decode_compressed, decoded
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
@@ -140,7 +140,7 @@ def test_no_mutation_of_a_picture_does_harm(request: pytest.FixtureRequest, endi
         path = place / "photo.jpg"
         path.write_bytes(content)
         for read in (
-            lambda content=content: decoded(content), lambda content=content: unfolded(content),
+            lambda content=content: decoded(content), lambda content=content: decode_compressed(content),
             lambda content=content: image_of(content), lambda path=path: previews(path, 100),
         ):  # fmt: skip
             tried(place, seed, read, (PictureError, PhotoFileError))

@@ -26,7 +26,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import SecuritySettings, load_profile
-from caris_desktop.robot.transport import SafeRos, SafeTopic
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from tests.robot.link_bench import LinkProcess
 from tests.robot.test_media_link import run_with_ring
 from tests.robot.test_transport import Observer, until
@@ -105,7 +105,7 @@ def authority(tmp_path_factory: pytest.TempPathFactory) -> Authority:
     return Authority(tmp_path_factory.mktemp("certificates"))
 
 
-Use = Callable[[SafeRos, TellingObserver, Server], Awaitable[None]]
+Use = Callable[[RosbridgeClient, TellingObserver, Server], Awaitable[None]]
 
 
 def connect(
@@ -119,7 +119,7 @@ def connect(
     async def run() -> None:
         async with running as server:
             observer = TellingObserver()
-            ros = SafeRos(f"{scheme}://{host}:{server.port}", observer, security=security)
+            ros = RosbridgeClient(f"{scheme}://{host}:{server.port}", observer, security=security)
             ros.connect()
             await use(ros, observer, server)
             await ros.aclose(1.0)
@@ -141,13 +141,13 @@ def trusting(authority: Authority) -> SecuritySettings:
 def test_a_server_whose_certificate_is_in_order_is_connected_and_messages_of_every_size_pass(
     authority: Authority,
 ) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         heard: list[Any] = []
         await until(lambda: "connected" in observer.told, "connected")
-        SafeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
+        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
         await until(lambda: heard, "the message")
         assert len(heard[0]["data"]) == 300_000
-        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").publish({"linear": {"x": 0.5}})
+        RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").publish({"linear": {"x": 0.5}})
         await until(lambda: [op for op in server.operations if op["op"] == "publish"], "the command")
         assert await ros.ask("/any", "std_srvs/Empty") == {}
         assert ros.unsent_bytes == 0
@@ -156,14 +156,14 @@ def test_a_server_whose_certificate_is_in_order_is_connected_and_messages_of_eve
 
 
 def test_a_server_by_name_is_checked_by_name(authority: Authority) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await until(lambda: "connected" in observer.told, "connected")
 
     connect(use, rosbridge(files=authority.issue("localhost")), trusting(authority), host="localhost")
 
 
 def test_a_certificate_that_nobody_known_signed_is_refused(authority: Authority) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "is not trusted", "ca_file")
         assert server.operations == []
 
@@ -171,7 +171,7 @@ def test_a_certificate_that_nobody_known_signed_is_refused(authority: Authority)
 
 
 def test_a_certificate_that_has_expired_is_refused(authority: Authority) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "has expired", "Renew it")
 
     connect(use, rosbridge(files=authority.issue("127.0.0.1", expired=True)), trusting(authority))
@@ -179,7 +179,7 @@ def test_a_certificate_that_has_expired_is_refused(authority: Authority) -> None
 
 @pytest.mark.parametrize("issued_for", ["robot.example", "10.0.0.9"])
 def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued_for: str) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, f"for another name: {issued_for}")
 
     connect(use, rosbridge(files=authority.issue(issued_for)), trusting(authority))
@@ -212,7 +212,7 @@ def test_everything_that_is_wrong_with_a_certificate_is_told_with_its_fingerprin
 ) -> None:
     files = issued(authority, kind)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, *told, fingerprint(files))
         assert server.operations == []
 
@@ -223,11 +223,11 @@ def test_everything_that_is_wrong_with_a_certificate_is_told_with_its_fingerprin
 def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, kind: dict[str, Any]) -> None:
     files, other = issued(authority, kind), issued(authority, kind)
 
-    async def let_in(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def let_in(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await until(lambda: "connected" in observer.told, "connected")
         assert await ros.ask("/any", "std_srvs/Empty") == {}
 
-    async def not_let_in(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def not_let_in(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "another certificate than the one that was confirmed")
         assert server.operations == []
 
@@ -240,7 +240,7 @@ def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, 
 
 
 def test_a_fingerprint_that_is_none_is_named(authority: Authority) -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "none of SHA-256", "certificate_sha256")
 
     connect(use, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings(certificate_sha256="AB:CD"))
@@ -251,7 +251,7 @@ def test_a_certificate_that_the_profile_names_itself_is_trusted(authority: Autho
     """Whoever signed it, and without the extensions that Python 3.13 asks for."""
     files = authority.issue("127.0.0.1", by_itself=by_itself)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await until(lambda: "connected" in observer.told, "connected")
 
     connect(use, rosbridge(files=files), SecuritySettings(ca_file=str(files.certificate)))
@@ -264,7 +264,7 @@ def test_a_certificate_made_as_the_guide_says_is_accepted_here_and_by_the_strict
     subprocess.run(["sh", "-ec", command], cwd=tmp_path, capture_output=True, check=True)
     files = ServerFiles(tmp_path / "cert.pem", tmp_path / "key.pem")
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await until(lambda: "connected" in observer.told, "connected")
         strict = ssl.create_default_context(cafile=str(files.certificate))
         strict.verify_flags |= ssl.VERIFY_X509_STRICT
@@ -278,10 +278,10 @@ def test_a_certificate_made_as_the_guide_says_is_accepted_here_and_by_the_strict
 
 
 def test_a_server_without_tls_and_a_client_without_tls_are_told_apart(authority: Authority) -> None:
-    async def plain_server(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def plain_server(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "does not speak TLS", "ws://")
 
-    async def plain_client(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def plain_client(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "is not a rosbridge server", "wss://")
 
     connect(plain_server, rosbridge(), trusting(authority))
@@ -294,7 +294,7 @@ def test_a_file_of_certificates_that_cannot_be_used_is_named(tmp_path: Path, con
     if content is not None:
         file.write_text(content)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, str(file), "ca_file")
 
     connect(use, rosbridge(), SecuritySettings(ca_file=str(file)))
@@ -306,8 +306,8 @@ WITH_SECRET = SecuritySettings(rosauth_secret_env=SECRET_ENV)
 def test_the_right_secret_is_accepted_again_after_each_reconnect(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(SECRET_ENV, SECRET)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
-        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
+        RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
         await until(lambda: "connected" in observer.told, "connected")
         await until(lambda: [op for op in server.operations if op["op"] == "advertise"], "advertised")
         assert server.operations[0]["op"] == "auth"
@@ -326,7 +326,7 @@ def test_a_wrong_secret_is_refused_in_words_and_never_shown_as_connected(
     monkeypatch.setenv(SECRET_ENV, "a wrong secret..")
     caplog.set_level(logging.DEBUG)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "refused this console", SECRET_ENV)
         await until(lambda: len(observer.unreachable) >= 2, "another attempt")
         assert "connected" not in observer.told
@@ -339,15 +339,15 @@ def test_a_wrong_secret_is_refused_in_words_and_never_shown_as_connected(
 def test_a_secret_that_is_not_set_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(SECRET_ENV, raising=False)
 
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, f"the environment variable {SECRET_ENV} is not set")
 
     connect(use, rosbridge(demands_secret=True), WITH_SECRET, scheme="ws")
 
 
 def test_a_server_that_demands_a_secret_which_the_profile_does_not_name_is_explained_and_not_hammered() -> None:
-    async def use(ros: SafeRos, observer: TellingObserver, server: Server) -> None:
-        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
+    async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
+        RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
         what, advice = (await until(lambda: observer.unreachable, "a reason"))[0]
         assert "closes each connection at once" in what
         assert "rosauth_secret_env" in advice

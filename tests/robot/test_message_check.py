@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.domain.control_definitions import filled
+from caris_desktop.domain.control_definitions import fill_template
 from caris_desktop.domain.translation import tr, use_translator
-from caris_desktop.robot.message_check import MessageMismatchError, definition_from_rosapi, fitted
+from caris_desktop.robot.message_check import MessageMismatchError, coerce_to_definition, definition_from_rosapi
 from caris_desktop.ros.definitions import shipped_definition, shipped_definitions
 
 
 def check(type_: str, message: dict[str, Any], *, rounds: bool = False) -> dict[str, Any]:
-    return fitted(message, shipped_definition(type_), rounds=rounds)
+    return coerce_to_definition(message, shipped_definition(type_), rounds=rounds)
 
 
 def test_every_shipped_type_explains_itself() -> None:
@@ -81,20 +81,20 @@ def test_a_slider_finds_the_nearest_whole_number() -> None:
 
 def test_a_type_that_nobody_knows_is_sent_as_it_is_if_it_can_be() -> None:
     message = {"mode": "wave", "parts": [1, 2.5, None, {"deep": True}]}
-    assert fitted(message, None) == message
+    assert coerce_to_definition(message, None) == message
     with pytest.raises(MessageMismatchError, match="not finite"):
-        fitted({"x": [float("inf")]}, None)
+        coerce_to_definition({"x": [float("inf")]}, None)
     deep: dict[str, Any] = {}
     for _ in range(60):
         deep = {"deeper": deep}
     with pytest.raises(MessageMismatchError, match="too deep"):
-        fitted(deep, None)
+        coerce_to_definition(deep, None)
 
 
 def test_a_text_is_never_more_than_text() -> None:
     template = {"data": "say: $value"}
     value = "$value {1+1} __import__('os')"
-    assert check("std_msgs/String", filled(template, value)) == {"data": f"say: {value}"}
+    assert check("std_msgs/String", fill_template(template, value)) == {"data": f"say: {value}"}
 
 
 ROSAPI = [
@@ -117,14 +117,14 @@ ROSAPI = [
 def test_the_robot_explains_its_own_types() -> None:
     light = definition_from_rosapi(ROSAPI)
     message = {"colour": {"r": 1}, "levels": [1, 2, 255], "stamp": {"sec": 0}, "raw": "AAA=", "odd": {"x": 1}}
-    assert fitted(message, light)["colour"] == {"r": 1.0}
+    assert coerce_to_definition(message, light)["colour"] == {"r": 1.0}
     for wrong, sentence in (
         ({"levels": [1, 2]}, "the field 'levels' must have 3 entries, but it has 2"),
         ({"levels": [1, 2, 256]}, "the field 'levels[2]' must be a whole number from 0 to 255"),
         ({"colour": {"x": 1}}, "there is no field 'colour.x'"),
     ):
         with pytest.raises(MessageMismatchError) as refusal:
-            fitted(wrong, light)
+            coerce_to_definition(wrong, light)
         assert sentence in str(refusal.value)
 
 

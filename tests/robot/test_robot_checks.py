@@ -25,7 +25,7 @@ from caris_desktop.robot.robot_checks import (
     queue_advice,
     services_of,
 )
-from caris_desktop.robot.transport import SafeRos, ServiceCallError
+from caris_desktop.robot.transport import RosbridgeClient, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 from tests.robot.loop_bench import Bridge
 
@@ -217,7 +217,7 @@ def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: p
         bridge.answers["/rosapi/topics"] = lambda _: None
         await bridge.open()
         probe = LinkProbe()
-        ros = SafeRos(f"ws://127.0.0.1:{bridge.port}", probe, service_timeout_s=20.0)
+        ros = RosbridgeClient(f"ws://127.0.0.1:{bridge.port}", probe, service_timeout_s=20.0)
         ros.connect()
         try:
             assert await probe.outcome == ("", "")

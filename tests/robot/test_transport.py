@@ -16,7 +16,7 @@ import roslibpy
 from caris_desktop.robot.bridge_wire import Timings
 from caris_desktop.robot.link import check_robot
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.robot.transport import SafeRos, SafeTopic, ServiceCallError, topic_of_publish
+from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError, topic_of_publish
 from tests.robot.link_bench import BridgeDouble
 from tests.robot.loop_bench import Bridge
 
@@ -79,10 +79,12 @@ async def until(observe: Callable[[], Any], what: str, timeout_s: float = 10.0) 
     return observed
 
 
-def connected(bridge: BridgeDouble, use: Callable[[SafeRos, Observer], Awaitable[None]], **options: Any) -> None:
+def connected(
+    bridge: BridgeDouble, use: Callable[[RosbridgeClient, Observer], Awaitable[None]], **options: Any
+) -> None:
     async def run() -> None:
         observer = Observer()
-        ros = SafeRos(bridge.address, observer, **options)
+        ros = RosbridgeClient(bridge.address, observer, **options)
         ros.connect()
         await until(lambda: "connected" in observer.told, "connected")
         await use(ros, observer)
@@ -96,10 +98,10 @@ def test_what_is_published_while_disconnected_is_gone_and_what_stands_is_establi
 ) -> None:
     async def run() -> None:
         observer = Observer()
-        ros = SafeRos(bridge.address, observer)
-        listening = SafeTopic(ros, "/a", "std_msgs/String")
+        ros = RosbridgeClient(bridge.address, observer)
+        listening = RosbridgeTopic(ros, "/a", "std_msgs/String")
         listening.subscribe(lambda _: None)
-        velocity = SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
+        velocity = RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
         assert [velocity.publish({"n": number}) for number in range(5)] == [False] * 5
         failures: list[Any] = []
         roslibpy.Service(ros, "/s", "t").call(roslibpy.ServiceRequest(), print, failures.append)
@@ -120,10 +122,10 @@ def test_what_is_published_while_disconnected_is_gone_and_what_stands_is_establi
 
 
 def test_topics_of_one_name_are_independent(bridge: BridgeDouble) -> None:
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         first: list[Any] = []
         second: list[Any] = []
-        one, other = SafeTopic(ros, "/a", "std_msgs/String"), SafeTopic(ros, "/a", "std_msgs/String")
+        one, other = RosbridgeTopic(ros, "/a", "std_msgs/String"), RosbridgeTopic(ros, "/a", "std_msgs/String")
         one.subscribe(first.append)
         other.subscribe(second.append)
         one.unsubscribe()
@@ -137,14 +139,14 @@ def test_topics_of_one_name_are_independent(bridge: BridgeDouble) -> None:
 
 @pytest.mark.logs(r"robot\.(transport|bridge_socket): ")
 def test_a_callback_that_fails_hurts_nobody(bridge: BridgeDouble, caplog: pytest.LogCaptureFixture) -> None:
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         heard: list[Any] = []
 
         def fail(message: Any) -> None:
             raise RuntimeError("broken callback")
 
-        SafeTopic(ros, "/a", "std_msgs/String").subscribe(fail)
-        SafeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
+        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(fail)
+        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
         for _ in range(2):
             bridge.publish("/a", {"data": "x"})
             await until(lambda: heard, "the message")
@@ -155,7 +157,7 @@ def test_a_callback_that_fails_hurts_nobody(bridge: BridgeDouble, caplog: pytest
 
 
 def test_a_service_answers_fails_in_time_and_is_never_waited_for_in_the_loop(bridge: BridgeDouble) -> None:
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         assert (await ros.ask("/rosapi/services", "rosapi/Services"))["services"] == ["/emergency_stop/set"]
         with pytest.raises(ServiceCallError, match="no answer within"):
             await ros.ask("/nobody", "std_srvs/Empty")
@@ -170,7 +172,7 @@ def test_a_service_answers_fails_in_time_and_is_never_waited_for_in_the_loop(bri
 def test_calls_and_goals_under_way_fail_when_the_link_is_lost() -> None:
     bridge = BridgeDouble()
 
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         goals: list[Any] = []
         action = roslibpy.ActionClient(ros, "/navigate_to_pose", "nav2_msgs/action/NavigateToPose")
         action.send_goal({}, goals.append, goals.append, goals.append)
@@ -187,7 +189,7 @@ def test_calls_and_goals_under_way_fail_when_the_link_is_lost() -> None:
 def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
     bridge = BridgeDouble()
 
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         heard: list[Any] = []
         topic = roslibpy.Topic(ros, "/a", "std_msgs/String")
         topic.subscribe(heard.append)
@@ -210,7 +212,7 @@ def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
 def test_a_service_that_we_offer_is_offered_again_after_a_reconnect_and_answers() -> None:
     bridge = BridgeDouble()
 
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         def answer(request: Any, response: Any) -> bool:
             response["sum"] = request["a"] + 1
             return True
@@ -246,7 +248,7 @@ def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> Non
         async with await asyncio.start_server(silent, "127.0.0.1", 0) as server:
             observer = Observer()
             timings = Timings(handshake_s=0.2, first_retry_s=0.05, longest_retry_s=0.1)
-            ros = SafeRos(f"ws://127.0.0.1:{server.sockets[0].getsockname()[1]}", observer, timings=timings)
+            ros = RosbridgeClient(f"ws://127.0.0.1:{server.sockets[0].getsockname()[1]}", observer, timings=timings)
             ros.connect()
             await until(lambda: accepted >= 3, "three attempts")
             assert observer.told[:2] == ["unreachable", "unreachable"]
@@ -256,13 +258,13 @@ def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> Non
 
 
 def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) -> None:
-    async def use(ros: SafeRos, observer: Observer) -> None:
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
         newest: list[Any] = []
         every: list[Any] = []
         pictures: list[Any] = []
-        SafeTopic(ros, "/large", "std_msgs/String").subscribe(pictures.append)
-        SafeTopic(ros, "/newest", "std_msgs/String").subscribe(newest.append)
-        SafeTopic(ros, "/every", "std_msgs/String", every_message=True).subscribe(every.append)
+        RosbridgeTopic(ros, "/large", "std_msgs/String").subscribe(pictures.append)
+        RosbridgeTopic(ros, "/newest", "std_msgs/String").subscribe(newest.append)
+        RosbridgeTopic(ros, "/every", "std_msgs/String", every_message=True).subscribe(every.append)
         await until(lambda: len(bridge.operations("subscribe")) == 3, "subscribed")
         for number in range(50):
             for topic in ("/newest", "/every"):
@@ -312,8 +314,8 @@ def test_a_peer_that_is_given_up_may_obey_what_it_has_taken_before_it_learns_of_
 ) -> None:
     timings = Timings(trouble_after_s=0.2, dead_after_s=0.4, unanswered_trouble_after_s=0.2, first_retry_s=0.1)
 
-    async def use(ros: SafeRos, observer: Observer) -> None:
-        velocity = SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
+    async def use(ros: RosbridgeClient, observer: Observer) -> None:
+        velocity = RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist")
         velocity.advertise()
         await until(lambda: own_bridge.operations("advertise"), "advertised")
         own_bridge.signal(signal.SIGSTOP)
@@ -356,10 +358,10 @@ def test_a_server_that_is_busy_with_one_websocket_is_not_silent_on_the_other() -
         bridge = Bridge()
         await bridge.open()
         observer = Observer()
-        ros = SafeRos(f"ws://127.0.0.1:{bridge.port}", observer, timings=timings)
+        ros = RosbridgeClient(f"ws://127.0.0.1:{bridge.port}", observer, timings=timings)
         came: list[Any] = []
-        SafeTopic(ros, "/a", "std_msgs/String", every_message=True).subscribe(came.append)
-        SafeTopic(ros, "/cmd_vel", "geometry_msgs/Twist", motion=True).advertise()
+        RosbridgeTopic(ros, "/a", "std_msgs/String", every_message=True).subscribe(came.append)
+        RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist", motion=True).advertise()
         ros.connect()
         await until(lambda: "connected" in observer.told and len(bridge.clients) >= 2, "connected")
         for client, topics in bridge.clients.items():

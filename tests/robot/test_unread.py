@@ -79,18 +79,18 @@ def test_one_slow_answer_does_not_count_as_usual_and_a_fast_one_does_at_once() -
 
 def test_it_is_settled_when_a_zero_after_the_last_velocity_was_answered() -> None:
     unread = UnreadCommands(rate_hz=20.0)
-    assert not unread.settled, "whoever drove before is not known"
+    assert not unread.acknowledged, "whoever drove before is not known"
     unread.sent(1.0, moving=False)
     unread.answered(0.1, 1.05)
-    assert not unread.settled, "that ping was older"
+    assert not unread.acknowledged, "that ping was older"
     unread.answered(0.1, 1.1)
-    assert unread.settled
+    assert unread.acknowledged
     unread.sent(2.0, moving=True)
     unread.sent(2.1, moving=False)
     unread.sent(2.2, moving=True)
     unread.answered(0.01, 2.4)
-    assert not unread.settled, "that zero was not the last"
+    assert not unread.acknowledged, "that zero was not the last"
     unread.sent(2.5, moving=False)
     unread.forget()
     unread.answered(0.01, 3.0)
-    assert not unread.settled, "on another connection nothing of before was read"
+    assert not unread.acknowledged, "on another connection nothing of before was read"

@@ -1,7 +1,8 @@
 """Texts in the window's source that nobody could translate: what people read, and does not go through ``tr``.
 
-``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated ui/text_formatting.py``
-shows those of the files whose path begins so, and with ``--write`` the list of what is left becomes shorter, never longer.
+``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated
+ui/text_formatting.py`` shows those of the files whose path begins so, and with ``--write`` the list of what is left
+becomes shorter, never longer.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from typing import get_args
 
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.tokens import Colors
-from caris_desktop.ui.widgets.buttons import Look
+from caris_desktop.ui.widgets.buttons import ButtonRole
 from tests.support.parsed_sources import parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
@@ -133,7 +134,7 @@ _SHOWN = {
 }  # fmt: skip
 """Functions that show their arguments: here a single small word is a text too."""
 
-_NO_WORDS = {*get_args(Look), *icon_names(), *(color.name for color in fields(Colors))}
+_NO_WORDS = {*get_args(ButtonRole), *icon_names(), *(color.name for color in fields(Colors))}
 _UNITS = re.compile(r"(?<=\x00)[ \u202f]?(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m|m/s|rad|px|dB|fps)\b")
 _ONE_KEY = (
     r"(?:[A-Z\d]|F\d+|Up|Down|Left|Right|Esc|Pause|Backspace|Del|Ins|Home|End|Tab|Space|Return|Enter|PgUp|PgDown)"

@@ -517,9 +517,9 @@ class FakeConsole:
         return mark.mark_id
 
     def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        self.read_aside(lambda: BeforeRecording(self.suggested, self.bytes_per_hour, self.free), told)
+        self.run_in_background(lambda: BeforeRecording(self.suggested, self.bytes_per_hour, self.free), told)
 
-    def read_aside(
+    def run_in_background(
         self,
         read: Callable[[], Any],
         done: Callable[[Any], None],

@@ -10,7 +10,7 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import PanelContext
-from caris_desktop.ui.panels.motion_panel import POINTS, SPAN_S, MotionPanel, Strip
+from caris_desktop.ui.panels.motion_panel import POINTS, SPAN_S, MotionPanel, RollingBuffer
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
@@ -52,7 +52,7 @@ def test_both_lines_are_drawn_over_the_last_half_minute(panel: MotionPanel, cons
 
 
 def test_a_pause_of_commands_is_a_gap() -> None:
-    strip = Strip(1)
+    strip = RollingBuffer(1)
     for stamp_s in (1.0, 1.1, 5.0, 5.1):
         strip.add(int(stamp_s * 1e9), 0.3)
     rows = strip.window(6.0, gap_s=0.5)

@@ -164,7 +164,7 @@ def lines(menu: QMenu) -> Iterator[Callable[[], None]]:
 
 
 def needed(asked: Intent) -> tuple[Permission, ...]:
-    return () if asked.lets_go else asked.needs_permissions or INTENTS[type(asked)].permissions
+    return () if asked.reduces_motion else asked.needs_permissions or INTENTS[type(asked)].permissions
 
 
 @pytest.fixture

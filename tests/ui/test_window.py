@@ -42,7 +42,7 @@ from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_search import Finder
 from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
@@ -334,7 +334,7 @@ def test_escape_closes_the_palette_and_stops(window: MainWindow, console: FakeCo
 
 def test_finding_wants_every_word_and_prefers_beginnings() -> None:
     entries = [
-        Entry(text, "Place", "", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
+        PaletteItem(text, "Place", "", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
     ]
     assert [entry.text for entry in Finder(entries).matching("lab")] == ["Lab tour", "Go to Lab bench"]
     assert [entry.text for entry in Finder(entries).matching("lab go")] == ["Go to Lab bench"]

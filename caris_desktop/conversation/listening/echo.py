@@ -11,7 +11,7 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.playback_reference import RATE_HZ, Played, ns_of, samples_in
+from caris_desktop.conversation.listening.playback_reference import RATE_HZ, PlaybackReference, ns_of, samples_in
 from caris_desktop.conversation.listening.room_filter import (
     BINS,
     FRAME,
@@ -96,7 +96,7 @@ class EchoCanceller:
     """Canceller for one microphone. ``play`` may come late or early; ``process`` takes chunks in order."""
 
     def __init__(self) -> None:
-        self._played = Played()
+        self._played = PlaybackReference()
         self._room = RoomFilter()
         self._known_before = self._room.weights
         self._loudness = _USUAL_LOUDNESS

@@ -30,7 +30,7 @@ class _Piece:
         return self.start_ns + ns_of(len(self.samples))
 
 
-class Played:
+class PlaybackReference:
     """Accumulates reported sounds; simultaneous ones are mixed."""
 
     def __init__(self) -> None:

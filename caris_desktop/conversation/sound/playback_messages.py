@@ -42,7 +42,7 @@ class EndPlaying:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Played:
+class PlaybackStarted:
     """Samples played, the first at ``stamp_ns``, slightly in the future. int16, shape (samples, 1)."""
 
     stream_id: str

@@ -17,7 +17,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     EndPlaying,
     PlaybackAlive,
     PlaybackFailed,
-    Played,
+    PlaybackStarted,
     PlayedOut,
     PlayThis,
     SetVolume,
@@ -120,7 +120,7 @@ class _Playback:
                 return
             stamp_ns, sound = part
             self._heard_until_ns = stamp_ns + len(sound) * 1_000_000_000 // self._rate_hz
-            self._connection.send(Played(self._stream_id, stamp_ns, self._rate_hz, sound[:, None]))
+            self._connection.send(PlaybackStarted(self._stream_id, stamp_ns, self._rate_hz, sound[:, None]))
         if self._ending and self._buffer is not None and not self._buffer.waiting and self._played.empty():
             self._end()
 

@@ -7,7 +7,6 @@ only. A new function is one dataclass and one table line in the file of its subj
 from caris_desktop.domain.intents.assistant_intents import (
     ASSISTANT,
     CAMERA_PICTURE,
-    Along,
     Ask,
     AskAboutPhoto,
     CancelAnswer,
@@ -15,6 +14,7 @@ from caris_desktop.domain.intents.assistant_intents import (
     ChoosePrompt,
     DismissAnswer,
     EditPrompt,
+    PromptPart,
     ResetPrompts,
     SayAnswer,
 )

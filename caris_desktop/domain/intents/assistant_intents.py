@@ -6,7 +6,7 @@ from caris_desktop.domain.intents.base_intents import Intent, IntentSpec, Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 
-Along = Literal["conversation", "step", "people", "history", "things", "notes"]
+PromptPart = Literal["conversation", "step", "people", "history", "things", "notes"]
 """What goes along with a question unless it is left out: what was said, the present step of the protocol, who is here,
 what is known of them, what else is in view, and the notes."""
 CAMERA_PICTURE = "camera "
@@ -21,7 +21,7 @@ class Ask(Intent):
     """
 
     question: str
-    leave_out: tuple[Along, ...] = ()
+    leave_out: tuple[PromptPart, ...] = ()
     pictures: tuple[str, ...] = ()
 
 

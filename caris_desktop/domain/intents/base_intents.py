@@ -37,7 +37,7 @@ class Intent:
     actor: Actor = WIZARD
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         """Whether it can only reduce motion or increase caution. Such intents are never refused."""
         return False
 

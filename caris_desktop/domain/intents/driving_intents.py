@@ -18,7 +18,7 @@ class Drive(Intent):
     source: CommandSource
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return not (self.forward or self.left or self.turn)
 
 
@@ -29,7 +29,7 @@ class ReleaseDrive(Intent):
     reason: str = ""
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 
@@ -45,7 +45,7 @@ class Stop(Intent):
     """Halt motion and cancel goals, always."""
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 
@@ -54,7 +54,7 @@ class EmergencyStop(Intent):
     """Latch the emergency stop."""
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 
@@ -70,7 +70,7 @@ class SetGuard(Intent):
     on: bool
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return self.on
 
 
@@ -90,7 +90,7 @@ class TurnHead(Intent):
     tilt: float
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return not (self.pan or self.tilt)
 
 

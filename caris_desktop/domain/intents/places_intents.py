@@ -25,7 +25,7 @@ class CancelGoal(Intent):
     """Go no further towards the goal."""
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 

@@ -20,7 +20,7 @@ class TryMicrophone(Intent):
     on: bool = True
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return not self.on
 
 

@@ -25,7 +25,7 @@ class PushToTalk(Intent):
     to: TalkTo = "robot"
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return not self.on
 
     @property

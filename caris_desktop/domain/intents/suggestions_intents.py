@@ -27,7 +27,7 @@ class DismissSuggestions(Intent):
     """None of the replies is wanted, nor the filler that was to be said by itself."""
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 
@@ -45,7 +45,7 @@ class VetoProposal(Intent):
     proposal_id: str
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return True
 
 
@@ -57,7 +57,7 @@ class SetLevel(Intent):
     level: AssistanceLevel
 
     @property
-    def lets_go(self) -> bool:
+    def reduces_motion(self) -> bool:
         return self.level == "off"
 
 

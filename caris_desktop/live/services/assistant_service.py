@@ -43,7 +43,7 @@ ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[
 
 
 @dataclass(frozen=True, slots=True)
-class AssistantParts:
+class AssistantAdapters:
     """``server`` runs the embedded model. ``resolve_endpoint(model, address)`` raises LanguageModelError."""
 
     server: ProcessSpec
@@ -60,7 +60,7 @@ class AssistantService(Service):
         state: LiveState,
         bus: Bus,
         children: ProcessManager,
-        parts: AssistantParts,
+        parts: AssistantAdapters,
         *,
         asyncio_thread: AsyncioThread,
         speech: SpeechQueue,

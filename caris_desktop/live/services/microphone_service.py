@@ -28,7 +28,7 @@ Need = Literal["recording", "transcription", "hearing", "trying"]
 
 
 @dataclass(frozen=True, slots=True)
-class MicrophoneParts:
+class MicrophoneAdapters:
     """Microphones of this computer."""
 
     participant: MicrophoneChoice
@@ -43,7 +43,7 @@ class MicrophoneService(Service):
         state: LiveState,
         bus: Bus,
         children: ProcessManager,
-        parts: MicrophoneParts,
+        parts: MicrophoneAdapters,
         *,
         to_robot: Callable[[ListenToRobot], object],
         hear_camera: Callable[[str, bool], None],

@@ -36,7 +36,7 @@ _PORTRAITS: dict[BlurWho, PortraitsOf] = {
 
 
 @dataclass(frozen=True, slots=True)
-class PeopleParts:
+class PeopleAdapters:
     """``inference`` is None without perception; ``as_told`` adapts it to a scenario."""
 
     inference: ProcessSpec | None
@@ -51,7 +51,7 @@ class PeopleService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        parts: PeopleParts,
+        parts: PeopleAdapters,
         *,
         rings: RingsToRead,
         who_speaks: Callable[[UtteranceChanged], str],

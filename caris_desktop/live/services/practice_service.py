@@ -47,7 +47,7 @@ _WATCHED = (
 
 
 @dataclass(frozen=True, slots=True)
-class PracticeParts:
+class PracticeAdapters:
     """``robot`` connects the simulated robot for the actor once ready, and raises UserFacingError; ``cut_link``
     interrupts its link for this many seconds.
     """
@@ -64,7 +64,7 @@ class PracticeService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        parts: PracticeParts,
+        parts: PracticeAdapters,
         *,
         do: Callable[[intents.Intent], str],
         parent: QObject,

@@ -70,11 +70,12 @@ class LayoutFiles(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ScenarioParts:
+class ScenarioAdapters:
     """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario.
-    ``save_text`` gets the text, its file, the file it was edited from and the checksum it may replace, and returns the new contents.
-    ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and ``conflicts``
-    lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not saved.
+    ``save_text`` gets the text, its file, the file it was edited from and the checksum it may replace, and returns the
+    new contents. ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and
+    ``conflicts`` lists these. All access files and run in a background thread. Without ``layouts`` dock layouts are not
+    saved.
     """
 
     load: Callable[[Path], Scenario]
@@ -103,7 +104,7 @@ class ScenarioService(Service):
         self,
         state: LiveState,
         bus: Bus,
-        parts: ScenarioParts,
+        parts: ScenarioAdapters,
         scenario: Scenario,
         slow_work: BackgroundWorker,
         *,

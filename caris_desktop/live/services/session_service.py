@@ -33,7 +33,7 @@ from caris_desktop.scenario.scenario_model import Scenario
 
 
 @dataclass(frozen=True, slots=True)
-class SessionParts:
+class SessionAdapters:
     """All but ``photo_file`` access files, in a background thread; ``new_session`` creates the folder, and raises
     UserFacingError in English.
     """
@@ -72,7 +72,7 @@ class SessionService(Service):
     def __init__(
         self,
         state: LiveState,
-        parts: SessionParts,
+        parts: SessionAdapters,
         slow_work: BackgroundWorker,
         concerned: SessionServices,
         parent: QObject,

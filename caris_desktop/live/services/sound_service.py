@@ -32,7 +32,7 @@ _HEARING = "hearing"
 
 
 @dataclass(frozen=True, slots=True)
-class SoundParts:
+class SoundAdapters:
     """Playback of the robot's audio to the wizard, and of the wizard's voice to the participant."""
 
     hearing: ProcessSpec
@@ -51,7 +51,7 @@ class SoundService(Service):
         state: LiveState,
         bus: Bus,
         children: ProcessManager,
-        parts: SoundParts,
+        parts: SoundAdapters,
         *,
         microphones: MicrophoneService,
         robot: RobotService,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.placeholders import NAME, Words, filled, missing
+from caris_desktop.conversation.placeholders import NAME, Words, fill_placeholders, missing
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import PersonForgotten, PersonRenamed, UtteranceChanged
@@ -142,7 +142,7 @@ class SpeakingService(Service):
                 raise _nobody_knows(NAME)
             return name
 
-        return filled(text, words, named)
+        return fill_placeholders(text, words, named)
 
     def _names(self) -> list[str]:
         rows = (*self._state.persons.value, *self._state.everybody.value)

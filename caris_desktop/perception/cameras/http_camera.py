@@ -5,7 +5,7 @@ import re
 import select
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.picture_checks import picture_size, unfolded
+from caris_desktop.domain.picture_checks import decode_compressed, picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import CameraError, Picture
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
@@ -67,7 +67,7 @@ class HttpCamera:
         head, content = self._first or self._newest()
         self._first = None
         moment = self._taken(head)
-        image = unfolded(content)
+        image = decode_compressed(content)
         return Picture(image) if moment is None else Picture(image, taken_ns=moment[0], taken_uncertainty_ns=moment[1])
 
     def close(self) -> None:

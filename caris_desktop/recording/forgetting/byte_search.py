@@ -247,7 +247,7 @@ def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
         try:
             record = mcap_chunks.read_record(file, index, number)
             if mcap_chunks.is_chunk(record):
-                yield mcap_chunks.unfolded(record) + b"\n"
+                yield mcap_chunks.decompress(record) + b"\n"
         except mcap_chunks.DamagedBlockError as error:
             closed.append(f"{name}: the block at byte {index.offsets[number]}: {error}")
 

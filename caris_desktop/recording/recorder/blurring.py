@@ -77,7 +77,7 @@ class Blurring:
         self._covering = covering
         self._demand = BlurDemand()
         self._consents = UseConsents()
-        self._lines: dict[str, _Line] = {}
+        self._lines: dict[str, _CameraQueue] = {}
         self._waiting_bytes = 0
 
     @property
@@ -143,16 +143,16 @@ class Blurring:
             if line.whole_since_ns is not None and now_ns - line.whole_at_ns <= _SILENT_AFTER_NS
         }
 
-    def _line(self, camera: str) -> "_Line":
+    def _line(self, camera: str) -> "_CameraQueue":
         line = self._lines.get(camera)
         if line is None:
-            line = self._lines[camera] = _Line()
+            line = self._lines[camera] = _CameraQueue()
         return line
 
-    def _crowded(self, line: "_Line") -> bool:
+    def _crowded(self, line: "_CameraQueue") -> bool:
         return len(line.waiting) > MAX_WAITING_FRAMES or self._waiting_bytes > MAX_WAITING_BYTES
 
-    def _pass_on(self, line: "_Line") -> None:
+    def _pass_on(self, line: "_CameraQueue") -> None:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
         near = line.gaze_wanders(waiting.ref.stamp_ns)
@@ -169,7 +169,7 @@ class Blurring:
         waiting.then(waiting.image_bgr)
 
 
-class _Line:
+class _CameraQueue:
     """Waiting frames of one camera in order, and its recent detections."""
 
     def __init__(self) -> None:

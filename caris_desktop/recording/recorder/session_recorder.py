@@ -396,7 +396,7 @@ class SessionRecorder:
         try:
             for path in (*self._plain.take_replaced(), self.folder / "session.json"):
                 self._log_sync.note(path)
-            self._log_sync.bring()
+            self._log_sync.sync_now()
             if not self._media.wait(timeout_s=0.0):
                 while not self._media.wait(timeout_s=0.1) and may_go_on():
                     pass

@@ -58,7 +58,7 @@ class FsyncThread:
             if self._thread.is_alive():
                 _log.error("the disk has not confirmed within %.0f s what was written", timeout_s)
 
-    def bring(self) -> None:
+    def sync_now(self) -> None:
         """Run one round now."""
         paths = {self._paths.popleft() for _ in range(len(self._paths))}
         folders = {path.parent for path in paths}
@@ -83,7 +83,7 @@ class FsyncThread:
             self._due.clear()
             ended = self._ended
             self._began_s = time.monotonic()
-            self.bring()
+            self.sync_now()
             took_s = time.monotonic() - self._began_s
             self._began_s = None
             slowest_s = max([took_s, *(file.take_slowest_write_s() for file in self._files())])

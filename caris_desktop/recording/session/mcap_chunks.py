@@ -225,7 +225,7 @@ def channels_in(content: bytes) -> Iterator[int]:
 
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     """Decompressed records of one chunk. Raises DamagedBlockError, OSError."""
-    return unfolded(read_record(file, index, number))
+    return decompress(read_record(file, index, number))
 
 
 def compression_of(chunk: bytes) -> tuple[str, int]:
@@ -252,7 +252,7 @@ def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     return record
 
 
-def unfolded(record: bytes) -> bytes:
+def decompress(record: bytes) -> bytes:
     """Decompress a chunk's record; a run of messages is returned unchanged. Raises DamagedBlockError."""
     if not is_chunk(record):
         return record
@@ -414,7 +414,7 @@ def _add_listed_chunk(gathered: _Gathered, file: IO[bytes], at: int, record_byte
 
 def _add_chunk(gathered: _Gathered, record: bytes, at: int) -> bool:
     try:
-        content = unfolded(record)
+        content = decompress(record)
     except DamagedBlockError as error:
         _log.info("the chunk at byte %d is damaged: %s", at, error)
         return False

@@ -44,7 +44,7 @@ def rewrite(
     for number in range(index.count):
         try:
             record = mcap_chunks.read_record(source, index, number)
-            content = mcap_chunks.unfolded(record)
+            content = mcap_chunks.decompress(record)
         except mcap_chunks.DamagedBlockError as error:
             raise OSError(5, f"the disk gave other bytes than a moment ago: {error}") from error
         look_at(content)
@@ -63,7 +63,7 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
     for number in range(index.count):
         try:
             record = mcap_chunks.read_record(source, index, number)
-            content = mcap_chunks.unfolded(record)
+            content = mcap_chunks.decompress(record)
         except mcap_chunks.DamagedBlockError as error:
             _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
             continue

@@ -26,7 +26,7 @@ def store_counts(folder: Path, counts: Mapping[str, int]) -> Path:
     return path
 
 
-def last_counts(folder: Path) -> Counter[str] | None:
+def progress_counts(folder: Path) -> Counter[str] | None:
     """Last stored counts; None if there are none."""
     try:
         with (folder / COUNTS_NAME).open("rb") as file:

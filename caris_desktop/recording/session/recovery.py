@@ -30,7 +30,7 @@ from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
 from caris_desktop.recording.session.missing_data import lost_values, recorded_bytes_of, recorded_losses
-from caris_desktop.recording.session.progress_counts import counts_of, forget_counts, last_counts
+from caris_desktop.recording.session.progress_counts import counts_of, forget_counts, progress_counts
 from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
     new_index_words,
@@ -178,7 +178,7 @@ class _Repair:
         self._lost: Counter[str] = Counter()
         # A closed session was complete: it was damaged later, and its header is the reference.
         self._finished = self._times.ended_ns is not None
-        self._expected = counts_of(self._header.get("counts")) if self._finished else last_counts(folder)
+        self._expected = counts_of(self._header.get("counts")) if self._finished else progress_counts(folder)
         self._record = _Record()
         self._ended_ns = 0
         self._reason = ""

@@ -44,7 +44,7 @@ class ExchangeRows(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         inner = QWidget()
-        self._column = layouts.column(inner, margins_px=0, spacing_px=2)
+        self._column = layouts.vbox(inner, margins_px=0, spacing_px=2)
         self._column.addStretch(1)
         self.setWidget(inner)
 
@@ -115,7 +115,7 @@ class _Row(QWidget):
         self.away.setObjectName("assistant_row_away")
         for label in (self._state, self._question):
             label.setFont(theme.font(tokens.STATUS_PX))
-        line = layouts.row(self, margins_px=(8, 0, 2, 0), spacing_px=6)
+        line = layouts.hbox(self, margins_px=(8, 0, 2, 0), spacing_px=6)
         line.addWidget(self._state)
         line.addWidget(self._question, 1)
         line.addWidget(self.say)

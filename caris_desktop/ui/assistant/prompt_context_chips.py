@@ -5,7 +5,7 @@ from typing import cast
 
 from PySide6.QtCore import Signal
 
-from caris_desktop.domain.intents import CAMERA_PICTURE, Along
+from caris_desktop.domain.intents import CAMERA_PICTURE, PromptPart
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.ui import tokens
@@ -33,8 +33,8 @@ class PromptContextChips(FlowRow):
         self.setObjectName("assistant_along")
 
     @property
-    def left_out(self) -> tuple[Along, ...]:
-        return cast(tuple[Along, ...], tuple(sorted(self._left_out)))
+    def left_out(self) -> tuple[PromptPart, ...]:
+        return cast(tuple[PromptPart, ...], tuple(sorted(self._left_out)))
 
     @property
     def pictures(self) -> tuple[str, ...]:

@@ -39,10 +39,10 @@ class SuggestionCards(QWidget):
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
-        foot = layouts.row(spacing_px=tokens.GRID_PX)
+        foot = layouts.hbox(spacing_px=tokens.GRID_PX)
         foot.addWidget(self._from, 1)
         foot.addWidget(self._dismiss)
-        column = layouts.column(self, margins_px=(0, 2, 0, 0), spacing_px=4)
+        column = layouts.vbox(self, margins_px=(0, 2, 0, 0), spacing_px=4)
         for card in self.cards:
             column.addWidget(card)
         column.addLayout(foot)

@@ -30,7 +30,7 @@ class FaceWindow(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._view = FaceView()
-        layout = layouts.column(self, margins_px=0)
+        layout = layouts.vbox(self, margins_px=0)
         layout.addWidget(self._view)
         state.face_drawing.changed.connect(self._on_shown)
         self._on_shown(state.face_drawing.value)

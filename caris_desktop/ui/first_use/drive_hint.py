@@ -52,7 +52,7 @@ class DriveHint(Bar, QWidget):
         close.setObjectName("drive_hint_close")
         close.setAccessibleName(tr("Close this hint"))
         close.clicked.connect(self.end)
-        row = layouts.row(self, margins_px=(48, 5, 10, 5))
+        row = layouts.hbox(self, margins_px=(48, 5, 10, 5))
         row.addWidget(self._text, 1)
         row.addWidget(self._practise)
         row.addWidget(close)

@@ -39,7 +39,7 @@ class SetUpPage(Overlay):
         self._through = False
         self._pages = QStackedWidget()
         self._pages.addWidget(self._make_welcome())
-        column = layouts.column(self.card, margins_px=(28, 22, 28, 20))
+        column = layouts.vbox(self.card, margins_px=(28, 22, 28, 20))
         column.addWidget(self._pages)
         self._steps: tuple[SetUpStep, ...] = ()
         self._step_buttons: dict[StepName, StepButton] = {}
@@ -115,9 +115,9 @@ class SetUpPage(Overlay):
         foot = QHBoxLayout()
         foot.addWidget(again, 1)
         foot.addWidget(later)
-        column = layouts.column(page, margins_px=0, spacing_px=12)
+        column = layouts.vbox(page, margins_px=0, spacing_px=12)
         content = QWidget()
-        upper = layouts.column(content, margins_px=0, spacing_px=12)
+        upper = layouts.vbox(content, margins_px=0, spacing_px=12)
         upper.addWidget(heading)
         upper.addWidget(about)
         upper.addStretch(1)
@@ -147,7 +147,7 @@ class SetUpPage(Overlay):
         self._steps = steps_for(self._console.state.preflight.value)
         self._stack = QStackedWidget()
         group = QButtonGroup(page)
-        side = layouts.column(spacing_px=4)
+        side = layouts.vbox(spacing_px=4)
         self._step_buttons = {}
         for step in self._steps:
             button = self._step_buttons[step.name] = StepButton(theme, tr(step.title))
@@ -175,10 +175,10 @@ class SetUpPage(Overlay):
         rail.setLayout(side)
         rail.setFixedWidth(_STEPS_PX)
         side.setContentsMargins(0, 0, 0, 0)
-        upper = layouts.row(spacing_px=28)
+        upper = layouts.hbox(spacing_px=28)
         upper.addWidget(rail)
         upper.addWidget(self._stack, 1)
-        column = layouts.column(page, margins_px=0)
+        column = layouts.vbox(page, margins_px=0)
         content = QWidget()
         content.setLayout(upper)
         upper.setContentsMargins(0, 0, 8, 0)

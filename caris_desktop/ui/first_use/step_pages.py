@@ -39,7 +39,7 @@ class StepPage(QWidget):
         self._rows: dict[str, PreflightRow] = {}
         self._title = self.label(tr(step.title), tokens.SPEECH_PX)
         self._about = self.label(tr(step.about))
-        self.column = layouts.column(self, margins_px=0, spacing_px=10)
+        self.column = layouts.vbox(self, margins_px=0, spacing_px=10)
         self.column.addWidget(self._title)
         self.column.addWidget(self._about)
         self.build()
@@ -64,7 +64,7 @@ class StepPage(QWidget):
         """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
         whole = holder or QWidget()
-        row = layouts.row(whole, margins_px=0, spacing_px=tokens.GRID_PX)
+        row = layouts.hbox(whole, margins_px=0, spacing_px=tokens.GRID_PX)
         for widget in (self.label(title), choice, *beside):
             row.addWidget(widget)
         row.addStretch(1)

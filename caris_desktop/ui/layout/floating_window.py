@@ -30,7 +30,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         # Shown without activation when a popup closes or the scenario changes; a click activates it.
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.area = DockArea(docks, self)
-        column = layouts.column(self, margins_px=_MARGIN_PX)
+        column = layouts.vbox(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
         self._shown = False

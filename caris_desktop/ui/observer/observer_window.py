@@ -61,7 +61,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         actions = Actions(self, only_looks, self)
         actions.drop_all_but(())
         self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
-        self._column = layouts.column(self, margins_px=(0, 8, 0, 8))
+        self._column = layouts.vbox(self, margins_px=(0, 8, 0, 8))
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)
@@ -128,7 +128,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
     def _panel(self, name: PanelName) -> QWidget:
         panel = PANELS[name].load()(self._context)
         card = QWidget()
-        rows = layouts.column(card, margins_px=0, spacing_px=0)
+        rows = layouts.vbox(card, margins_px=0, spacing_px=0)
         rows.addWidget(PanelTitleBar(panel, looked_at=True))
         rows.addWidget(panel, 1)
         for part in (card, *card.findChildren(QWidget)):

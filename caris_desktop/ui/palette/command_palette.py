@@ -12,7 +12,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_memory import PaletteMemory
 from caris_desktop.ui.palette.palette_search import Finder, says_what_to_do
 from caris_desktop.ui.theme import Theme
@@ -35,21 +35,21 @@ class CommandPalette(Overlay):
         self.setObjectName("command_palette")
         self._memory = memory
         self._finder = Finder(())
-        self._new: Callable[[str], Entry] | None = None
-        self._by_digit: Sequence[Entry] = ()
+        self._new: Callable[[str], PaletteItem] | None = None
+        self._by_digit: Sequence[PaletteItem] = ()
         self.field = _PaletteField(self)
         self.field.setObjectName("palette_field")
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _EntryList(theme, self)
-        layout = layouts.column(self.card, margins_px=12, spacing_px=8)
+        layout = layouts.vbox(self.card, margins_px=12, spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self.list, 1)
 
     def card_height_px(self) -> int:
         return 46 + 32 + _ROWS * _ROW_PX
 
-    def open_with(self, entries: Sequence[Entry]) -> None:
+    def open_with(self, entries: Sequence[PaletteItem]) -> None:
         """Search these items, recently used ones first."""
         self._new, self._by_digit = None, ()
         self._open(
@@ -57,12 +57,12 @@ class CommandPalette(Overlay):
             tr("Find anything"),
         )  # fmt: skip
 
-    def ask(self, question: str, entries: Sequence[Entry], new: Callable[[str], Entry]) -> None:
+    def ask(self, question: str, entries: Sequence[PaletteItem], new: Callable[[str], PaletteItem]) -> None:
         """Choose one of ``entries`` or type a new one, created by ``new``."""
         self._new, self._by_digit = new, ()
         self._open(Finder(entries), question, question)
 
-    def choose_from(self, question: str, entries: Sequence[Entry]) -> None:
+    def choose_from(self, question: str, entries: Sequence[PaletteItem]) -> None:
         """Choose one of ``entries``; while nothing is typed, digit N selects the Nth."""
         self._new, self._by_digit = None, entries[: self.DIGITS]
         self._open(Finder(entries), question, question)
@@ -83,13 +83,13 @@ class CommandPalette(Overlay):
         self.open()
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    def renew(self, entries: Sequence[Entry]) -> None:
+    def renew(self, entries: Sequence[PaletteItem]) -> None:
         """Replace the items after the available commands changed."""
         if self._new is None and not self._by_digit:
             self._finder = Finder(entries, self._memory.used)
             self._on_text_changed(self.field.text())
 
-    def choose(self, entry: Entry | None) -> None:
+    def choose(self, entry: PaletteItem | None) -> None:
         if entry is None:
             return
         if entry.deliberate and self.list.asked_again != entry:
@@ -158,25 +158,25 @@ class _EntryList(QWidget):
         super().__init__()
         self._theme = theme
         self._owner = owner
-        self._entries: list[Entry] = []
+        self._entries: list[PaletteItem] = []
         self._index = _NONE
         self._double_click = False
         self._breaks: Sequence[int] = ()
-        self.asked_again: Entry | None = None
+        self.asked_again: PaletteItem | None = None
         self.setMouseTracking(True)
         self._told = AccessibleRegions(self, self, self._spots, self._on_message_pressed)
 
     @property
-    def entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[PaletteItem, ...]:
         """Results in order."""
         return tuple(self._entries)
 
     @property
-    def current(self) -> Entry | None:
+    def current(self) -> PaletteItem | None:
         """Item that Enter runs; None if none is selected."""
         return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
 
-    def show_entries(self, entries: list[Entry], *, breaks: Sequence[int], meant: bool, by_digit: bool) -> None:
+    def show_entries(self, entries: list[PaletteItem], *, breaks: Sequence[int], meant: bool, by_digit: bool) -> None:
         """Show results. ``breaks``: indices of divider lines. ``meant``: the query names what the first item does.
 
         ``by_digit``: while nothing is typed, digits select and Enter selects nothing.
@@ -188,7 +188,7 @@ class _EntryList(QWidget):
         can_be_chosen = bool(entries) and not entries[0].deliberate and (meant or not (entries[0].acts or by_digit))
         self._choose_row(0 if can_be_chosen else _NONE)
 
-    def ask_again(self, entry: Entry) -> None:
+    def ask_again(self, entry: PaletteItem) -> None:
         """Ask for confirmation: choosing the same item again runs it."""
         self.asked_again = entry
         self.update()

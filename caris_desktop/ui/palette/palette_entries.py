@@ -30,7 +30,7 @@ from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.closing_entry import closing_entry
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.person_entries import PersonEntries
 from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
 from caris_desktop.ui.palette.step_entries import step_entries
@@ -66,7 +66,7 @@ class PaletteEntries:
         self._settings = SettingEntries(parts)
         self._people = PersonEntries(parts)
 
-    def of_replay(self, replay: ReplayControls) -> list[Entry]:
+    def of_replay(self, replay: ReplayControls) -> list[PaletteItem]:
         """Items of a replay: no speech, and the stop only if robots are being driven."""
         left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]
@@ -78,7 +78,7 @@ class PaletteEntries:
             closing_entry(self._parts.close_window, replay=True),
         ]
 
-    def now(self) -> list[Entry]:
+    def now(self) -> list[PaletteItem]:
         """Items available now."""
         parts, permissions = self._parts, self._console.scenario.permissions
         return [
@@ -96,7 +96,7 @@ class PaletteEntries:
             *self._of_layout(),
             *self._of_robots(),
             *(
-                Entry(
+                PaletteItem(
                     tr(SEES_WORDS[sees]),
                     tr("Window"),
                     "monitor",
@@ -107,7 +107,7 @@ class PaletteEntries:
                 )
                 for sees in SEES_WORDS
             ),
-            Entry(
+            PaletteItem(
                 tr("Practise on the simulated robot"),
                 tr("Do"),
                 "student",
@@ -116,7 +116,7 @@ class PaletteEntries:
                 also=tr("learn training tutorial help"),
                 id="Do: Practise on the simulated robot",
             ),
-            Entry(
+            PaletteItem(
                 tr("Connection in the last minute"),
                 tr("Window"),
                 "wifi-high",
@@ -125,12 +125,16 @@ class PaletteEntries:
                 id="Window: Connection in the last minute",
             ),
             *(
-                [Entry(tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open, id="Window: Gamepad")]
+                [
+                    PaletteItem(
+                        tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open, id="Window: Gamepad"
+                    )
+                ]
                 if parts.gamepad.offered
                 else []
             ),
             *self._of_sessions(),
-            Entry(
+            PaletteItem(
                 tr("Edit this scenario…"),
                 tr("Scenario"),
                 "pencil-simple",
@@ -158,7 +162,7 @@ class PaletteEntries:
             and table.available(spec.id)
         ]
 
-    def _of_row(self, spec: ActionSpec) -> Entry:
+    def _of_row(self, spec: ActionSpec) -> PaletteItem:
         table = self._parts.actions
         intent = table.intent_of(spec)
         says = isinstance(intent, intents.Say)
@@ -166,7 +170,7 @@ class PaletteEntries:
             INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
         )
         other_words = _OTHER_WORDS.get(spec.id, "")
-        return Entry(
+        return PaletteItem(
             spec.text,
             tr("Say") if says else tr("Do"),
             spec.icon,
@@ -179,7 +183,7 @@ class PaletteEntries:
             common=spec.id in _COMMON_ROWS,
         )
 
-    def _of_phrases(self) -> list[Entry]:
+    def _of_phrases(self) -> list[PaletteItem]:
         """Phrases of all groups, with the key that says them now."""
         table, chosen = self._parts.actions, self._state.phrase_group.value
         keyed = {spec.argument: spec.id for spec in table.all_specs if spec.intent is say_keyed_phrase}
@@ -189,7 +193,7 @@ class PaletteEntries:
                 row = (keyed.get(phrase) if phrase.key else None) or (f"phrase_{number}" if index == chosen else "")
                 key = table.key_text(row) if row else ""
                 entries.append(
-                    Entry(
+                    PaletteItem(
                         phrase.say,
                         tr("Say"),
                         "chat-text",
@@ -203,11 +207,11 @@ class PaletteEntries:
                 )
         return entries
 
-    def _of_emergency_stop(self) -> list[Entry]:
+    def _of_emergency_stop(self) -> list[PaletteItem]:
         if not self._state.drive.value.emergency_stop:
             return []
         return [
-            Entry(
+            PaletteItem(
                 tr("Release emergency stop"),
                 tr(TWICE),
                 "lock-open",
@@ -221,12 +225,12 @@ class PaletteEntries:
             )
         ]
 
-    def _of_goal(self) -> list[Entry]:
+    def _of_goal(self) -> list[PaletteItem]:
         goal: GoalChanged | None = self._state.goal.value
         if goal is None or goal.state not in UNDER_WAY:
             return []
         return [
-            Entry(
+            PaletteItem(
                 tr("Stop going to {place}").format(place=goal.place or tr("the chosen point")),
                 tr("Do"),
                 "x",
@@ -237,9 +241,9 @@ class PaletteEntries:
             )
         ]
 
-    def of_places(self) -> list[Entry]:
+    def of_places(self) -> list[PaletteItem]:
         return [
-            Entry(
+            PaletteItem(
                 tr("Go to {place}").format(place=place.name),
                 tr("Place"),
                 "flag",
@@ -254,7 +258,7 @@ class PaletteEntries:
             for number, place in enumerate(self._state.places.value, start=1)
         ]
 
-    def _of_controls(self) -> list[Entry]:
+    def _of_controls(self) -> list[PaletteItem]:
         """Robot controls that need no value but a choice."""
         entries = []
         held = self._state.drive.value.emergency_stop
@@ -282,13 +286,13 @@ class PaletteEntries:
                 open_panel = self._parts.panels.opener("robot")
                 text = tr("Robot: {control}").format(control=control.title)
                 entries.append(
-                    Entry(text, tr("Control"), "sliders", "", open_panel, id=f"Control: Robot: {control.title}")
+                    PaletteItem(text, tr("Control"), "sliders", "", open_panel, id=f"Control: Robot: {control.title}")
                 )
                 continue
             else:
                 continue
             entries += [
-                Entry(
+                PaletteItem(
                     tr("Robot: {control}").format(control=use),
                     control.group or tr("Control"),
                     "sliders",
@@ -309,14 +313,14 @@ class PaletteEntries:
             return use
         return lambda: self._question.ask(question_for(control, value), tr("Do it"), use)
 
-    def _of_map(self) -> list[Entry]:
+    def _of_map(self) -> list[PaletteItem]:
         """Mapping commands that need no name."""
         status: MapStatus = self._state.mapping.value
         entries = []
         if status.can_save:
             name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Save the map as {name}").format(name=name),
                     tr("Map"),
                     "floppy-disk",
@@ -329,7 +333,7 @@ class PaletteEntries:
             )
         if status.can_switch and status.mapping is not True:
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Start mapping"),
                     tr("Map"),
                     "map-trifold",
@@ -342,7 +346,7 @@ class PaletteEntries:
             )
         if status.can_switch and status.mapping is not False:
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Stop mapping, keep the map"),
                     tr("Map"),
                     "map-trifold",
@@ -356,10 +360,10 @@ class PaletteEntries:
             )
         return entries
 
-    def _of_cameras(self) -> list[Entry]:
+    def _of_cameras(self) -> list[PaletteItem]:
         state = self._state
         return [
-            Entry(
+            PaletteItem(
                 tr("Show the camera {name}").format(name=name),
                 tr("Video"),
                 "video-camera",
@@ -372,11 +376,11 @@ class PaletteEntries:
             if name != state.camera.value
         ]
 
-    def _of_panels(self) -> list[Entry]:
+    def _of_panels(self) -> list[PaletteItem]:
         panels = self._parts.panels
         shown: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
         opened = [
-            Entry(
+            PaletteItem(
                 tr(PANELS[name].title),
                 tr("Panel"),
                 PANELS[name].icon,
@@ -388,7 +392,7 @@ class PaletteEntries:
             for name in panels.possible()
         ]
         closed = [
-            Entry(
+            PaletteItem(
                 tr("Close {panel}").format(panel=tr(PANELS[name].title)),
                 tr("Panel"),
                 "x",
@@ -400,7 +404,7 @@ class PaletteEntries:
             for name in shown
         ]
         floats = [
-            Entry(
+            PaletteItem(
                 tr("{panel}: into a window of its own, or back").format(panel=tr(PANELS[name].title)),
                 tr("Panel"),
                 "arrow-square-out",
@@ -412,7 +416,7 @@ class PaletteEntries:
             for name in shown
         ]
         resizes = [
-            Entry(
+            PaletteItem(
                 (tr("{panel}: larger") if by_px > 0 else tr("{panel}: smaller")).format(panel=tr(PANELS[name].title)),
                 tr("Panel"),
                 "arrows-out-simple" if by_px > 0 else "arrows-in-simple",
@@ -426,10 +430,10 @@ class PaletteEntries:
         ]
         return opened if self._parts.layout.locked else [*opened, *closed, *floats, *resizes]
 
-    def _of_layout(self) -> list[Entry]:
+    def _of_layout(self) -> list[PaletteItem]:
         layout = self._parts.layout
         return [
-            Entry(
+            PaletteItem(
                 tr("Layout: {what}").format(what=command.text),
                 tr("Window"),
                 command.icon,
@@ -441,7 +445,7 @@ class PaletteEntries:
             for command in layout.commands()
             if command.possible
         ] + [
-            Entry(
+            PaletteItem(
                 tr(text),
                 tr("Window"),
                 "layout",
@@ -460,10 +464,10 @@ class PaletteEntries:
             )
         ]
 
-    def _of_robots(self) -> list[Entry]:
+    def _of_robots(self) -> list[PaletteItem]:
         robots = self._parts.robots
         entries = [
-            Entry(
+            PaletteItem(
                 tr("Connect to {robot}").format(robot=choice.title),
                 tr("Robot"),
                 "robot",
@@ -478,7 +482,7 @@ class PaletteEntries:
         ]
         if robots.can_detect:
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Connect another robot…"),
                     tr("Robot"),
                     "plus",
@@ -490,13 +494,13 @@ class PaletteEntries:
             )
         return entries
 
-    def _of_sessions(self) -> list[Entry]:
+    def _of_sessions(self) -> list[PaletteItem]:
         status, windows = self._state.recording.value, self._parts.sessions
         entries = []
         if status.state in ("recording", "paused"):
             paused = status.state == "paused"
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Go on recording") if paused else tr("Pause recording"),
                     tr("Do"),
                     "record" if paused else "pause",
@@ -508,10 +512,12 @@ class PaletteEntries:
             )
             stop = partial(self._console.do, intents.StopRecording())
             also = tr("end finish")
-            entries.append(Entry(tr("Stop recording"), tr("Do"), "stop", "", stop, also=also, id="Do: Stop recording"))
+            entries.append(
+                PaletteItem(tr("Stop recording"), tr("Do"), "stop", "", stop, also=also, id="Do: Stop recording")
+            )
         else:
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Start recording"),
                     tr("Do"),
                     "record",
@@ -524,7 +530,7 @@ class PaletteEntries:
             )
             if status.folder is not None:
                 entries.append(
-                    Entry(
+                    PaletteItem(
                         tr("Export the last session…"),
                         tr("Window"),
                         "export",
@@ -536,7 +542,7 @@ class PaletteEntries:
         if windows.has_library:
             also = tr("replay search study export")
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("All sessions…"),
                     tr("Window"),
                     "archive",
@@ -548,11 +554,11 @@ class PaletteEntries:
             )
         return [*entries, *map(self._of_session, windows.recent)]
 
-    def _of_session(self, session: SessionEntry) -> Entry:
+    def _of_session(self, session: SessionEntry) -> PaletteItem:
         from caris_desktop.ui.session_table import local_time  # imported late: the first window does not need it
 
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
-        return Entry(
+        return PaletteItem(
             tr("Replay {session}").format(session=" · ".join(part for part in heading if part)),
             tr("Session"),
             "play",
@@ -562,10 +568,10 @@ class PaletteEntries:
             id=f"session {session.folder.name}",
         )
 
-    def of_scenarios(self) -> list[Entry]:
+    def of_scenarios(self) -> list[PaletteItem]:
         parts = self._parts
         return [
-            Entry(
+            PaletteItem(
                 tr("Open scenario {title}").format(title=choice.title),
                 tr("Scenario"),
                 "map-trifold",
@@ -576,10 +582,10 @@ class PaletteEntries:
             for choice in parts.scenarios.now()
         ]
 
-    def _of_scenario_files(self) -> list[Entry]:
+    def _of_scenario_files(self) -> list[PaletteItem]:
         parts = self._parts
         return [
-            Entry(
+            PaletteItem(
                 tr("Import a scenario"),
                 tr("Scenario"),
                 "download-simple",
@@ -588,7 +594,7 @@ class PaletteEntries:
                 also=tr("open received file"),
                 id="Scenario: Import a scenario",
             ),
-            Entry(
+            PaletteItem(
                 tr("Write this scenario as one file"),
                 tr("Scenario"),
                 "export",

@@ -7,7 +7,7 @@ from caris_desktop.domain.value_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class PaletteItem:
     """Item that can be found and run; ``also``: synonyms.
 
     ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``deliberate``: disables a

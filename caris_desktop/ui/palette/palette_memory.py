@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from typing import Any
 
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_search import Used
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
@@ -27,7 +27,7 @@ class PaletteMemory:
         often = [name for name, times in counts.most_common() if times >= _OFTEN_FROM and name not in recent[:RECENT]]
         return Used(tuple(recent[:RECENT]), tuple(often[:OFTEN]))
 
-    def note(self, entry: Entry) -> None:
+    def note(self, entry: PaletteItem) -> None:
         """Record a use."""
         if entry.deliberate:
             return

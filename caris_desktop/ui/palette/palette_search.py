@@ -6,7 +6,7 @@ from difflib import SequenceMatcher
 from itertools import accumulate, chain
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
 _ALIKE = 0.75
@@ -29,14 +29,14 @@ class Finder:
     ``order``: order without a query: mandatory, recent, common, other items; ``breaks``: where these sections begin.
     """
 
-    def __init__(self, entries: Sequence[Entry], used: Used | None = None) -> None:
+    def __init__(self, entries: Sequence[PaletteItem], used: Used | None = None) -> None:
         self.order, self.breaks = _in_order(entries, used or Used())
         self._texts = [entry.text.casefold() for entry in self.order]
         self._own = [f"{entry.text} {entry.kind}".casefold() for entry in self.order]
         self._words = [f"{entry.text} {entry.kind} {entry.also}".casefold() for entry in self.order]
         self._vocabulary: _Vocabulary | None = None
 
-    def matching(self, query: str) -> list[Entry]:
+    def matching(self, query: str) -> list[PaletteItem]:
         """Items that contain all words of the query, prefix matches first, otherwise in the index order.
 
         An item of that name ranks before recently used items that match by a synonym: Enter must run what was typed.
@@ -98,7 +98,7 @@ class Finder:
         return [place for _far, place in far]
 
 
-def says_what_to_do(entry: Entry, query: str) -> bool:
+def says_what_to_do(entry: PaletteItem, query: str) -> bool:
     """Whether the query names what the item does, or equals its whole text."""
     words = query.casefold().split()
     wanted = [word for word in words if word not in _MEANS_NOTHING] or words
@@ -163,12 +163,12 @@ def _ratio(matcher: "SequenceMatcher[str]", known: str) -> float:
     return matcher.ratio()
 
 
-def _in_order(entries: Sequence[Entry], used: Used) -> tuple[tuple[Entry, ...], tuple[int, ...]]:
-    by_name: dict[str, Entry] = {}
+def _in_order(entries: Sequence[PaletteItem], used: Used) -> tuple[tuple[PaletteItem, ...], tuple[int, ...]]:
+    by_name: dict[str, PaletteItem] = {}
     for entry in entries:
         by_name.setdefault(entry.id, entry)
     placed: set[int] = set()
-    parts: list[list[Entry]] = []
+    parts: list[list[PaletteItem]] = []
     often = [by_name[name] for name in used.often if name in by_name]
     for part in (
         [entry for entry in entries if entry.first],

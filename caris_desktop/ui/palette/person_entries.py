@@ -7,7 +7,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.app_context import AppContext
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.people.pending_identity_question import is_asked
 from caris_desktop.ui.people.shown_people import everyone
 
@@ -18,7 +18,7 @@ class PersonEntries:
         self._console = parts.console
         self._state = parts.console.state
 
-    def now(self) -> list[Entry]:
+    def now(self) -> list[PaletteItem]:
         """Items to select, rename, view and annotate each person; and the pending question."""
         table, state = self._parts.actions, self._state
         persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
@@ -34,7 +34,7 @@ class PersonEntries:
                 ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
             ):
                 entries.append(
-                    Entry(
+                    PaletteItem(
                         text,
                         tr("Person"),
                         icon,
@@ -50,7 +50,7 @@ class PersonEntries:
             # The usage history must not contain names.
             known_as = person.person_id
             entries.append(
-                Entry(
+                PaletteItem(
                     name,
                     tr("Select"),
                     "user",
@@ -64,7 +64,7 @@ class PersonEntries:
             if "people" not in self._parts.panels.possible():
                 continue
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("All about {person}").format(person=name),
                     tr("Person"),
                     "identification-card",
@@ -76,7 +76,7 @@ class PersonEntries:
             )
             if person.here:
                 entries.append(
-                    Entry(
+                    PaletteItem(
                         tr("Rename {person}").format(person=name),
                         tr("Person"),
                         "pencil-simple",
@@ -88,7 +88,7 @@ class PersonEntries:
                 )
         if state.everybody.value or state.persons.value:
             entries.append(
-                Entry(
+                PaletteItem(
                     tr("Undo the last change to people"),
                     tr("Do"),
                     "arrow-u-up-left",

@@ -8,8 +8,8 @@ from caris_desktop.ui.action_rows import PEOPLE_GROUP, PLACES_GROUP, SCENARIO_GR
 from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.palette_entries import PaletteEntries
-from caris_desktop.ui.palette.palette_item import Entry
-from caris_desktop.ui.people.nearest_person import in_front
+from caris_desktop.ui.palette.palette_item import PaletteItem
+from caris_desktop.ui.people.nearest_person import nearest_person
 
 
 class QuickChoices:
@@ -43,8 +43,8 @@ class QuickChoices:
         """Choose a known wizard or enter a new name."""
         wizards = self._parts.wizards
 
-        def chosen(name: str, text: str) -> Entry:
-            return Entry(text, tr("Wizard"), "user-gear", "", lambda: wizards.choose(name), id=f"Wizard: {name}")
+        def chosen(name: str, text: str) -> PaletteItem:
+            return PaletteItem(text, tr("Wizard"), "user-gear", "", lambda: wizards.choose(name), id=f"Wizard: {name}")
 
         known = [chosen(name, name) for name in wizards.names if name != wizards.current]
         self._palette.ask(
@@ -54,7 +54,7 @@ class QuickChoices:
     def name_person(self) -> str:
         """Edit the name of the person in front of the robot; Enter saves it."""
         state, panels = self._parts.console.state, self._parts.panels
-        person = in_front(state.persons.value, selected=state.selected_person.value)
+        person = nearest_person(state.persons.value, selected=state.selected_person.value)
         if person is None:
             return tr("Nobody is in view, so there is nobody to name.")
         panels.open("people")
@@ -63,7 +63,7 @@ class QuickChoices:
             panel.show_person(person.person_id, rename=True)
         return ""
 
-    def _with_digits(self, entries: Sequence[Entry]) -> Sequence[Entry]:
+    def _with_digits(self, entries: Sequence[PaletteItem]) -> Sequence[PaletteItem]:
         letter = self._parts.actions.letter
         return [
             replace(entry, key=letter(str(number)) if number <= CommandPalette.DIGITS else "")

@@ -10,7 +10,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui import event_messages
 from caris_desktop.ui.app_context import THEME_WORDS, AppContext
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
 from caris_desktop.ui.theme import SCALES
@@ -27,7 +27,7 @@ class SettingEntries:
         self._console = parts.console
         self._state = parts.console.state
 
-    def now(self) -> list[Entry]:
+    def now(self) -> list[PaletteItem]:
         permissions = self._console.scenario.permissions
         return [
             *(self._of_voices() if permissions.speech else ()),
@@ -40,9 +40,9 @@ class SettingEntries:
             *self._of_wizards(),
         ]
 
-    def _of_voices(self) -> list[Entry]:
+    def _of_voices(self) -> list[PaletteItem]:
         return [
-            Entry(
+            PaletteItem(
                 choice.text,
                 tr("Voice"),
                 "sliders-horizontal",
@@ -57,11 +57,11 @@ class SettingEntries:
             if not choice.chosen
         ]
 
-    def _of_levels(self) -> list[Entry]:
+    def _of_levels(self) -> list[PaletteItem]:
         """Autonomy levels of the language model, where they can be changed."""
         scenario, levels = self._console.scenario, self._state.levels.value
         return [
-            Entry(
+            PaletteItem(
                 tr("{function}: {level}").format(function=tr(title), level=tr(event_messages.LEVELS[level])),
                 tr("Do"),
                 "sliders-horizontal",
@@ -76,16 +76,16 @@ class SettingEntries:
             if level != getattr(levels, function)
         ]
 
-    def _of_guard(self) -> list[Entry]:
+    def _of_guard(self) -> list[PaletteItem]:
         drive: DriveStatus = self._state.drive.value
         if drive.guard == "overridden":
             on = partial(self._console.do, intents.SetGuard(on=True))
             text = tr("Switch the obstacle guard on")
-            return [Entry(text, tr("Do"), "shield-check", "", on, id="Do: Switch the obstacle guard on")]
+            return [PaletteItem(text, tr("Do"), "shield-check", "", on, id="Do: Switch the obstacle guard on")]
         if drive.guard == "absent" or not self._console.scenario.permissions.driving:
             return []
         return [
-            Entry(
+            PaletteItem(
                 tr("Switch the obstacle guard off"),
                 tr(TWICE),
                 "shield-slash",
@@ -97,10 +97,10 @@ class SettingEntries:
             )
         ]
 
-    def _of_wizards(self) -> list[Entry]:
+    def _of_wizards(self) -> list[PaletteItem]:
         wizards = self._parts.wizards
         return [
-            Entry(
+            PaletteItem(
                 tr("Wizard: {name}").format(name=name or tr("nobody in particular")),
                 tr("Wizard"),
                 "user-gear",
@@ -113,9 +113,9 @@ class SettingEntries:
             if name != wizards.current
         ]
 
-    def _of_sound(self) -> list[Entry]:
+    def _of_sound(self) -> list[PaletteItem]:
         return [
-            Entry(
+            PaletteItem(
                 tr("{setting}: {choice}").format(setting=choice.title, choice=choice.text),
                 tr("Sound"),
                 "microphone",
@@ -128,10 +128,10 @@ class SettingEntries:
             if not choice.chosen
         ]
 
-    def _of_sizes(self) -> list[Entry]:
+    def _of_sizes(self) -> list[PaletteItem]:
         appearance = self._parts.appearance
         return [
-            Entry(
+            PaletteItem(
                 scale_words(scale),
                 tr("Window"),
                 "text-aa",
@@ -144,10 +144,10 @@ class SettingEntries:
             if scale != appearance.scale
         ]
 
-    def _of_languages(self) -> list[Entry]:
+    def _of_languages(self) -> list[PaletteItem]:
         appearance = self._parts.appearance
         return [
-            Entry(
+            PaletteItem(
                 tr("Language: {name} from the next start").format(name=QLocale(name).nativeLanguageName()),
                 tr("Window"),
                 "translate",
@@ -160,10 +160,10 @@ class SettingEntries:
             if name != appearance.language
         ]
 
-    def of_themes(self) -> list[Entry]:
+    def of_themes(self) -> list[PaletteItem]:
         appearance = self._parts.appearance
         return [
-            Entry(
+            PaletteItem(
                 tr("Appearance: {theme}").format(theme=tr(words)),
                 tr("Window"),
                 "moon",

@@ -5,15 +5,15 @@ from functools import partial
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.step_intents import present_step, target_of
 
 
-def step_entries(console: WizardConsole) -> list[Entry]:
+def step_entries(console: WizardConsole) -> list[PaletteItem]:
     scenario = console.scenario
     step = present_step(scenario, console.state)
     branches = [
-        Entry(
+        PaletteItem(
             tr("{what}: on to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
             tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
             also=tr("branch protocol"), acts=True,
@@ -23,7 +23,7 @@ def step_entries(console: WizardConsole) -> list[Entry]:
         for branch in (() if step is None else step.branches)
     ]  # fmt: skip
     steps = [
-        Entry(
+        PaletteItem(
             tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
             partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), acts=True,
             named=f"{number} {one.title}",

@@ -117,7 +117,7 @@ class AssistantPanel(Panel):
         return button
 
     def _arrange(self) -> None:
-        top = layouts.row(spacing_px=8)
+        top = layouts.hbox(spacing_px=8)
         top.addWidget(self.field, 1)
         top.addWidget(self._ask)
         self._buttons = QBoxLayout(QBoxLayout.Direction.LeftToRight)
@@ -130,7 +130,7 @@ class AssistantPanel(Panel):
         self._middle.addWidget(self._answer, 1)
         self._middle.addLayout(self._buttons)
         self._main = QWidget()
-        self._column = layouts.column(self._main, margins_px=0, spacing_px=8)
+        self._column = layouts.vbox(self._main, margins_px=0, spacing_px=8)
         self._column.addLayout(top)
         self._column.addWidget(self.setup_bar)
         self._column.addWidget(self.along)
@@ -140,7 +140,7 @@ class AssistantPanel(Panel):
         self._column.addWidget(self._note)
         self._words = SystemPromptPage(self.theme, self.console.do)
         self._words.closed.connect(self._close_words)
-        self._frame = layouts.column(self, margins_px=(14, 12, 14, 12))
+        self._frame = layouts.vbox(self, margins_px=(14, 12, 14, 12))
         self._pages = QStackedLayout()
         self._frame.addLayout(self._pages)
         self._pages.addWidget(self._main)

@@ -72,7 +72,7 @@ class ConversationPanel(Panel):
         self._search = _SearchLine(self)
         self._search.hide()
         self._levels = LevelsButton(context)
-        under_newest = layouts.column(margins_px=(14, 0, 14, 0), spacing_px=6)
+        under_newest = layouts.vbox(margins_px=(14, 0, 14, 0), spacing_px=6)
         assisted = context.console.scenario.assisted
         self._could_follow: list[SuggestionCards | ProposalCard] = []
         if "replies" in assisted or "fillers" in assisted:
@@ -81,7 +81,7 @@ class ConversationPanel(Panel):
             self._could_follow.append(ProposalCard(context, self))
         for widget in self._could_follow:
             under_newest.addWidget(widget)
-        layout = layouts.column(self, margins_px=(1, 6, 1, 8), spacing_px=4)
+        layout = layouts.vbox(self, margins_px=(1, 6, 1, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(self.view, 1_000)
         layout.addLayout(under_newest)
@@ -316,7 +316,7 @@ class _SearchLine(QWidget):
         close = ActionButton(panel.theme, "", icon="x", height_px=30)
         close.setAccessibleName(tr("Close the search"))
         close.clicked.connect(panel.close_search)
-        row = layouts.row(self, margins_px=(14, 2, 8, 2), spacing_px=8)
+        row = layouts.hbox(self, margins_px=(14, 2, 8, 2), spacing_px=8)
         row.addWidget(self.field, 1)
         row.addWidget(self._found)
         row.addWidget(close)

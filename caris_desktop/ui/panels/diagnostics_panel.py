@@ -378,7 +378,7 @@ class DiagnosticsPanel(Panel):
         self._copy.setObjectName("diagnostics_copy")
         self._copy.setToolTip(tr("Copy all figures as text"))
         self._copy.clicked.connect(self.copy_report)
-        layout = layouts.column(self, margins_px=(12, 6, 12, 8), spacing_px=4)
+        layout = layouts.vbox(self, margins_px=(12, 6, 12, 8), spacing_px=4)
         layout.addWidget(self._summary)
         layout.addWidget(self.view, 1)
         layout.addWidget(self._empty, 1)

@@ -73,10 +73,10 @@ class FacePanel(Panel):
         self._more = FlowRow(gap_px=6)
         for control in (self._text, self._back, self._live, self._copy, self._edit):
             self._more.add(control)
-        layout = layouts.column(self, margins_px=(2, 0, 2, 8), spacing_px=8)
+        layout = layouts.vbox(self, margins_px=(2, 0, 2, 8), spacing_px=8)
         layout.addWidget(self._view, 1)
         rest = QWidget()
-        column = layouts.column(rest, margins_px=(12, 0, 12, 0), spacing_px=8)
+        column = layouts.vbox(rest, margins_px=(12, 0, 12, 0), spacing_px=8)
         for row in (self._row, self._more, self._address):
             column.addWidget(row)
         layout.addWidget(rest)

@@ -59,7 +59,7 @@ class MapPanel(Panel):
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         self._told = ThrottledAccessibleDescription(self.view, self._message_text, every_ms=TOLD_EVERY_MS)
-        layout = layouts.column(self, margins_px=0)
+        layout = layouts.vbox(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
         self.tools.told.connect(self._on_reported)
@@ -337,7 +337,7 @@ class MapPanel(Panel):
         self.view.clear_trail()
         if by_odometry:
             self._follows_on_map = self.view.follow
-        with self.by_itself():
+        with self.preferences_blocked():
             self.view.set_follow(by_odometry or self._follows_on_map)
         if not self.view.follow:
             self.view.fit()

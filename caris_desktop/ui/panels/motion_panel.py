@@ -31,7 +31,7 @@ _GAP_S = 0.5
 _COMMANDS_END_S = 0.6  # the link repeats a command, then sends zero for half a second; silence means no command
 
 
-class Strip:
+class RollingBuffer:
     """Rolling buffer of stamped values of the last half minute."""
 
     def __init__(self, values: int) -> None:
@@ -78,9 +78,9 @@ class MotionPanel(Panel):
         # The import takes 0.3 s; only scenarios with this panel pay for it.
         import pyqtgraph
 
-        self._commanded = Strip(3)
-        self._measured = Strip(3)
-        self._limited = Strip(1)
+        self._commanded = RollingBuffer(3)
+        self._measured = RollingBuffer(3)
+        self._limited = RollingBuffer(1)
         self._paused_at_ns: int | None = None
         self._drawn_ns: int | None = None
         self._was_limited = 0.0

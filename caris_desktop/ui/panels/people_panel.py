@@ -73,14 +73,14 @@ class PeoplePanel(Panel):
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
-        column = layouts.column(centered, margins_px=(24, 8, 24, 8))
+        column = layouts.vbox(centered, margins_px=(24, 8, 24, 8))
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
         self._told = AccessibleRegions(
             holder, self.list.viewport(), self.list.accessible_spots, self.list.press_message
         )
-        layout = layouts.column(self, margins_px=(2, 6, 2, 8), spacing_px=4)
+        layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
         layout.addWidget(holder, 1)
         layout.addWidget(self._undo)

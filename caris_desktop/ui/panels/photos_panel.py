@@ -76,7 +76,7 @@ class PhotosPanel(Panel):
         self.choice.setMinimumContentsLength(8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
-        finding = layouts.row(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
+        finding = layouts.hbox(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
         finding.addWidget(self.search, 3)
         finding.addWidget(self.choice, 2)
         self.model = PhotosModel(self)
@@ -96,7 +96,7 @@ class PhotosPanel(Panel):
         self._stack = QStackedLayout(holder)
         for part in (self.grid, self.large, self._empty):
             self._stack.addWidget(part)
-        layout = layouts.column(self, margins_px=(2, 0, 2, 8), spacing_px=2)
+        layout = layouts.vbox(self, margins_px=(2, 0, 2, 8), spacing_px=2)
         layout.addWidget(self._finding)
         layout.addWidget(holder, 1)
         self.hold.escape_pressed.connect(self.close_photo)
@@ -387,7 +387,7 @@ class LargePhoto(QWidget):
         buttons.addStretch(1)
         buttons.addWidget(self._delete)
         fields = QWidget()
-        beside = layouts.column(fields, margins_px=0, spacing_px=6)
+        beside = layouts.vbox(fields, margins_px=0, spacing_px=6)
         for part in (self.about, self.tags, self.question):
             beside.addWidget(part)
         beside.addStretch(1)
@@ -396,7 +396,7 @@ class LargePhoto(QWidget):
         self._body.setSpacing(tokens.GRID_PX)
         self._body.addWidget(self.picture, 1)
         self._body.addWidget(fields)
-        column = layouts.column(self, margins_px=(10, 6, 10, 2), spacing_px=6)
+        column = layouts.vbox(self, margins_px=(10, 6, 10, 2), spacing_px=6)
         column.addLayout(buttons)
         column.addLayout(self._body, 1)
 

@@ -59,11 +59,11 @@ class RobotPanel(Panel):
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
-        column = layouts.column(centered, margins_px=(24, 8, 24, 8))
+        column = layouts.vbox(centered, margins_px=(24, 8, 24, 8))
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self._scroll)
-        layout = layouts.column(self, margins_px=(2, 0, 2, 2), spacing_px=0)
+        layout = layouts.vbox(self, margins_px=(2, 0, 2, 2), spacing_px=0)
         layout.addWidget(self._reason)
         layout.addWidget(holder, 1)
         self._reason.setContentsMargins(12, 8, 12, 0)
@@ -100,7 +100,7 @@ class RobotPanel(Panel):
         self._entries = {}
         self._to_come.clear()
         body = QWidget()
-        column = layouts.column(body, margins_px=(12, 10, 12, 12), spacing_px=8)
+        column = layouts.vbox(body, margins_px=(12, 10, 12, 12), spacing_px=8)
         groups: dict[str, list[RobotControl]] = {}
         for control in controls:
             groups.setdefault(control.group, []).append(control)
@@ -220,7 +220,7 @@ class ControlEntry(QWidget):
         self._question.answered.connect(self._on_answered)
         self._question.hide()
         self._face = create_control_widget(theme, control, self._on_used)
-        column = layouts.column(self, margins_px=0, spacing_px=4)
+        column = layouts.vbox(self, margins_px=0, spacing_px=4)
         column.addWidget(self._face)
         column.addWidget(self._question)
         if control.kind not in _COMPACT:
@@ -351,7 +351,7 @@ class _Question(QWidget):
         no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=30)
         no.setObjectName("control_cancel")
         no.clicked.connect(lambda: self.answered.emit(False))
-        row = layouts.row(self, margins_px=(0, 2, 0, 2), spacing_px=6)
+        row = layouts.hbox(self, margins_px=(0, 2, 0, 2), spacing_px=6)
         row.addWidget(self._words)
         row.addWidget(self.yes)
         row.addWidget(no)
@@ -371,9 +371,9 @@ class _Group(QWidget):
         self._heading_px = heading_px
         self._entries: list[ControlEntry] = []
         self._heading = _Heading(theme, name)
-        self._column = layouts.column(spacing_px=6)
+        self._column = layouts.vbox(spacing_px=6)
         self._flow: FlowRow | None = None
-        self._row = layouts.row(self, margins_px=0)
+        self._row = layouts.hbox(self, margins_px=0)
         self._row.addWidget(self._heading, 0, Qt.AlignmentFlag.AlignTop)
         self._row.addLayout(self._column, 1)
         self.set_narrow(False)

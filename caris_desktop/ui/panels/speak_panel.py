@@ -68,7 +68,7 @@ _MANY = 12
 def _scrolled(inside: QWidget) -> QScrollArea:
     """Wrap a widget in a scroll area, aligned to the top."""
     body = QWidget()
-    column = layouts.column(body, margins_px=0, spacing_px=0)
+    column = layouts.vbox(body, margins_px=0, spacing_px=0)
     column.addWidget(inside)
     column.addStretch(1)
     area = QScrollArea(widgetResizable=True)
@@ -123,9 +123,9 @@ class SpeakPanel(Panel):
         queue.setVisible(False)
         self._queue.row_chosen.connect(lambda row: queue.ensureWidgetVisible(row, 0, 0))
         self._hints = QWidget()
-        self._hint_row = layouts.row(self._hints, margins_px=0, spacing_px=8)
+        self._hint_row = layouts.hbox(self._hints, margins_px=0, spacing_px=8)
         self._hinted: tuple[tuple[str, str], ...] = ()
-        layout = self._column = layouts.column(self, margins_px=(14, 10, 14, 6), spacing_px=8)
+        layout = self._column = layouts.vbox(self, margins_px=(14, 10, 14, 6), spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self._gap)
         layout.addWidget(phrases, 1)

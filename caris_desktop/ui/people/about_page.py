@@ -138,7 +138,7 @@ class AboutPage(QWidget):
             f"person_suggestion_yes_{number}", tr("Yes"), "check", lambda: self._answer(number, yes=True)
         )
         no = self._button(f"person_suggestion_no_{number}", tr("No"), "x", lambda: self._answer(number, yes=False))
-        line = layouts.row(row, margins_px=0)
+        line = layouts.hbox(row, margins_px=0)
         line.addWidget(text, 1)
         line.addWidget(yes)
         line.addWidget(no)
@@ -167,10 +167,10 @@ class AboutPage(QWidget):
         acts = FlowRow(gap_px=6)
         for button in (self._merge, self._split, self._forget):
             acts.add(button)
-        column = layouts.column(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
+        column = layouts.vbox(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
         for suggested, *_ in self._suggested:
             column.addWidget(suggested)
-        known = layouts.row(spacing_px=tokens.GRID_PX)
+        known = layouts.hbox(spacing_px=tokens.GRID_PX)
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
         column.addLayout(known)

@@ -50,7 +50,7 @@ class MergePage(QWidget):
         self._faces = (PortraitView(theme, pixmaps, _PORTRAIT_PX), PortraitView(theme, pixmaps, _PORTRAIT_PX))
         self._names = (QLabel(), QLabel())
         self._both = QWidget()
-        both = layouts.row(self._both, margins_px=0)
+        both = layouts.hbox(self._both, margins_px=0)
         for face, name in zip(self._faces, self._names, strict=True):
             side = QVBoxLayout()
             name.setAlignment(Qt.AlignmentFlag.AlignHCenter)
@@ -69,7 +69,7 @@ class MergePage(QWidget):
         row.addWidget(back)
         row.addWidget(self._do)
         row.addStretch(1)
-        column = layouts.column(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
+        column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
         for widget in (self._title, self._field):
             column.addWidget(widget)
         for number, button in enumerate(self._offered):

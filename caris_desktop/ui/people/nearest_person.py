@@ -7,7 +7,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 
 
-def in_front(persons: Iterable[PersonRow], *, selected: str = "") -> PersonRow | None:
+def nearest_person(persons: Iterable[PersonRow], *, selected: str = "") -> PersonRow | None:
     """The selected person if present; else the nearest unnamed person, else the nearest.
 
     Without distances: the one most straight ahead, then the one present longest.

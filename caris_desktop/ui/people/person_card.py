@@ -93,16 +93,16 @@ class PersonCard(QWidget):
         self.hide()
 
     def _arrange(self, close: QWidget) -> None:
-        texts = layouts.column(spacing_px=2)
+        texts = layouts.vbox(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
         texts.addWidget(self._seen)
         texts.addStretch(1)
-        head = layouts.row(margins_px=(14, 0, 8, 0), spacing_px=12)
+        head = layouts.hbox(margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(self._face)
         head.addLayout(texts, 1)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        column = layouts.column(self, margins_px=(1, 12, 1, 10), spacing_px=8)
+        column = layouts.vbox(self, margins_px=(1, 12, 1, 10), spacing_px=8)
         column.addLayout(head)
         column.addWidget(self._pages, 1)
 

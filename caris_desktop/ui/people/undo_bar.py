@@ -27,7 +27,7 @@ class UndoBar(QWidget):
         self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
         self.button.clicked.connect(self.undone)
-        row = layouts.row(self, margins_px=(14, 2, 10, 2), spacing_px=tokens.GRID_PX)
+        row = layouts.hbox(self, margins_px=(14, 2, 10, 2), spacing_px=tokens.GRID_PX)
         row.addWidget(self.text, 1, Qt.AlignmentFlag.AlignVCenter)
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)

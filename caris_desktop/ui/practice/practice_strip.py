@@ -102,10 +102,10 @@ class PracticeStrip(Bar, QWidget):
         self._end = ActionButton(theme, tr("End the practice"), look="plain", height_px=_BUTTON_PX)
         self._end.setObjectName("practice_end")
         self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
-        words = layouts.column(spacing_px=1)
+        words = layouts.vbox(spacing_px=1)
         words.addWidget(self._title)
         words.addWidget(self._how)
-        row = layouts.row(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
+        row = layouts.hbox(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
         row.addLayout(words, 1)
         row.addWidget(self._dots)
         for button in (self._skip, self._again, self._end):

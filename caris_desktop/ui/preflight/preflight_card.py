@@ -37,7 +37,7 @@ class PreflightCard(Overlay):
         head.addStretch(1)
         head.addWidget(close)
         self.list = PreflightList(theme, console)
-        column = layouts.column(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
+        column = layouts.vbox(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
         column.addLayout(head)
         column.addWidget(self._summary)
         column.addWidget(self.list, 1)

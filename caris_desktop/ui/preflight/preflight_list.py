@@ -34,7 +34,7 @@ class PreflightList(QScrollArea):
         self._theme = theme
         self._console = console
         self._inner = QWidget()
-        self._column = layouts.column(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
+        self._column = layouts.vbox(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
         self._by_hand = self._heading(tr("For you to look at"))
         self._by_itself = self._heading(tr("Checked by the console"))
         self._column.addStretch(1)
@@ -109,12 +109,12 @@ class PreflightRow(QWidget):
         self._theme = theme
         self._console = console
         self._check = check
-        row = layouts.row(self, margins_px=(0, 5, 0, 5), spacing_px=10)
+        row = layouts.hbox(self, margins_px=(0, 5, 0, 5), spacing_px=10)
         self.box: CheckBox | None = None
         self._title = self._label(tr(check.title), tokens.BODY_PX)
         self._mark = _StateMark(theme)
         row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
-        words = layouts.column(spacing_px=2)
+        words = layouts.vbox(spacing_px=2)
         if check.manual:
             self.box = CheckBox(theme, tr(check.title), wraps=True)
             self.box.setObjectName(f"tick_{check.id}")

@@ -76,10 +76,10 @@ class StepsCard(_CardBelow):
         self.setAccessibleName(tr("All steps of the protocol"))
         self._note = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._note.setObjectName("step_note")
-        self._boxes = layouts.column(spacing_px=2)
+        self._boxes = layouts.vbox(spacing_px=2)
         self._ticks: list[CheckBox] = []
         self._rows: list[ActionButton] = []
-        self._list = layouts.column(margins_px=0, spacing_px=2)
+        self._list = layouts.vbox(margins_px=0, spacing_px=2)
         inside = QWidget()
         inside.setLayout(self._list)
         self._scroll = QScrollArea(widgetResizable=True)
@@ -87,7 +87,7 @@ class StepsCard(_CardBelow):
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setWidget(inside)
-        column = layouts.column(self, margins_px=10, spacing_px=8)
+        column = layouts.vbox(self, margins_px=10, spacing_px=8)
         column.addWidget(self._note)
         column.addLayout(self._boxes)
         column.addWidget(self._scroll)
@@ -149,7 +149,7 @@ class BranchesCard(_CardBelow):
         self.setObjectName("branches_card")
         self.setAccessibleName(tr("What the participant does"))
         self._rows: list[ActionButton] = []
-        self._column = layouts.column(self, margins_px=8, spacing_px=4)
+        self._column = layouts.vbox(self, margins_px=8, spacing_px=4)
 
     def show_branches(self, texts: Sequence[str]) -> None:
         _fit(self._rows, len(texts), self._new_row)

@@ -138,7 +138,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(copy)
         content = QWidget()
-        layout = layouts.column(content, margins_px=0, spacing_px=12)
+        layout = layouts.vbox(content, margins_px=0, spacing_px=12)
         layout.addLayout(choices)
         layout.addWidget(self._kappa)
         layout.addWidget(self._lines)
@@ -146,7 +146,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._table, 1)
         self._table.setMinimumHeight(_LEAST_TABLE_PX)
         self._table.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        whole = layouts.column(self, margins_px=24, spacing_px=12)
+        whole = layouts.vbox(self, margins_px=24, spacing_px=12)
         whole.addWidget(Scrolled(content), 1)
         whole.addLayout(buttons)
         self._copy = copy

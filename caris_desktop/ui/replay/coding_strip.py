@@ -72,7 +72,7 @@ class CodingStrip(QWidget):
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._acts.append(button)
-        row = layouts.row(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
+        row = layouts.hbox(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
         row.addWidget(self._words, 1)
         row.addWidget(self._add)
         for button in (*self._labels, self._more):

@@ -42,7 +42,7 @@ class LabelCard(FloatingCard):
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
         self.list.itemClicked.connect(self._on_item_clicked)
-        column = layouts.column(self, margins_px=8, spacing_px=4)
+        column = layouts.vbox(self, margins_px=8, spacing_px=4)
         column.addWidget(self.field)
         column.addWidget(self.list)
 

@@ -86,27 +86,27 @@ class ReplayBar(QWidget):
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(self._end_hint)
         self._one_line = False
-        left = layouts.row(spacing_px=8)
+        left = layouts.hbox(spacing_px=8)
         left.addWidget(self._title)
         left.addWidget(self._hint, 1)
         self._moves = (
             self._previous_mark, self._previous_utterance, self._frame_back, self._play, self._frame_on,
             self._next_utterance, self._next_mark,
         )  # fmt: skip
-        middle = layouts.row(spacing_px=8)
+        middle = layouts.hbox(spacing_px=8)
         for button in self._moves:
             middle.addWidget(button)
-        self._right = layouts.row(spacing_px=12)
+        self._right = layouts.hbox(spacing_px=12)
         self._right.addStretch(1)
         self._right.addWidget(self._times)
         self._right.addWidget(self._rate)
         self._left = left
-        self._row = layouts.row(spacing_px=16)
+        self._row = layouts.hbox(spacing_px=16)
         self._row.addLayout(left, 1)
         self._row.addLayout(middle)
         self._row.addLayout(self._right, 1)
         self._row.setContentsMargins(8, 0, 8, 0)
-        self._column = layouts.column(self, margins_px=(8, 4, 8, 8), spacing_px=0)
+        self._column = layouts.vbox(self, margins_px=(8, 4, 8, 8), spacing_px=0)
         self._column.addWidget(self.scrubber)
         self._column.addLayout(self._row)
         replay.playback.changed.connect(self._on_playback_changed)

@@ -176,7 +176,7 @@ class TierDialog(VisualTabOrderMixin, QDialog):
         buttons.addWidget(cancel)
         buttons.addStretch(1)
         buttons.addWidget(self._save)
-        layout = layouts.column(self, margins_px=24, spacing_px=16)
+        layout = layouts.vbox(self, margins_px=24, spacing_px=16)
         layout.addWidget(heading)
         layout.addLayout(form)
         layout.addWidget(self._refusal)

@@ -25,7 +25,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui.replay.thumbnails import Thumbnails
-from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, Shown, TimelineDrawing
+from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, TimelineDrawing, TimelineState
 from caris_desktop.ui.replay.timeline_geometry import Drag, DragKind, Hit, TimelineGeometry
 from caris_desktop.ui.replay.timeline_model import SHORTEST_MS, Row, TimeScale, Track, whole_session
 from caris_desktop.ui.replay.timeline_overlay import OpenInterval, TimelineOverlay
@@ -57,7 +57,7 @@ class TimelineCanvas(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.shown = Shown()
+        self.shown = TimelineState()
         self.places = TimelineGeometry(self.shown)
         self._drawing = TimelineDrawing(theme, thumbnails, named)
         self._over = TimelineOverlay(theme, self.shown, self.places, self._drawing)

@@ -54,7 +54,7 @@ _RECORD_ICONS = (
 
 
 @dataclass(slots=True)
-class Shown:
+class TimelineState:
     """Timeline state: rows with scroll offsets, ruler scale and playhead."""
 
     rows: list[Row] = field(default_factory=list)
@@ -112,7 +112,7 @@ class TimelineDrawing:
         self._named = named
         self._labels: dict[tuple[str, int, bool], QStaticText] = {}
 
-    def color_of(self, shown: Shown, coder: str) -> QColor:
+    def color_of(self, shown: TimelineState, coder: str) -> QColor:
         colors = self._theme.colors.coders
         return QColor(colors[shown.coders.index(coder) % len(colors)] if coder in shown.coders else colors[0])
 
@@ -124,7 +124,7 @@ class TimelineDrawing:
 
     # ---- row names
 
-    def names(self, shown: Shown, ratio: float) -> QPixmap:
+    def names(self, shown: TimelineState, ratio: float) -> QPixmap:
         """Layer of row names, including the corner above."""
         theme = self._theme
         layer = self._empty(NAMES_PX, shown.height_px, ratio, "panel")
@@ -141,7 +141,7 @@ class TimelineDrawing:
         painter.end()
         return layer
 
-    def _draw_name(self, painter: QPainter, shown: Shown, index: int) -> None:
+    def _draw_name(self, painter: QPainter, shown: TimelineState, index: int) -> None:
         theme, row, top = self._theme, shown.rows[index], shown.row_top(index)
         rect = QRectF(0, top, NAMES_PX - 1, row.height_px)
         if row.key == shown.active:
@@ -177,7 +177,7 @@ class TimelineDrawing:
 
     # ---- rows
 
-    def rows(self, shown: Shown, ratio: float) -> QPixmap:
+    def rows(self, shown: TimelineState, ratio: float) -> QPixmap:
         """Layer of ruler and rows, without row names."""
         theme, room = self._theme, shown.room_px
         layer = self._empty(room, shown.height_px, ratio, "window")
@@ -210,7 +210,7 @@ class TimelineDrawing:
         self._thumbnails.want_shown(wanted)
         return layer
 
-    def _draw_row(self, painter: QPainter, shown: Shown, index: int, wanted: list[Moment]) -> None:
+    def _draw_row(self, painter: QPainter, shown: TimelineState, index: int, wanted: list[Moment]) -> None:
         row, top, theme = shown.rows[index], shown.row_top(index), self._theme
         if row.key == shown.active:
             painter.fillRect(QRect(0, top, shown.room_px, row.height_px), theme.color("panel"))
@@ -225,7 +225,7 @@ class TimelineDrawing:
             case _:
                 self._draw_annotations(painter, shown, row, top)
 
-    def _draw_pictures(self, painter: QPainter, shown: Shown, row: Row, top: int, wanted: list[Moment]) -> None:
+    def _draw_pictures(self, painter: QPainter, shown: TimelineState, row: Row, top: int, wanted: list[Moment]) -> None:
         height = row.height_px - 5
         width = height * _PICTURE_SHAPE
         step_ms = picture_step_ms(shown.scale.px_per_ms, width + 2)
@@ -245,7 +245,7 @@ class TimelineDrawing:
                 size = picture.size().toSizeF().scaled(place.size(), Qt.AspectRatioMode.KeepAspectRatio)
                 painter.drawImage(QRectF(place.topLeft(), size), picture)
 
-    def _draw_sound(self, painter: QPainter, shown: Shown, row: Row, top: int) -> None:
+    def _draw_sound(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
         waves = () if shown.overview is None else shown.overview.waveforms
         wave = next((wave for wave in waves if wave.source == row.source), None)
         if wave is None:
@@ -261,7 +261,7 @@ class TimelineDrawing:
         strokes = columns_image(tops, np.maximum(bottoms, tops + 1), row.height_px - 1, self._theme.color("green"))
         painter.drawImage(0, top, strokes)
 
-    def _draw_speed(self, painter: QPainter, shown: Shown, row: Row, top: int) -> None:
+    def _draw_speed(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
         if shown.overview is None:
             return
         columns = speed_columns(shown.overview.speed, shown.scale, shown.room_px)
@@ -272,7 +272,7 @@ class TimelineDrawing:
         painter.drawImage(0, top, columns_image(tops, np.full(len(columns), height, np.float32), height, ground))
         painter.drawImage(0, top, columns_image(tops - 1, tops + 0.6, height, self._theme.color("blue")))
 
-    def _draw_annotations(self, painter: QPainter, shown: Shown, row: Row, top: int) -> None:
+    def _draw_annotations(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
         track, scale, room = shown.track_of(row), shown.scale, shown.room_px
         found = track.between(scale.start_ms, scale.to_ms(room))
         if not found:
@@ -376,7 +376,7 @@ def _image(pixels: NDArray[np.uint32]) -> QImage:
     return image.copy()
 
 
-def _detail_of(shown: Shown, row: Row) -> str:
+def _detail_of(shown: TimelineState, row: Row) -> str:
     """Detail shown next to a row's name."""
     if row.own and row.tier is not None:
         same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())

@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_model import Annotation
-from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, Shown
+from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, TimelineState
 from caris_desktop.ui.replay.timeline_model import (
     SHORTEST_MS,
     Track,
@@ -54,7 +54,7 @@ class Drag:
 class TimelineGeometry:
     """Read-only geometry of ``shown``."""
 
-    def __init__(self, shown: Shown) -> None:
+    def __init__(self, shown: TimelineState) -> None:
         self._shown = shown
 
     def index_of(self, key: str) -> int | None:

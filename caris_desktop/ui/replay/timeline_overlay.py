@@ -8,7 +8,14 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.replay.timeline_drawing import MENU_PX, NAMES_PX, RULER_PX, TEXT_FROM_PX, Shown, TimelineDrawing
+from caris_desktop.ui.replay.timeline_drawing import (
+    MENU_PX,
+    NAMES_PX,
+    RULER_PX,
+    TEXT_FROM_PX,
+    TimelineDrawing,
+    TimelineState,
+)
 from caris_desktop.ui.replay.timeline_geometry import Drag, Hit, TimelineGeometry
 from caris_desktop.ui.replay.timeline_model import exact_text, length_text
 from caris_desktop.ui.theme import Theme
@@ -26,7 +33,9 @@ class OpenInterval:
 class TimelineOverlay:
     """Paints over the static layers on each repaint. ``refused``: the drag cannot be dropped there."""
 
-    def __init__(self, theme: Theme, shown: Shown, geometry: TimelineGeometry, drawing: TimelineDrawing) -> None:
+    def __init__(
+        self, theme: Theme, shown: TimelineState, geometry: TimelineGeometry, drawing: TimelineDrawing
+    ) -> None:
         self._theme = theme
         self._shown = shown
         self._geometry = geometry

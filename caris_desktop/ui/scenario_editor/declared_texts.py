@@ -1,7 +1,7 @@
 """Texts of the declarations of scenario files, for Qt's tools alone: nothing imports this.
 
-Written by ``python -m caris_desktop.app.generated_reference`` from ``scenario/scenario_model.py``: change them there. Long because there
-are many settings.
+Written by ``python -m caris_desktop.app.generated_reference`` from ``scenario/scenario_model.py``: change
+them there. Long because there are many settings.
 """
 
 # fmt: off

@@ -28,7 +28,7 @@ class Notice(QWidget):
         self.text = QLabel(wordWrap=True)
         self.text.setObjectName("editor_notice_text")
         self.answers: list[ActionButton] = []
-        self._row = layouts.row(self, margins_px=(26, 8, 18, 8), spacing_px=8)
+        self._row = layouts.hbox(self, margins_px=(26, 8, 18, 8), spacing_px=8)
         self._row.addWidget(self.text, 1)
         theme.changed.connect(self.update)
         self.hide()

@@ -77,7 +77,7 @@ class _Holder(FormPart):
         headed = key is not None and self.title == section_of(key)
         self.context = context if headed else context.inside(self.title)
         self.parts: list[FormPart] = []
-        self.column = layouts.column(self, margins_px=0, spacing_px=12)
+        self.column = layouts.vbox(self, margins_px=0, spacing_px=12)
         self.title_label = QLabel(self.title)
         self.help_label = QLabel(readable(said))
         self.mistake_label = QLabel()
@@ -85,7 +85,7 @@ class _Holder(FormPart):
         for label in (self.help_label, self.mistake_label):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
-        head = layouts.column(spacing_px=2)
+        head = layouts.vbox(spacing_px=2)
         for label in (self.title_label, self.help_label, self.mistake_label):
             head.addWidget(label)
         self.column.addLayout(head)
@@ -246,13 +246,13 @@ class ListPart(_Holder):
         self._stale = True
         self._more_rows = QTimer(self, singleShot=True, interval=0)
         self._more_rows.timeout.connect(self.refresh)
-        self._box = layouts.column(spacing_px=8)
+        self._box = layouts.vbox(spacing_px=8)
         self.column.addLayout(self._box)
         least, most = size_of(form)
         self.fixed = least == most
         self._most = most
         self._adders: list[ActionButton] = []
-        buttons = layouts.row(spacing_px=8)
+        buttons = layouts.hbox(spacing_px=8)
         for words, blank in kinds_of_entries(item):
             button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
             button.setObjectName(f"add_{'_'.join(map(str, path))}_{len(self._adders)}")
@@ -366,7 +366,7 @@ class EntryRow(FormPart):
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(12, 10, 8, 10) if self._folds else self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(8)
-        self._head = layouts.row(spacing_px=6)
+        self._head = layouts.hbox(spacing_px=6)
         self._column.addLayout(self._head)
         self._make_cap()
         if self._folds:
@@ -393,7 +393,7 @@ class EntryRow(FormPart):
             return
         holder = QWidget()
         holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
-        inside = layouts.row(holder, margins_px=(0, 7, 0, 7))
+        inside = layouts.hbox(holder, margins_px=(0, 7, 0, 7))
         inside.addWidget(KeyCap(self.context.theme, key))
         inside.addStretch(1)
         self._head.addWidget(holder, 0, Qt.AlignmentFlag.AlignBottom)
@@ -442,7 +442,7 @@ class EntryRow(FormPart):
         if self._holder.fixed:
             return
         name = self.context.within
-        buttons = layouts.row(spacing_px=0)
+        buttons = layouts.hbox(spacing_px=0)
         for icon, words, do in (
             ("arrow-up", tr("Move up: {what}"), lambda: self._holder.move_entry(self._index, -1)),
             ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
@@ -526,7 +526,7 @@ class EntryRow(FormPart):
         self._open = not self._open
         if self._open and self._more is None:
             self._more = QWidget()
-            row = layouts.row(self._more, margins_px=(36, 0, 0, 4), spacing_px=12)
+            row = layouts.hbox(self._more, margins_px=(36, 0, 0, 4), spacing_px=12)
             for key in self._others:
                 field = field_for(self.context, (*self.path, key.name), key.form, key, compact=True)
                 self.fields.append(field)

@@ -48,7 +48,7 @@ class SectionPage(QScrollArea):
             return
         holder = QWidget()
         holder.setObjectName("section_holder")
-        column = layouts.column(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
+        column = layouts.vbox(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
         self._title = QLabel(tr(self.section.title))
         self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         column.addWidget(self._title)

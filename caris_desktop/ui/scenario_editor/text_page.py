@@ -48,7 +48,7 @@ class TextPage(QWidget):
         self.editor = CodeEditor(context)
         self.editor.setObjectName("scenario_text")
         self.editor.setAccessibleName(tr("The text of the scenario file"))
-        column = layouts.column(self, margins_px=12)
+        column = layouts.vbox(self, margins_px=12)
         column.addWidget(self.editor)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._take)

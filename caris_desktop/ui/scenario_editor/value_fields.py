@@ -57,7 +57,7 @@ class Field(FormPart):
         self.title = title_of(key) if key is not None else ""
         self.help = help_of(form)
         self.setObjectName("field_" + "_".join(map(str, path)))
-        self.column = layouts.column(self, margins_px=0, spacing_px=4)
+        self.column = layouts.vbox(self, margins_px=0, spacing_px=4)
         # Created on demand: most fields have no error, and compact ones no help.
         self._title_label: QLabel | None = None
         self._help_label: QLabel | None = None
@@ -93,7 +93,7 @@ class Field(FormPart):
             unit = _SHORT_UNITS.get(self.form.rule.unit, "") if self.compact else ""
             self._title_label = QLabel(f"{self.title} ({unit})" if unit else self.title)
             self._title_label.setBuddy(self.control)
-        self._top = layouts.row(spacing_px=6)
+        self._top = layouts.hbox(spacing_px=6)
         if self._title_label is not None:
             self._top.addWidget(self._title_label)
             self._top.addStretch(1)
@@ -279,7 +279,7 @@ class NumberField(TextField):
         if self.compact:
             return line
         self._unit: QLabel | None = QLabel(unit_of(self.form))
-        row = layouts.row(margins_px=0, spacing_px=8)
+        row = layouts.hbox(margins_px=0, spacing_px=8)
         row.addWidget(line)
         row.addWidget(self._unit)
         row.addStretch(1)

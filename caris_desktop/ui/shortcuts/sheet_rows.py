@@ -88,9 +88,9 @@ class ShortcutRow(QWidget):
         self._back.clicked.connect(self.put_back)
         self._back_room = QWidget()
         self._back_room.setFixedWidth(_PUT_BACK_PX)
-        back = layouts.row(self._back_room, margins_px=0)
+        back = layouts.hbox(self._back_room, margins_px=0)
         back.addWidget(self._back)
-        line = layouts.row(self, margins_px=0, spacing_px=4)
+        line = layouts.hbox(self, margins_px=0, spacing_px=4)
         line.addWidget(self._words, 1)
         for cell in self.cells.values():
             line.addWidget(cell)
@@ -135,8 +135,8 @@ class ShortcutGroup(QWidget):
         super().__init__()
         self.rows = rows
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        column = layouts.column(self, margins_px=(0, 0, 0, 12), spacing_px=0)
-        heading = layouts.row(spacing_px=4)
+        column = layouts.vbox(self, margins_px=(0, 0, 0, 12), spacing_px=0)
+        heading = layouts.hbox(spacing_px=4)
         words = QLabel(title)
         words.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
         heading.addWidget(words, 1)

@@ -63,7 +63,7 @@ class ShortcutSheet(Overlay):
         self.search.setFixedWidth(260)
         self.search.textChanged.connect(self._show_found)
         self._reset_all = self._button("shortcut_reset_all", tr("Usual keys for all"), self._on_reset_all)
-        top = layouts.row(spacing_px=12)
+        top = layouts.hbox(spacing_px=12)
         top.addWidget(self._heading, 1)
         top.addWidget(self._reset_all)
         top.addWidget(self.search)
@@ -78,11 +78,11 @@ class ShortcutSheet(Overlay):
         self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_control)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Leave it"), self.stop_asking)
-        below = layouts.row(spacing_px=8)
+        below = layouts.hbox(spacing_px=8)
         below.addWidget(self._says, 1)
         for button in (self._take_over, self._remove, self._leave):
             below.addWidget(button)
-        column = layouts.column(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
+        column = layouts.vbox(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
         column.addLayout(top)
         column.addWidget(self._clashes)
         column.addWidget(self._nothing)
@@ -137,7 +137,7 @@ class ShortcutSheet(Overlay):
         for spec in specs:
             groups.setdefault(spec.group, []).append(spec)
         inner = QWidget()
-        sides = self._columns = layouts.row(inner, margins_px=(0, 0, 8, 0), spacing_px=32)
+        sides = self._columns = layouts.hbox(inner, margins_px=(0, 0, 8, 0), spacing_px=32)
         self._sides = (QWidget(), QWidget())
         left, right = (QVBoxLayout(side) for side in self._sides)
         for side, column in zip(self._sides, (left, right), strict=True):

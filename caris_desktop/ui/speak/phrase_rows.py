@@ -30,7 +30,7 @@ class PhraseRows(QWidget):
         self._actions = actions
         self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
-        self._tabs_row = layouts.row(tabs, margins_px=0, spacing_px=4)
+        self._tabs_row = layouts.hbox(tabs, margins_px=0, spacing_px=4)
         self._next_key = KeyCap(theme)
         self._tabs_row.addWidget(self._next_key)
         self._tabs_row.addStretch(1)
@@ -41,7 +41,7 @@ class PhraseRows(QWidget):
         self._next.bind(actions, "next_phrases")
         self._flow.add(self._next)
         self._keyless = QLabel(wordWrap=True)
-        column = layouts.column(self, margins_px=0, spacing_px=6)
+        column = layouts.vbox(self, margins_px=0, spacing_px=6)
         column.addWidget(tabs)
         column.addWidget(self._flow)
         column.addWidget(self._keyless)

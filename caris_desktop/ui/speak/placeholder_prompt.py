@@ -38,7 +38,7 @@ class PlaceholderPrompt(QWidget):
         self._leave.setObjectName("gap_leave")
         self._leave.clicked.connect(self.given_up)
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
-        row = layouts.row(self, margins_px=0, spacing_px=8)
+        row = layouts.hbox(self, margins_px=0, spacing_px=8)
         row.addWidget(self._question)
         row.addWidget(self.field, 1)
         row.addWidget(self._say)

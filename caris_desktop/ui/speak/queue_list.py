@@ -42,7 +42,7 @@ class QueueList(QWidget):
         self.setObjectName("speak_queue")
         self.setAccessibleName(tr("What is said next"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self._column = layouts.column(self, margins_px=0, spacing_px=0)
+        self._column = layouts.vbox(self, margins_px=0, spacing_px=0)
         actions.answer_for(QUEUE_GROUP, self)
         self.setVisible(False)
 
@@ -195,7 +195,7 @@ class _QueueRow(QWidget):
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
-        row = layouts.row(self, margins_px=(6, 0, 2, 0), spacing_px=4)
+        row = layouts.hbox(self, margins_px=(6, 0, 2, 0), spacing_px=4)
         row.addWidget(self._number)
         row.addSpacing(4)
         row.addWidget(self.label, 1)

@@ -13,7 +13,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
-Look = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber"]
+ButtonRole = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber"]
 
 Badge = Literal["", "dot", "lock"]
 
@@ -34,7 +34,7 @@ class ActionButton(QAbstractButton):
         *,
         icon: str = "",
         key: str = "",
-        look: Look = "plain",
+        look: ButtonRole = "plain",
         key_first: bool = False,
         height_px: int = tokens.CONTROL_HEIGHT_PX,
         text_px: int = tokens.BODY_PX,
@@ -51,7 +51,7 @@ class ActionButton(QAbstractButton):
         self._badge: Badge = ""
         self._key = key
         self._key_shown = True
-        self._look: Look = look
+        self._look: ButtonRole = look
         self._key_first = key_first
         self._height_px = height_px
         self._text_px = text_px
@@ -101,7 +101,7 @@ class ActionButton(QAbstractButton):
             self.update()
 
     def set_label(
-        self, text: str, *, icon: str | None = None, dot: str | None = None, look: Look | None = None
+        self, text: str, *, icon: str | None = None, dot: str | None = None, look: ButtonRole | None = None
     ) -> None:
         """Set text and look; ``dot``: colour role of a dot in place of the icon."""
         label = (text, self._icon_name if icon is None else icon, dot, self._look if look is None else look)
@@ -128,7 +128,7 @@ class ActionButton(QAbstractButton):
     def badge(self) -> Badge:
         return self._badge
 
-    def _weight_for(self, look: Look) -> int:
+    def _weight_for(self, look: ButtonRole) -> int:
         bold = self._semibold or look in ("danger", "primary", "outline_danger")
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 

@@ -17,7 +17,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Along
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.assistant_service import AssistantParts, AssistantService
+from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ProtocolStatus
 from caris_desktop.people.presence import PersonRow
@@ -49,7 +49,7 @@ class Desk:
         bus.publish = self.published.append  # type: ignore[method-assign,assignment]
         tour = find_scenario("tour-guide")
         self.scenario = replace(tour, assistant=settings, permissions=replace(tour.permissions, **permissions))
-        parts = AssistantParts(NOBODY, self._stream, lambda model, url: resolve_endpoint(
+        parts = AssistantAdapters(NOBODY, self._stream, lambda model, url: resolve_endpoint(
             model, embedded_url=url, environment={}
         ), self._list)  # fmt: skip
         self.service = AssistantService(

@@ -26,7 +26,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.services import microphone_service
-from caris_desktop.live.services.microphone_service import MicrophoneParts, MicrophoneService
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
@@ -87,7 +87,7 @@ class Bench:
             state,
             bus,
             self.children,  # type: ignore[arg-type]
-            MicrophoneParts(self._choice("participant", chosen), self._choice("wizard", "Headset")),
+            MicrophoneAdapters(self._choice("participant", chosen), self._choice("wizard", "Headset")),
             to_robot=lambda asked: self.asked_robot.append(asked.on),
             hear_camera=lambda camera, on: self.asked_camera.append((camera, on)),
             parent=self.owner,

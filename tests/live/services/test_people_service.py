@@ -11,7 +11,7 @@ from caris_desktop.domain import intents
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.services.people_service import PeopleParts, PeopleService
+from caris_desktop.live.services.people_service import PeopleAdapters, PeopleService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import CrashRecoveryStatus
 from caris_desktop.people.envelope_encryption import About
@@ -29,7 +29,7 @@ def _by_model(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
 def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_for_no_other(qtbot: QtBot) -> None:
     owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
     state = LiveState(owner)
-    parts = PeopleParts(ProcessSpec("inference", bodies.brightness), lambda: (PresenceTracker(), []), _by_model)
+    parts = PeopleAdapters(ProcessSpec("inference", bodies.brightness), lambda: (PresenceTracker(), []), _by_model)
     service = PeopleService(
         state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
     )
@@ -58,7 +58,7 @@ def test_what_people_agreed_to_counts_no_more_until_it_is_confirmed_after_a_tria
         known.describe(person, About(name=person))
         known.note_consent(person, kind, given=True)  # type: ignore[arg-type]
     known.note_consent("p-1", "video", given=True)
-    parts = PeopleParts(ProcessSpec("inference", bodies.brightness, ("",)), lambda: (PresenceTracker(known), []))
+    parts = PeopleAdapters(ProcessSpec("inference", bodies.brightness, ("",)), lambda: (PresenceTracker(known), []))
     service = PeopleService(
         state, Bus(state, owner), parts, rings=RingsToRead((ring.name,)), who_speaks=lambda _said: "", parent=owner
     )

@@ -14,7 +14,7 @@ from caris_desktop.domain.events import Marked, PhotoTaken, PracticeEnded, Pract
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice_steps import STEPS
-from caris_desktop.live.services.practice_service import PracticeParts, PracticeService
+from caris_desktop.live.services.practice_service import PracticeAdapters, PracticeService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
@@ -37,7 +37,7 @@ class Stage:
         bus.tap(lambda value, _raw: self.told.append(value), (PracticeStepEnded, PracticeEnded, UtteranceChanged))
         self.scenario = load_scenario(find_scenario("tour-guide"))
         assert self.scenario.path is not None
-        parts = PracticeParts(self.scenario.path, self._robot, self.cut_s.append)
+        parts = PracticeAdapters(self.scenario.path, self._robot, self.cut_s.append)
         self.service = PracticeService(self.state, bus, parts, do=self.do, parent=self.state)
 
     def _robot(self, actor: Actor) -> None:

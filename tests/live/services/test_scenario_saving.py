@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.scenario_service import Imported, ScenarioParts, ScenarioService
+from caris_desktop.live.services.scenario_service import Imported, ScenarioAdapters, ScenarioService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import RecordingStatus, SavedScenario
 from caris_desktop.scenario.bundle import BundledFile, ImportQuestion, NameConflict
@@ -35,7 +35,7 @@ class Bench:
         self.state = LiveState()
         self.bus = Bus(self.state, parent)
         self.slow_work = BackgroundWorker(parent)
-        parts = ScenarioParts(
+        parts = ScenarioAdapters(
             load=lambda path: replace(OPEN, title=self.files[path], path=path),
             save_places=lambda scenario: scenario,
             text=lambda scenario: scenario.title,

@@ -14,7 +14,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     BeginPlaying,
     EndPlaying,
     PlaybackFailed,
-    Played,
+    PlaybackStarted,
     PlayedOut,
     PlayThis,
     SetVolume,
@@ -30,7 +30,7 @@ from caris_desktop.live import push_to_talk
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services import sound_service
-from caris_desktop.live.services.sound_service import SoundParts, SoundService
+from caris_desktop.live.services.sound_service import SoundAdapters, SoundService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SpeechStatus
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
@@ -123,7 +123,7 @@ class Bench:
             self.state,
             self.bus,
             self.children,  # type: ignore[arg-type]
-            SoundParts(ProcessSpec("hearing", echo), ProcessSpec("voice", echo)),
+            SoundAdapters(ProcessSpec("hearing", echo), ProcessSpec("voice", echo)),
             microphones=self.microphones,  # type: ignore[arg-type]
             robot=robot,  # type: ignore[arg-type]
             speech=self.speech,  # type: ignore[arg-type]
@@ -201,7 +201,7 @@ def test_out_of_this_computer_it_begins_and_ends_when_it_is_heard(bench: Bench, 
     (begun,) = bench.asked("voice", BeginPlaying)
     bench.wizard_says()
     assert len(bench.asked("voice", PlayThis)) == 1 and bench.to_robot == []
-    bench.told("voice", Played(begun.stream_id, 12_345, 16000, PIECE))
+    bench.told("voice", PlaybackStarted(begun.stream_id, 12_345, 16000, PIECE))
     assert bench.utterances()[-1].stamp_ns == 12_345 and not bench.utterances()[-1].estimated
     bench.do(PushToTalk(on=False))
     qtbot.waitUntil(lambda: bench.asked("voice", EndPlaying) == [EndPlaying()])

@@ -169,7 +169,7 @@ def test_what_the_disk_refuses_is_remembered_and_the_rest_is_synced(
     for file in files:
         file.write(b"x")
     lane.note(tmp_path / "gone meanwhile")
-    lane.bring()
+    lane.sync_now()
     assert lane.disk_full
     assert synced == ["good"]
     for file in files:

@@ -124,4 +124,4 @@ def test_a_chunk_that_lies_about_itself_is_damaged(claimed_bytes: int, folded: b
     body = struct.pack("<QQQII", 1, 2, claimed_bytes, 12345, len(compression)) + compression
     body += struct.pack("<Q", len(folded)) + folded
     with pytest.raises(DamagedBlockError):
-        mcap_chunks.unfolded(struct.pack("<BQ", 6, len(body)) + body)
+        mcap_chunks.decompress(struct.pack("<BQ", 6, len(body)) + body)

@@ -28,7 +28,7 @@ from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.frame_times import read_frame_times
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
-from caris_desktop.recording.session.progress_counts import last_counts, store_counts
+from caris_desktop.recording.session.progress_counts import progress_counts, store_counts
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
 from caris_desktop.recording.session.repair_messages import LOSSES, read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -308,9 +308,9 @@ def test_a_recorder_counts_what_it_has_written(tmp_path: Path) -> None:
     recorder = SessionRecorder(
         start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
     )
-    assert last_counts(tmp_path / "s") == {"event/session_started": 1}
+    assert progress_counts(tmp_path / "s") == {"event/session_started": 1}
     recorder.close("wizard")
-    assert last_counts(tmp_path / "s") is None
+    assert progress_counts(tmp_path / "s") is None
     assert not needs_repair(tmp_path / "s")
 
 

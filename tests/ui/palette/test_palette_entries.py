@@ -20,7 +20,7 @@ from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_search import Finder
 from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
@@ -71,7 +71,7 @@ def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWin
 
 def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow) -> None:
     assert texts(palette_of(window, "diagnotics")) == ["Diagnostics"]
-    guess = Entry("Kitchen", "Panel", "", "", lambda: None, id="Panel: Kitchen")
+    guess = PaletteItem("Kitchen", "Panel", "", "", lambda: None, id="Panel: Kitchen")
     assert Finder([guess]).matching("kichen") == [guess]
     assert Finder([dataclasses.replace(guess, acts=True)]).matching("kichen") == []
     assert Finder([dataclasses.replace(guess, acts=True)]).matching("kitch")
@@ -305,9 +305,9 @@ def fill(window: MainWindow, console: FakeConsole) -> None:
     window.board.close("map")
 
 
-def seen(window: MainWindow, console: FakeConsole) -> list[Entry]:
+def seen(window: MainWindow, console: FakeConsole) -> list[PaletteItem]:
     """In these states, and as a replay would have it."""
-    state, found = console.state, list[Entry]()
+    state, found = console.state, list[PaletteItem]()
     for recording, latched in (("recording", False), ("paused", True), ("idle", False)):
         state.recording.set(RecordingStatus(recording, folder=Path("/study/sessions/s-8")))  # type: ignore[arg-type]
         state.drive.set(

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_item import Entry
+from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.palette.palette_memory import OFTEN, RECENT, PaletteMemory
 from caris_desktop.ui.palette.palette_search import Finder, Used
 from caris_desktop.ui.theme import Theme
@@ -18,8 +18,8 @@ from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import MemorySettings
 
 
-def entry(text: str, **more: object) -> Entry:
-    return Entry(text, "Do", "", "", lambda: None, id=f"Do: {text}", **more)  # type: ignore[arg-type]
+def entry(text: str, **more: object) -> PaletteItem:
+    return PaletteItem(text, "Do", "", "", lambda: None, id=f"Do: {text}", **more)  # type: ignore[arg-type]
 
 
 def texts(entries: object) -> list[str]:

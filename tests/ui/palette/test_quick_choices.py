@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.people.nearest_person import in_front
+from caris_desktop.ui.people.nearest_person import nearest_person
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
@@ -33,7 +33,7 @@ def row(person_id: str, **more: object) -> PersonRow:
     ],
 )
 def test_who_is_in_front(persons: list[PersonRow], selected: str, expected: str | None) -> None:
-    person = in_front(persons, selected=selected)
+    person = nearest_person(persons, selected=selected)
     assert (None if person is None else person.person_id) == expected
 
 
