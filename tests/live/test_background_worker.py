@@ -61,7 +61,7 @@ def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: Q
     assert bench.threads == {threading.main_thread()}
 
 
-@pytest.mark.logs(r"live\.slow_work: .* failed")
+@pytest.mark.logs(r"live\.background_worker: .* failed")
 def test_what_nobody_thought_of_is_told_in_words_and_does_not_end_the_work(bench: Bench, qtbot: QtBot) -> None:
     bench.ask(lambda: _raise(KeyError("x")))
     bench.ask(lambda: "next")

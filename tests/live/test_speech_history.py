@@ -71,7 +71,7 @@ def test_only_the_newest_are_kept(tmp_path: Path, slow_work: BackgroundWorker, q
     assert (len(kept), kept[0], kept[-1]) == (AT_MOST, "21", "new")
 
 
-@pytest.mark.logs(r"said_before: ")
+@pytest.mark.logs(r"live\.speech_history: ")
 def test_a_broken_file_costs_nothing_else(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     path = tmp_path / "a.jsonl"
     path.write_bytes(b"\xff no json")

@@ -130,7 +130,7 @@ def test_what_was_repaired_first_is_told(session: Path, tmp_path: Path, capsys: 
     assert (tmp_path / "out" / "odometry.csv").is_file(), "what was saved is exported"
 
 
-@pytest.mark.logs(r"recording\.export: ")
+@pytest.mark.logs(r"recording\.session_export: ")
 def test_a_format_that_fails_costs_only_itself(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

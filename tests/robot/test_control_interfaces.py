@@ -84,7 +84,7 @@ def test_a_slider_is_published_and_its_state_comes_back() -> None:
     with_link(ROBOT, test)
 
 
-@pytest.mark.logs(r"robot\.controls: ")
+@pytest.mark.logs(r"robot\.control_interfaces: ")
 def test_a_value_that_does_not_fit_the_type_is_explained_and_not_sent() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("volume", 300.0))
@@ -98,7 +98,7 @@ def test_a_value_that_does_not_fit_the_type_is_explained_and_not_sent() -> None:
     with_link(ROBOT, test)
 
 
-@pytest.mark.logs(r"robot\.controls: ")
+@pytest.mark.logs(r"robot\.control_interfaces: ")
 def test_the_robots_own_types_are_asked_for_once() -> None:
     def details(request: dict[str, Any]) -> dict[str, Any] | str:
         if request["type"] != "robot_msgs/Light":

@@ -93,7 +93,7 @@ def test_standing_anywhere_and_looking_anywhere_draws_something(painter: Painter
         assert painter.paint(View(camera, (person,))).shape == (HEIGHT_PX, WIDTH_PX, 3)
 
 
-@pytest.mark.logs(r"simulator\.cut_outs: ")
+@pytest.mark.logs(r"simulator\.person_sprites: ")
 def test_cut_outs_are_kept_and_made_anew_when_damaged(tmp_path: Path) -> None:
     first = load_cut_outs(tmp_path)
     (cached,) = tmp_path.iterdir()

@@ -46,7 +46,7 @@ def test_without_espeak_the_length_is_estimated(monkeypatch: pytest.MonkeyPatch)
     assert 1.0 < spoken.duration_s < 4.0
 
 
-@pytest.mark.logs(r"simulator\.speech: ")
+@pytest.mark.logs(r"simulator\.simulated_speech: ")
 def test_sentences_are_spoken_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated_speech, "_CHARS_PER_S", 500.0)
     monkeypatch.setenv("PATH", "")

@@ -121,7 +121,7 @@ def test_the_wizard_changes_them_until_the_next_scenario(
     drive.resize(260, 150)
     while drive._pad.isHidden():
         drive._other.click()
-    panel(window, "assistant").along.keep((), ())
+    panel(window, "assistant").along.restore((), ())
     assert seen(window, console) == AS_USUAL
     # Something else of the file was changed in the editor meanwhile.
     switch(window, console, replace(SET, filler="Let me see."))
@@ -134,7 +134,7 @@ def test_what_was_left_out_of_a_question_comes_back_with_a_panel_that_is_made_an
     window: MainWindow, console: FakeConsole
 ) -> None:
     assistant = panel(window, "assistant")
-    assistant.along.keep(("conversation",), ())
+    assistant.along.restore(("conversation",), ())
     assistant.field.setText("What")
     window.show_scenario(SET)  # the same once more: all is built anew
     again = panel(window, "assistant")

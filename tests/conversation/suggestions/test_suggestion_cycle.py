@@ -40,7 +40,7 @@ class Follower:
     def drop(self, why: str) -> None:
         self.dropped.append(why)
 
-    def tell(self, event: SuggestionChanged) -> None:
+    def on_suggestion(self, event: SuggestionChanged) -> None:
         self.told.append(event)
 
     @property

@@ -14,7 +14,7 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_en
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.intents import Along
+from caris_desktop.domain.intents import PromptPart
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
@@ -190,7 +190,7 @@ def test_the_models_to_choose_from_are_the_scenarios_and_what_is_found_here(
     new_desk: Callable[..., Desk], qtbot: QtBot
 ) -> None:
     desk = new_desk()
-    desk.service._lists._look()
+    desk.service._lists._query()
     qtbot.waitUntil(lambda: len(desk.setup.models) > 3)
     assert [(choice.model, choice.where) for choice in desk.setup.models] == [
         ("ollama:small", "on this computer"), ("openai:large", "api.openai.com"), ("embedded", "on this computer"),
@@ -205,7 +205,7 @@ def test_the_models_to_choose_from_are_the_scenarios_and_what_is_found_here(
 
 def test_with_local_models_only_no_other_is_offered_or_asked(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
     desk = new_desk(cloud_models=False)
-    desk.service._lists._look()
+    desk.service._lists._query()
     qtbot.waitUntil(lambda: len(desk.setup.models) > 2)
     assert [choice.model for choice in desk.setup.models] == ["ollama:small", "embedded", "ollama:found"]
     with pytest.raises(UserFacingError, match="cannot be chosen"):
@@ -242,7 +242,7 @@ def test_what_goes_along_is_counted_and_can_be_left_out(new_desk: Callable[..., 
     assert 'People here now: "Ada".' in desk.prompt and '"Laughs: She likes the arm"' in desk.prompt
     recorded = " ".join(message.content for message in exchange.messages)
     assert "Ada" not in recorded and "Hello, person 7." in recorded, "names never enter the record"
-    everything: tuple[Along, ...] = ("conversation", "step", "people", "history", "things", "notes")
+    everything: tuple[PromptPart, ...] = ("conversation", "step", "people", "history", "things", "notes")
     answered(desk, qtbot, intents.Ask("Where?", leave_out=everything))
     assert desk.prompt == "system: You are a guide.\nuser: Where?"
 

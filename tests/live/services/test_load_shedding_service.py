@@ -201,7 +201,7 @@ class Governed:
                 self.bus.publish(FrameRef(stamp_ns, None, "front", "ring", 0, number, 4, 3))
             if detection_ms and number % 10 == 0:
                 self.bus.publish(PeopleSeen(self.now_ns, "front", number, 4, 3, (), detection_ms))
-            self.governor._look()
+            self.governor._measure()
 
 
 @pytest.mark.usefixtures("trial_language")

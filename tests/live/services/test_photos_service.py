@@ -28,7 +28,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.recording.photo_file import texts_of, with_texts
 from tests.support.polling import wait_for
 
-pytestmark = pytest.mark.logs(r"live\.bus: ", r"services\.photos: ")
+pytestmark = pytest.mark.logs(r"live\.bus: ", r"services\.photos_service: ")
 
 
 class Recording:

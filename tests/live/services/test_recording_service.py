@@ -150,7 +150,7 @@ def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
 
 
 @pytest.mark.usefixtures("trial_language")
-@pytest.mark.logs(r"live\.bus: ", r"services\.recording: a session was not begun")
+@pytest.mark.logs(r"live\.bus: ", r"services\.recording_service: a session was not begun")
 @pytest.mark.parametrize(
     ("raised", "what"),
     [

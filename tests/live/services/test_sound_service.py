@@ -72,7 +72,7 @@ class FakeChildren:
         assert grace_s > 0.0
         del self.started[child.body.name]
 
-    def tell(self, take: Callable[[Any], None], value: Any) -> None:
+    def call_in_gui(self, take: Callable[[Any], None], value: Any) -> None:
         take(value)
 
     def pass_on(self, heard: Callable[[Any], None], value: Any, _raw: bytes) -> None:

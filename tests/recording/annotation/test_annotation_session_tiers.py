@@ -156,7 +156,7 @@ def test_motion_and_who_drove(tmp_path: Path) -> None:
     assert found["Pauses"] == [(40_000, 50_000, "paused")]
 
 
-@pytest.mark.logs(r"session\.visits: ")
+@pytest.mark.logs(r"session\.session_visits: ")
 def test_people_assistant_and_trouble(tmp_path: Path) -> None:
     values = [
         PersonAppeared(at(5.0), "p-2", 4),
@@ -307,7 +307,7 @@ def write_wav(path: Path, samples: Any, rate: int = 1000, channels: int = 1) -> 
         file.writeframes(np.asarray(samples, "<i2").tobytes())
 
 
-@pytest.mark.logs(r"annotation\.overview_of: ")
+@pytest.mark.logs(r"annotation\.timeline_builder: ")
 def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
     values: list[Any] = [
         *heard(1, 2.0, 3.0, "Hi"),

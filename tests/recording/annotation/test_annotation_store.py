@@ -63,7 +63,7 @@ def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> 
     annotation_editing.check_document(document)
 
 
-@pytest.mark.logs(r"annotation\.store: ")
+@pytest.mark.logs(r"annotation\.annotation_store: ")
 @pytest.mark.parametrize(
     ("content", "told"),
     [

@@ -184,7 +184,7 @@ def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: MadeSessio
             )
 
 
-@pytest.mark.logs(r"recording\.export: ")
+@pytest.mark.logs(r"recording\.session_export: ")
 def test_what_headed_the_session_before_a_repair_names_nobody_either(made: MadeSession, tmp_path: Path) -> None:
     folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
     (folder / "recovered").mkdir()

@@ -111,7 +111,7 @@ def test_a_session_in_which_nothing_happened_still_opens(tmp_path: Path) -> None
     assert all(intervals[-1][1] == LENGTH_S for intervals in tiers_of(tmp_path / "out" / FILE_NAME).values())
 
 
-@pytest.mark.logs(r"annotation\.store: ")
+@pytest.mark.logs(r"annotation\.annotation_store: ")
 def test_damaged_annotations_are_left_out_and_told(session: Path, tmp_path: Path) -> None:
     damaged = session / "annotations" / "bert.json"
     damaged.write_text("{")

@@ -426,7 +426,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     )
 
 
-@pytest.mark.logs(r"session\.(session_reader|mcap_blocks|recovery): ")
+@pytest.mark.logs(r"session\.(session_reader|mcap_chunks|recovery): ")
 @pytest.mark.parametrize("size", [1, 100, 5000])
 @pytest.mark.parametrize("tenths", range(1, 10))
 def test_whatever_is_overwritten_the_values_that_are_gone_are_counted(finished: Path, size: int, tenths: int) -> None:

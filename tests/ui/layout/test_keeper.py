@@ -183,7 +183,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
     assert not host.is_open("drive")
 
 
-@pytest.mark.logs(r"ui\.layout\.kept: ")
+@pytest.mark.logs(r"ui\.layout\.saved_layouts_file: ")
 @pytest.mark.parametrize(
     "kept",
     [

@@ -35,7 +35,7 @@ class Console(FakeConsole):
     refusal = ""
 
     def do(self, intent: Intent) -> str:
-        if type(intent).__module__.endswith(".face"):
+        if type(intent).__module__.endswith(".face_intents"):
             self.calls.append((type(intent).__name__, intent))
             return self.refusal
         return super().do(intent)
