@@ -5,6 +5,7 @@ That nothing imports in a circle is a contract in pyproject.toml, tested beside.
 
 import ast
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -213,3 +214,39 @@ def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     assert {name for name, text in files().items() if writes.search(text)} <= (
         {"domain/yaml_writing.py"} | one_text | of_the_map_server
     )
+
+
+CLAUSE = re.compile(r"(What|Who|Whoever|Whatever|Where|Wherever|How|Which|Whether|That|Of what|By which|For how)\b")
+"""A docstring that begins so says what something does, and not what it is."""
+OWN_WORDS = re.compile(
+    r"(?:^|_)(told|tells?|telling|kept|keeps?|beside|anew|wish|wishes|meant|patience|looks?|whose|heir|doubt|stretch|"
+    r"stretches|way|ways|along|riddle|doubted|spoken_of|going_on|standing|together|distant|ear|painted_once|glance|bands?|"
+    r"boxes|give_keys|canaries|wardrobe|dress|gadgets|take_over|catch_up|what_lasts)(?:_|$)"
+)
+"""Words that an engineer of the field would not search for."""
+RECORDED_NAMES = {"look_at", "keep_face", "stretch_mark", "look_up_person", "keep_layout", "person_looks", "tell"}
+"""Names of recorded values, which stay readable, and of the method of a Python file."""
+
+
+def defined_names() -> list[str]:
+    """Functions and classes of the program, in snake case."""
+    definitions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    nodes = (node for text in files().values() for node in ast.walk(parsed(text)) if isinstance(node, definitions))
+    return [re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", node.name).lower() for node in nodes]
+
+
+def test_a_module_name_exists_once() -> None:
+    """A file search finds the one file."""
+    names = Counter(Path(name).stem for name in files() if not Path(name).stem.startswith("__"))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_names_are_words_of_the_field() -> None:
+    assert {name for name in defined_names() if OWN_WORDS.search(name)} <= RECORDED_NAMES
+
+
+def test_a_module_says_what_it_is() -> None:
+    docstrings = {name: ast.get_docstring(parsed(text)) or "" for name, text in files().items()}
+    empty = {name for name, text in files().items() if not text.strip()}
+    assert [name for name, docstring in docstrings.items() if not docstring and name not in empty] == []
+    assert [name for name, docstring in docstrings.items() if CLAUSE.match(docstring)] == []
