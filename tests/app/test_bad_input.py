@@ -126,6 +126,7 @@ def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
         console.kill()
 
 
+@pytest.mark.long  # the process alone is in perception/test_inference
 def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_path: Path) -> None:
     (tmp_path / "hidden").mkdir()
     (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
@@ -152,6 +153,7 @@ def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_pat
         console.close()
 
 
+@pytest.mark.long  # the link alone is in robot/test_link
 def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -171,6 +173,7 @@ def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path
         console.kill()
 
 
+@pytest.mark.long  # the link alone is in robot/test_link
 def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
     connections = []
     recording = threading.Event()
@@ -215,6 +218,7 @@ def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
             server.shutdown()
 
 
+@pytest.mark.long  # test_nothing_lost opens another scenario, too
 def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
     robot: SimulatedRobot, tmp_path: Path
 ) -> None:
@@ -372,7 +376,10 @@ def title_of(process: psutil.Process) -> str:
         return ""
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how",
+    [*(pytest.param(each, marks=pytest.mark.long) for each in (signal.SIGTERM, signal.SIGINT)), signal.SIGKILL],
+)
 def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
     program = subprocess.Popen(
         [sys.executable, "-m", "caris_desktop", "--demo", "--study", str(tmp_path / "study")],

@@ -179,7 +179,13 @@ def _types_drives_and_speaks(desk: Desk) -> str:
     return "; ".join(ends)
 
 
-@pytest.mark.parametrize("way", [*WAYS, "tls"])
+_IN_EVERY_RUN = ("never", "tls")
+"""Of the others, the whole console without a window manager is in test_misbehaving_model."""
+
+
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[] if way in _IN_EVERY_RUN else [pytest.mark.long]) for way in (*WAYS, "tls")]
+)
 def test_beside_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, way: str) -> None:
     model, expected = ("ollama:unproven", "cannot prove who it is")
     if way in WAYS:

@@ -81,6 +81,7 @@ def calls_after_s(tmp_path_factory: pytest.TempPathFactory) -> float | None:
     return took_s if by_itself else None
 
 
+@pytest.mark.long  # the program itself is in test_rehearsal and test_bodies_call_nobody
 @pytest.mark.parametrize("network", _NETWORKS)
 def test_a_process_of_the_program_tells_nobody_what_it_runs(
     network: str, tmp_path: Path, calls_after_s: float | None

@@ -69,6 +69,7 @@ def _drive(console: ConsoleProcess, listener: TwistListener) -> None:
     console.hold("A", lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
 
 
+@pytest.mark.long  # who is gone is in people/test_presence
 def test_black_pictures_empty_the_people_panel(robot: SimulatedRobot, console: ConsoleProcess) -> None:
     console.wait_until_shown(perception="ready", timeout_s=90)
     wait_for(lambda: console.shown["people_here"] > 0, "a person is here", timeout_s=60)

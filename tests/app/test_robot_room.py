@@ -69,6 +69,7 @@ def test_the_wizard_sends_the_robot_and_uses_what_it_offers(
     assert console.shown["readings"], "the robot tells its readings"
 
 
+@pytest.mark.long  # the geometry is in people/test_location
 @pytest.mark.timeout(300)
 def test_people_stand_on_the_map_where_they_are(robot: SimulatedRobot, console: ConsoleProcess) -> None:
     console.wait_until_shown(perception="ready", timeout_s=90)

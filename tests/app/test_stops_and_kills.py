@@ -22,6 +22,7 @@ import pytest
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.support.console_process import ConsoleProcess
+from tests.support.leftovers import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.alone
 
 S = 1_000_000_000
 Fault = Literal["stop", "kill", "kill link"]
-SHORT, LONG = 7, 100
+SHORT, LONG = 3, 100
 ZERO_WITHIN_S = 0.2
 # Beside other tests the robot itself may take its time between two messages.
 ZERO_WITHIN_S_ON_A_BUSY_MACHINE = 1.0
@@ -117,6 +118,7 @@ class Bench:
             self.robot.kill()
             from_ns = time.monotonic_ns()
             self.robot = SimulatedRobot(*self._arguments, port=self.robot.port)
+            share_in_file(self.robot.pid, self.robot.folder.name)
         else:
             os.kill(self.robot.pid, signal.SIGSTOP)
             until_s = time.monotonic() + seconds
@@ -167,12 +169,18 @@ def _outcome(name: str, fault: Fault, every: list[Read], from_ns: int) -> Outcom
     return Outcome(name, old, (zero.at_ns - since_ns) / S, any(read.moving for read in velocities[old:]))
 
 
-@pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    made = Bench(tmp_path)
-    made.console.wait_until_shown(timeout_s=120.0, link="connected", drive_allowed=True)
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    made = Bench(tmp_path_factory.mktemp("bench"))
     yield made
     made.close()
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    """One for all tests; of each test's robot the next one has what is left."""
+    shared.console.wait_until_shown(timeout_s=120.0, link="connected", drive_allowed=True)
+    return shared
 
 
 def _suffer(bench: Bench, count: int, seed: int, longest_stop_s: float) -> list[Outcome]:

@@ -68,7 +68,9 @@ def scored(result: Path, tmp_path: Path, keep: dict[int, int] | None = None) -> 
 
 @needs_int8_weights
 @needs_tud_campus
-@pytest.mark.parametrize("words", [pytest.param((), marks=needs_osnet, id="looks"), pytest.param(("--no-looks",))])
+@pytest.mark.parametrize(
+    "words", [pytest.param((), marks=needs_osnet, id="looks"), pytest.param(("--no-looks",), marks=pytest.mark.long)]
+)
 def test_a_street_is_followed_better_than_by_the_library(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
@@ -88,6 +90,7 @@ def test_a_street_is_followed_better_than_by_the_library(
     assert scores["id_switches"] <= 6, scores
 
 
+@pytest.mark.long
 @needs_int8_weights
 @needs_tud_campus
 @needs_osnet

@@ -183,6 +183,7 @@ def test_by_keypad(tour: Tour) -> None:
     _typing_and_driving(tour, forward=holder("KP_Up"), left=holder("KP_Left"))
 
 
+@pytest.mark.long  # ui/test_desktop and test_safety drive by one, too
 def test_by_gamepad(tour: Tour) -> None:
     tour.desktop.say("plug")
     tour.desktop.wait_for("GAMEPAD Virtual Controller")

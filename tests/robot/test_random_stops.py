@@ -276,7 +276,8 @@ TARGETS = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=[1, 2], ids=["ROS 1", "ROS 2"])
+# Both with --long; app/test_stops_and_kills has the other one in each run.
+@pytest.fixture(params=[pytest.param(1, marks=pytest.mark.long), 2], ids=["ROS 1", "ROS 2"])
 def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
     robot = Simulated(request.param, tmp_path)
     rounds = Rounds(robot, tmp_path / "robot.yaml", tmp_path, seed=25 + request.param)
