@@ -104,12 +104,12 @@ _LONGEST_FIRST = (
     "robot/test_link_faults.py", "conversation/test_synthesis.py", "robot/test_every_profile.py",
     "robot/test_guard_in_simulator.py",
     "robot/test_link_and_simulator.py", "perception/test_inference.py", "app/test_track_command.py",
-    "recording/recorder/test_recorder_process.py", "perception/backends/test_export.py", "simulator/test_slow_link.py",
-    "people/test_returning.py", "recording/forgetting/test_study.py", "recording/session/test_two_clocks.py",
-    "live/test_face_page_in_chromium.py", "simulator/test_command.py", "simulator/test_picture.py",
-    "test_workers.py", "ui/test_tab_order.py", "ui/test_switching.py", "ui/test_every_window.py",
-    "ui/test_timeline.py", "ui/test_screen_reader.py", "ui/palette/test_entries.py", "ui/test_window.py",
-    "ui/test_every_size.py", "ui/test_observer_window.py", "ui/test_pictures.py", "ui/test_permissions.py",
+    "recording/recorder/test_recorder_process.py", "perception/backends/test_onnx_export.py",
+    "simulator/test_slow_link.py", "recording/forgetting/test_study_erasure.py",
+    "recording/session/test_two_clocks.py", "live/test_face_page_in_chromium.py", "simulator/test_simulate_command.py",
+    "simulator/test_picture.py", "test_workers.py", "ui/test_tab_order.py", "ui/test_switching.py",
+    "ui/test_every_window.py", "ui/test_timeline.py", "ui/test_screen_reader.py", "ui/palette/test_palette_entries.py",
+    "ui/test_window.py", "ui/test_every_size.py", "ui/test_observer_window.py", "ui/test_permissions.py",
 )  # fmt: skip
 # A rehearsal is played in real time; beside these, which start one console after the other, too little is left for it.
 _NOT_BESIDE_A_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")

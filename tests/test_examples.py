@@ -44,11 +44,15 @@ def load_header(session: Path) -> dict[str, dict[str, str]]:
     return dict(json.loads((session / "session.json").read_text("utf-8")))
 
 
-def test_the_sessions_are_whole(examples: Path, tmp_path: Path) -> None:
+def test_the_sessions_are_whole() -> None:
     for session in SESSIONS:
         assert verify_manifest(session) == []
+
+
+@pytest.mark.long
+def test_the_first_session_is_exported_to_every_format(examples: Path, tmp_path: Path) -> None:
     copied = examples / "study" / "sessions" / SESSIONS[0].name
-    assert read_back(copied, tmp_path / "exports").problems == ()  # in every format, which takes a while
+    assert read_back(copied, tmp_path / "exports").problems == ()
 
 
 def test_the_scenario_of_the_sessions_can_be_opened() -> None:
@@ -110,6 +114,7 @@ def caris(*words: object, cwd: Path) -> str:
     return run.stdout
 
 
+@pytest.mark.long  # its commands have tests of their own, and a notebook runs in each run
 def test_the_tutorial_leads_to_a_table_of_results(examples: Path, tmp_path: Path) -> None:
     """Its commands from the recorded study on, in its order; those before need a display or minutes."""
     text = (REPOSITORY / "docs" / "tutorial.md").read_text("utf-8")

@@ -28,7 +28,7 @@ _BODIES = {
 }
 # Those that are started where they are needed.
 _OTHERS = {"run_exports", "run_overview", "run_face_page"}
-# Those whose libraries know an address elsewhere; the rehearsal under strace has nearly all of them, and --long has all.
+# Their libraries know an address elsewhere. The rehearsal under strace has nearly all the others, too.
 _IN_EVERY_RUN = {"recogniser", "language_model"}
 _CASES = [
     pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in sorted(_BODIES | _OTHERS)

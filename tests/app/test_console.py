@@ -29,6 +29,7 @@ from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
+from caris_desktop.scenario.scenario_model import Scenario
 from tests.live import bodies
 
 
@@ -255,8 +256,14 @@ def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path:
         console.shutdown()
 
 
-def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> None:
+def _without_models() -> Scenario:
+    """The tour without what starts six processes more."""
     scenario = composition.find_scenario("tour-guide")
+    return replace(scenario, permissions=replace(scenario.permissions, assistant=False, transcription=False))
+
+
+def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> None:
+    scenario = _without_models()
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     notes = tmp_path / "notes"
     camera = OwnCamera("computer", ProcessSpec("camera computer", bodies.camera_that_notes, (notes,)))
@@ -292,7 +299,7 @@ def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) ->
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.child_process: camera desk ended")
 def test_a_camera_whose_process_dies_is_back_and_the_other_goes_on(qtbot: QtBot, tmp_path: Path) -> None:
-    scenario = composition.find_scenario("tour-guide")
+    scenario = _without_models()
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     own = tuple(
         OwnCamera(name, ProcessSpec(f"camera {name}", bodies.link_with_camera, (name,))) for name in ("desk", "door")

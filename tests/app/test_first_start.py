@@ -87,7 +87,11 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     assert asked[0]().profile.name == connected
 
 
-@pytest.mark.parametrize("scenario", ["tour-guide", "reception"], ids=["the same scenario", "another"])
+@pytest.mark.parametrize(
+    "scenario",
+    [pytest.param("tour-guide", marks=pytest.mark.long), "reception"],
+    ids=["the same scenario", "another"],
+)
 @pytest.mark.parametrize("own", [True, False], ids=["its own", "one that was there"])
 def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool, scenario: str

@@ -30,7 +30,6 @@ from caris_desktop.recording.session.session_reader import open_session
 from tests.app.shown_state import differences, shown_state
 from tests.app.test_calls_home import SWITCHES
 
-
 # Without --long one: to the second the wizard answers by a phrase, to the third by typing.
 SENTENCES = 3 if os.environ.get("CARIS_TEST_LONG") else 1
 

@@ -37,6 +37,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
+from tests.support.examples import examples
 from tests.support.polling import wait_for
 
 _CONTEXT = multiprocessing.get_context("spawn")
@@ -173,12 +174,12 @@ def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, s
 
 
 def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, start_speech: StartSpeech) -> None:
-    """Twenty utterances: 20 ms are what a listener's threshold and the blocks of a sound server leave open."""
+    """20 ms are what a listener's threshold and the blocks of a sound server leave open."""
     speech = start_speech(sound)
     assert speech.wait_ready().audible
     late_ms: list[float] = []
     with sound.stamped() as heard:
-        for number in range(20):
+        for number in range(examples(20)):
             name = f"u{number}"
             speech.say(name, ("Yes.", "Please follow me.", "What happens next?", "Stop here!")[number % 4])
             start, end = speech.wait_state(name, "started"), speech.wait_state(name, "finished")

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.skipif(not OSNET_WEIGHTS.is_file(), reason=f"needs {OSN
 PEOPLE, KNOWN = (2, 5, 9, 18), (2, 9, 18)
 
 
+@pytest.mark.long  # the rules alone are in test_recognising and test_decisions
 def test_in_the_same_clothes_they_get_their_names_back_in_others_nobody_does_and_nobody_a_wrong_one() -> None:
     """One film, looked at twice: they come in one set of clothes, return in it, and return in the other."""
     visits = visits_of(PEOPLE, rounds=3, seed=3, clothes=(0, 0, 1), stays_s=3.0)

@@ -103,7 +103,14 @@ def test_every_shipped_profile_has_a_dress() -> None:
     assert set(shipped_profiles()) == set(DRESS_OF)
 
 
-@pytest.fixture(scope="module", params=sorted(DRESS_OF))
+_IN_EVERY_RUN = {"pepper", "tiago", "turtlebot4"}
+"""Of each kind one: with a head and speech, of ROS 1, of ROS 2."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in sorted(DRESS_OF)],
+)
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     # the links of all profiles are forked from one process that has imported what they need
     multiprocessing.set_forkserver_preload(["tests.robot.test_media_link", *_IMPORTED_BY_LINKS])

@@ -36,7 +36,7 @@ def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> Non
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("language", [ENGLISH, TRIAL])
+@pytest.mark.parametrize("language", [pytest.param(ENGLISH, marks=pytest.mark.long), TRIAL])
 def test_the_window_of_a_replay_can_be_read_on_every_screen(theme: Theme, language: str) -> None:
     opened, found = EveryWindow(theme, language), list[str]()
     try:

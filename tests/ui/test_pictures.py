@@ -5,11 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from PySide6.QtGui import QImage
 
 REPOSITORY = Path(__file__).parents[2]
 
 
+@pytest.mark.long  # each size is in test_every_size
 def test_at_one_and_a_half_times_the_size_the_whole_window_can_be_read(tmp_path: Path) -> None:
     told = subprocess.run(
         [sys.executable, "-m", "tests.ui.pictures", str(tmp_path), "--scale", "1.5"],

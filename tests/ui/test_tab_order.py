@@ -30,6 +30,7 @@ def test_tab_goes_through_every_scenario_as_it_is_read(shown: MainWindow, size: 
     assert found == []
 
 
+@pytest.mark.long
 def test_tab_goes_through_every_window_and_a_replay_as_it_is_read(theme: Theme) -> None:
     opened, found = EveryWindow(theme, ENGLISH), list[str]()
     try:

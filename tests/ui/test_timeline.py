@@ -36,6 +36,7 @@ from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, TimeScale
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from tests.support.examples import examples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import STANCE, FakeReplay, ReplayScene, open_scene, sample_coding, sample_overview
@@ -764,7 +765,7 @@ class Script:
             self.coder.key(Qt.Key.Key_Z, CTRL | SHIFT)
 
 
-def test_a_scripted_coder_codes_200_labels_in_the_real_window(
+def test_a_scripted_coder_codes_many_labels_in_the_real_window(
     qtbot: QtBot, real_window: MainWindow, tmp_path: Path
 ) -> None:
     from sklearn.metrics import cohen_kappa_score
@@ -792,7 +793,8 @@ def test_a_scripted_coder_codes_200_labels_in_the_real_window(
     coder.key(Qt.Key.Key_Delete)
     replay.history = EditHistory(coder.document, limit=2000)
     scripts = [Script(coder, ANA, 1), Script(coder, BEN, 2)]
-    for number in range(100):
+    rounds = examples(100)
+    for number in range(rounds):
         base_ms = 6500 * number
         if number % 10 == 0:
             coder.show(base_ms, base_ms + 66_000)
@@ -813,7 +815,7 @@ def test_a_scripted_coder_codes_200_labels_in_the_real_window(
                 script.redo(2)
                 assert coder.document == before
     done = coder.document
-    assert len(done.annotations) >= 200
+    assert len(done.annotations) >= 2 * rounds
     steps = sum(script.steps for script in scripts)
     scripts[0].undo(steps)
     assert coder.document.annotations == ()

@@ -176,6 +176,7 @@ def test_every_text_bears_the_marks_of_the_trial_language(spoken: Spoken) -> Non
     assert listed(found) == [], WHAT_TO_DO
 
 
+@pytest.mark.long
 def test_the_lines_of_every_menu_bear_them_too(spoken: Spoken) -> None:
     found, opened = spoken.of_every_menu()
     assert listed(found) == [], WHAT_TO_DO

@@ -297,7 +297,7 @@ def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monk
 
 def test_a_kill_at_any_step_leaves_it_to_go_on_from(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     small = make_study(tmp_path / "small", seconds=7.0, fps=4.0)
-    step = "1" if request.config.getoption("--long") else "7"
+    step = "1" if request.config.getoption("--long") else "14"
     script = ("-m", "tests.recording.forgetting.forget_and_die", str(small), str(tmp_path / "copies"), "1", step)
     command = [sys.executable, *script]
     told = subprocess.run(
