@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets this checkout up on a bare Debian 13 and runs the demo and the suite there, as somebody does who has just got it.
+# Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite and the wheel.
 #
 #   bash packaging/test-release.sh            with the versions that pyproject.toml permits
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
@@ -88,6 +88,8 @@ printf '\n== demo on %s\n' "$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAM
 inside bash packaging/demo.sh || status=$?
 printf '\n== suite\n'
 inside bash packaging/test.sh "${of_suite[@]}" || status=$?
+printf '\n== wheel in an empty environment\n'
+inside bash packaging/test-wheel.sh || status=$?
 printf '\n== tried with\n'
 inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
 inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |
