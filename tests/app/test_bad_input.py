@@ -339,6 +339,7 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         console.kill()
 
 
+@pytest.mark.long  # the recorder alone is in recording/recorder
 def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, tmp_path: Path) -> None:
     if (
         os.name != "posix"

@@ -33,7 +33,13 @@ from tests.ui.fake_console import FakeConsole
 SCENARIOS = tuple(sorted(path.stem for path in layouts_dir().glob("*.yaml")))
 
 
-@pytest.fixture(params=SCENARIOS)
+_IN_EVERY_RUN = {"tour-guide", "mental-health-check"}
+"""With nearly everything permitted, and with little."""
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in SCENARIOS]
+)
 def shown(request: pytest.FixtureRequest, theme: Theme) -> Iterator[MainWindow]:
     console = FakeConsole(load_scenario(layouts_dir() / f"{request.param}.yaml"))
     samples.fill_console(console)

@@ -48,6 +48,8 @@ SENTENCE = "was that a wide road 2 see?"
 WORDS = [*SENTENCE.split(), "Mara", "Tom", "kitchen", "stop", "yes", "no", "/", "9", "Qt", "edge", "zoo", "can", "2"]
 LONG = bool(os.environ.get("CARIS_TEST_LONG"))
 SENTENCES = 200 if LONG else 1
+BEGUN_IN = ["video_view", *(pytest.param(name, marks=pytest.mark.long) for name in ("speak_field", "nowhere"))]
+"""Who drives has most to lose by a key."""
 CLICKS = 3
 """In each window beside the console's own, without ``--long``."""
 ASKED_BY_NOBODY = (
@@ -195,7 +197,13 @@ def test_a_click_on_a_tab_gives_the_keys_to_that_panels_main_field(tabbed: tuple
                 assert asked(console) == [], name
 
 
-@pytest.mark.parametrize("name", ["speak", "conversation", "people", "assistant", "notes", "map", "drive"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "speak", "map", "drive",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("conversation", "people", "assistant", "notes")),
+    ],
+)  # fmt: skip
 def test_a_panel_that_floats_or_comes_back_or_is_moved_has_the_keys_in_its_main_field(
     tabbed: tuple[MainWindow, FakeConsole], name: PanelName
 ) -> None:
@@ -359,7 +367,7 @@ def clickable(window: MainWindow) -> list[QWidget]:
 LEFT_OUT = {"emergency_stop", "stop_button"}  # they stop; nothing goes on after them
 
 
-@pytest.mark.parametrize("begun_in", ["video_view", "speak_field", "nowhere"])
+@pytest.mark.parametrize("begun_in", BEGUN_IN)
 def test_after_no_click_do_sentences_drive_speak_or_switch(
     tabbed: tuple[MainWindow, FakeConsole], begun_in: str
 ) -> None:
@@ -433,7 +441,7 @@ IN_VAIN = {
 
 
 @pytest.mark.panels("video", "speak", "people", "assistant")
-@pytest.mark.parametrize("begun_in", ["speak_field", "video_view"])
+@pytest.mark.parametrize("begun_in", BEGUN_IN[:2])
 @pytest.mark.parametrize("case", IN_VAIN)
 def test_what_cannot_be_done_says_so_and_takes_what_is_typed_nowhere(
     window: MainWindow, console: FakeConsole, case: str, begun_in: str
@@ -689,7 +697,7 @@ def test_no_window_drives_speaks_or_switches_by_what_is_typed_after_a_click_in_i
     assert sum(map(len, clicked.values())) > 120
 
 
-@pytest.mark.parametrize("begun_in", ["video_view", "speak_field", "nowhere"])
+@pytest.mark.parametrize("begun_in", BEGUN_IN)
 def test_after_each_shortcut_what_is_typed_goes_where_it_says(
     tabbed: tuple[MainWindow, FakeConsole], begun_in: str
 ) -> None:
