@@ -5,8 +5,9 @@
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
 #   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and of the suite what pytest is told to run
 #
-# Needs root, debootstrap, some 12 GB and an hour. The package sources, certificates and proxies are this machine's. The
-# system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the next run; --fresh makes it anew.
+# All tests run, soak tests included. Needs root, debootstrap, some 12 GB and several hours. The package sources,
+# certificates and proxies are this machine's. The system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the
+# next run; --fresh makes it anew.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -28,6 +29,7 @@ for argument in "$@"; do
       ;;
   esac
 done
+if ((${#of_suite[@]} == 0)); then of_suite=(--long); fi
 [[ $(id -u) == 0 ]] || { echo "test-release.sh: only root can make a system of its own. Start it with sudo." >&2; exit 2; }
 command -v debootstrap >/dev/null || { echo "test-release.sh: debootstrap is not installed (apt-get install debootstrap)." >&2; exit 2; }
 

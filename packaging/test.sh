@@ -1,6 +1,9 @@
 #!/usr/bin/env bash
 # Sets everything up, test tools included, and runs the checks and the tests on a virtual screen.
-# With arguments only pytest runs, with these arguments: bash packaging/test.sh tests/robot -k lease
+#
+#   bash packaging/test.sh                       the checks, and the tests that every change has to pass
+#   bash packaging/test.sh --long                all tests, soak tests included: several hours
+#   bash packaging/test.sh tests/robot -k lease  only pytest, with these arguments
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -8,6 +11,15 @@ cd -- "$repository"
 # The tests start this program some hundred times; compiled anew each time it would cost minutes.
 unset PYTHONDONTWRITEBYTECODE
 bash packaging/setup.sh --test
+
+# Several times what the slowest of three runs takes on a slow machine.
+longest_run=35m
+long=()
+if [[ $* == --long ]]; then
+  long=(--long)
+  longest_run=8h
+  shift
+fi
 
 summary=()
 failed=no
@@ -36,9 +48,9 @@ find_tests() {
 if (($# == 0)); then
   check "lint (ruff)" .venv/bin/ruff check .
   check "format (ruff)" .venv/bin/ruff format --check .
-  # These two keep a core busy for a minute or two, and tests that do not watch the clock can run beside them.
+  # It keeps a core busy for a minute or two, and tests that do not watch the clock can run beside it.
   of_types=$(mktemp)
-  (.venv/bin/mypy && .venv/bin/lint-imports) >"$of_types" 2>&1 &
+  .venv/bin/mypy >"$of_types" 2>&1 &
   types=$!
   # Each of several workers would compile anew what all of them import; after a first run it is there but for a little.
   compgen -G "tests/__pycache__/conftest.*-pytest-*.pyc" >/dev/null || check "tests are found" find_tests
@@ -50,8 +62,6 @@ if [[ $(uname -s) == Linux ]]; then
   start_virtual_screen
 fi
 
-# Several times what the slowest of three runs takes on a slow machine.
-longest_run=35m
 unsteady=()
 failures=.pytest_cache/v/cache/lastfailed
 failed_tests() { .venv/bin/python -c 'import json, sys; print(*json.load(open(sys.argv[1])), sep="\n")' "$failures"; }
@@ -65,12 +75,12 @@ run_tests() {
   # Files in the order of tests/conftest.py, which knows the long ones; by itself xdist begins with those of most tests.
   # A run that hangs is stopped as by Ctrl+C, which names what was under way.
   timeout --foreground --signal INT --kill-after 60 "$longest_run" \
-    .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "$@" || status=$?
+    .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "${long[@]}" "$@" || status=$?
   # 1 means that tests failed; anything else is no verdict on them, and is not mended by another try.
   ((status == 1)) || return "$status"
   mapfile -t first < <(failed_tests)
   printf '\n== what failed, again and alone\n'
-  .venv/bin/python -m pytest -n 0 --last-failed --last-failed-no-failures none -m "" || return
+  .venv/bin/python -m pytest -n 0 --last-failed --last-failed-no-failures none -m "" "${long[@]}" || return
   unsteady+=("${first[@]}")
 }
 
@@ -78,11 +88,11 @@ if (($# == 0)); then
   # They wait for processes and timers for a third of their time.
   check "tests, other rooms" run_tests -n 4 -m "not alone" --ignore tests/app tests
   started=$SECONDS status=0
-  printf '\n== types (mypy) and rooms (import-linter)\n'
+  printf '\n== types (mypy)\n'
   wait "$types" || status=$?
   cat -- "$of_types"
   rm -f -- "$of_types"
-  keep "types and rooms" $((SECONDS - started)) "$status"
+  keep "types (mypy)" $((SECONDS - started)) "$status"
   # Those of the whole program start a dozen processes each.
   check "tests, whole program" run_tests -n 2 -m "not alone" tests/app
   mapfile -t of_real_time < <(grep -rl --include='test_*.py' 'pytest.mark.alone' tests)

@@ -92,7 +92,7 @@ def pytest_testnodedown(node: WorkerController, error: object | None) -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="also run the soak tests that take minutes")
+    parser.addoption("--long", action="store_true", help="also run what takes minutes, and more cases")
 
 
 # Those that take longest begin first, so that no worker has one of them left when the others are done.
@@ -130,7 +130,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return
     for item in items:
         if item.get_closest_marker("long"):
-            item.add_marker(pytest.mark.skip(reason="a soak test: run with --long"))
+            item.add_marker(pytest.mark.skip(reason="runs with --long"))
 
 
 @pytest.fixture
