@@ -401,6 +401,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
         "shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts",
         group=WINDOW_GROUP,
     ),
+    ActionSpec("help", QT_TR_NOOP("Help"), "question", ("Ctrl+F1",), callback="show_help", group=WINDOW_GROUP),
 )  # fmt: skip
 
 REPLAY_ACTIONS: tuple[ActionSpec, ...] = (

@@ -96,6 +96,7 @@ class DriveInputFilter(QObject):
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
     close_refused = Signal()  # a close was refused because the robot is being driven
+    help_wanted = Signal()  # F1 in a window other than the console's own, where it is a phrase
     nowhere_ended = Signal()
     slipped = Signal(str)  # reason why a key press had no effect
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
@@ -374,6 +375,11 @@ class DriveInputFilter(QObject):
         repeated = self._keys.repeated(event)
         if event.type() == QEvent.Type.KeyPress and not repeated and self._did_by_position(identity, code, event):
             return True
+        if not repeated and self._wants_help(event):
+            event.accept()
+            if event.type() == QEvent.Type.KeyPress:
+                self.help_wanted.emit()
+            return True
         if self._goes_nowhere(code, event):
             event.accept()
             if event.type() == QEvent.Type.KeyPress:
@@ -422,6 +428,16 @@ class DriveInputFilter(QObject):
             self._alt_drove = bool(event.modifiers() & Qt.KeyboardModifier.AltModifier)
             self._on_press(identity, hold)
         return True
+
+    def _wants_help(self, event: QKeyEvent) -> bool:
+        """Whether this is the system's help key (F1) in a dialog or another window without phrase keys."""
+        window = self._app.activeModalWidget() or self._app.activeWindow()
+        other = window is not None and not self._in_console(window) and self._app.activePopupWidget() is None
+        return other and event.matches(QKeySequence.StandardKey.HelpContents)
+
+    def _in_console(self, window: QWidget | None) -> bool:
+        """Whether a window is the main window or a floating panel of it."""
+        return window is self._window or (window is not None and window.windowType() == Qt.WindowType.Tool)
 
     def _answers(self, code: int | None, event: QKeyEvent) -> bool:
         """Whether this key answers ``ask_next_key``; any other key ends the question."""
@@ -624,8 +640,8 @@ class DriveInputFilter(QObject):
         keys = QKeySequence(meant.keyCombination())
         window, focused = self._app.activeWindow(), self._app.focusWidget()
         # Editors and lists in other windows have their own key bindings.
-        in_console = window is self._window or (window is not None and window.windowType() == Qt.WindowType.Tool)
-        action_id = self._actions.on_key(keys, bare=bare) if in_console and self._takes_keys() else None
+        in_console = self._in_console(window) and self._takes_keys()
+        action_id = self._actions.on_key(keys, bare=bare) if in_console else None
         if action_id is not None:
             self._actions.press(action_id, opens=chord)
             return True

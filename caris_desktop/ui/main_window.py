@@ -35,6 +35,7 @@ from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.face.face_windows import FaceWindows
 from caris_desktop.ui.first_use.first_use import FirstUse
 from caris_desktop.ui.gamepad_window import GamepadWindow
+from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.late_imports import LateImports
@@ -153,6 +154,7 @@ class MainWindow(PanelWindow, QWidget):
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.kept_choices = Preferences(console, self.wizards, self.board, self)
+        self.help = HelpWindows(self.theme, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
         self._problems.stay_clear_of(self._going_on)
@@ -232,9 +234,10 @@ class MainWindow(PanelWindow, QWidget):
         for yield_control in (
             self._palette_overlay.close_overlay, self._sheet.yield_control, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
-            self._question.put_away, self.sessions.close_the_active_one,
+            self._question.put_away, self.sessions.close_the_active_one, partial(self.help.close, only_active=True),
         ):  # fmt: skip
             self.hold.escape_pressed.connect(yield_control)
+        self.hold.help_wanted.connect(self.help.open)
         self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)
         self._emergency_copy.pressed.connect(lambda: self._console.do(intents.EmergencyStop()))
@@ -422,6 +425,9 @@ class MainWindow(PanelWindow, QWidget):
     def show_shortcuts(self) -> None:
         self._sheet.open()
 
+    def show_help(self) -> None:
+        self.help.open()
+
     def show_set_up(self) -> None:
         self.first_use.open()
 
@@ -486,6 +492,7 @@ class MainWindow(PanelWindow, QWidget):
         self.layout_keeper.rest.stop()
         self._late.end()
         self.sessions.close()
+        self.help.close()
         self.faces.close()
         self.observers.end()
         self.editor.close()

@@ -108,6 +108,7 @@ class WindowMenus:
         set_up.setEnabled(parts.actions.available("set_up"))
         set_up.triggered.connect(lambda: parts.actions.run("set_up"))
         menu.addAction(tr("All shortcuts")).triggered.connect(self._show_shortcuts)
+        menu.addAction(tr("Help")).triggered.connect(lambda: parts.actions.run("help"))
         menu.addSeparator()
         close = tr("Close the console") if parts.console.state.present.live else tr("Close this window")
         menu.addAction(close).triggered.connect(parts.close_window)

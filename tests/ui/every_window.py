@@ -108,6 +108,10 @@ class EveryWindow:
             window.hold.escape_pressed.emit()
         window.show_set_up()
         yield Seen("first use", self._card())
+        window.show_help()
+        seen = self._own("help", "help_window")
+        yield seen
+        _close(seen)
         for step in ("robot", "sound"):
             window.show_set_up()
             page = self._card()

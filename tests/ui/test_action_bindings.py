@@ -84,6 +84,7 @@ TABLE = {
     "layout_undo": ({"Ctrl+Shift+D"}, set()),
     "preflight": ({"Ctrl+Shift+C"}, set()),
     "shortcuts": ({"Ctrl+/"}, {"?"}),
+    "help": ({"Ctrl+F1"}, set()),
     "focus_speak": ({"Ctrl+L"}, {"Return"}),
     "focus_queue": ({"Ctrl+Shift+L"}, set()),
     "queued_above": ({"Up"}, set()),

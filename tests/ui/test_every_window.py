@@ -32,7 +32,7 @@ def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> Non
     assert names == {
         "palette", "keys", "connection", "preflight", "alarms", "first use", "start", "sessions", "sessions found",
         "export", "robot", "robot mapped", "robot offers", "gamepad", "face editor", "layout title", "scenario",
-        "observer", "face", "replay", "tier", "agreement", "import",
+        "observer", "face", "replay", "tier", "agreement", "import", "help",
     }  # fmt: skip
 
 

@@ -1,0 +1,181 @@
+"""Help window: the installed guide, offline, at the page of the panel or window that has the focus."""
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QSize, Qt, QUrl
+from PySide6.QtGui import QImage, QKeySequence, QPainter, QPaintEvent, QShortcut, QTextCursor, QTextDocument
+from PySide6.QtWidgets import QApplication, QLineEdit, QTextBrowser, QWidget
+
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import tr
+from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.help_pages import anchor_of, guide_dir, page_of
+from caris_desktop.ui.session_windows import bring_up
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+
+_PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18
+
+
+class GuideBrowser(QTextBrowser):
+    """Markdown pages and pictures of the installed resources. Any other link is not followed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        # Tab leaves the page, as in every window; the list of pages reaches the same by keyboard.
+        by_mouse = Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.TextSelectableByMouse
+        self.setTextInteractionFlags(by_mouse)
+        self.sourceChanged.connect(self._show_heading)
+
+    def doSetSource(
+        self,
+        name: QUrl | str,
+        type: QTextDocument.ResourceType = QTextDocument.ResourceType.UnknownResource,  # noqa: A002 - Qt's name
+    ) -> None:
+        url = self.source().resolved(QUrl(name))
+        if _installed(url) is not None:
+            super().doSetSource(url, type)
+
+    def loadResource(self, kind: int, name: QUrl | str) -> Any:
+        path = _installed(QUrl(name))
+        if path is None:
+            return None
+        if kind != QTextDocument.ResourceType.ImageResource.value:
+            return super().loadResource(kind, name)
+        picture, room_px = QImage(str(path)), self.viewport().width() - _PICTURE_MARGIN_PX
+        smooth = Qt.TransformationMode.SmoothTransformation
+        return picture.scaledToWidth(room_px, smooth) if picture.width() > room_px else picture
+
+    def _show_heading(self, page: QUrl) -> None:
+        """Scroll to the heading of the link; Qt's Markdown has no anchors and no space around headings."""
+        block, wanted = self.document().begin(), None
+        while block.isValid():
+            if block.blockFormat().headingLevel():
+                spaced = block.blockFormat()
+                spaced.setTopMargin(_ABOVE_HEADING_PX)
+                spaced.setBottomMargin(tokens.GRID_PX)
+                QTextCursor(block).setBlockFormat(spaced)
+                if page.hasFragment() and anchor_of(block.text()) == page.fragment():
+                    wanted = block
+            block = block.next()
+        if wanted is not None:
+            top_px = self.document().documentLayout().blockBoundingRect(wanted).top()
+            self.verticalScrollBar().setValue(round(top_px))
+
+
+def _installed(url: QUrl) -> Path | None:
+    """Local path of an installed resource; None for any other address."""
+    path = Path(url.toLocalFile()).resolve()
+    return path if url.isLocalFile() and path.is_relative_to(resources_dir().resolve()) and path.is_file() else None
+
+
+class HelpWindow(VisualTabOrderMixin, QWidget):
+    """Guide page with navigation and search."""
+
+    def __init__(self, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.Window)
+        self.setObjectName("help_window")
+        self.setWindowTitle(tr("Help · CARIS Desktop"))
+        self._theme = theme
+        self.browser = GuideBrowser()
+        self.browser.setObjectName("help_page")
+        self.browser.setAccessibleName(tr("Guide"))
+        self._pages = DropDown(theme, "help_pages", tr("Page"))
+        for title, name in sorted((_title(path), path.name) for path in guide_dir().glob("*.md")):
+            self._pages.addItem(title, name)
+        self._pages.activated.connect(self._on_page_chosen)
+        self.search = QLineEdit(placeholderText=tr("Search…"))
+        self.search.setObjectName("help_search")
+        self.search.setAccessibleName(tr("Search"))
+        self.search.returnPressed.connect(self._find_next)
+        row = layouts.hbox(margins_px=(12, 8, 12, 0), spacing_px=8)
+        for name, text, icon, step, can in (
+            ("help_back", tr("Back"), "arrow-left", self.browser.backward, self.browser.backwardAvailable),
+            ("help_forward", tr("Forward"), "arrow-right", self.browser.forward, self.browser.forwardAvailable),
+        ):
+            button = ActionButton(theme, text, icon=icon, look="ghost", may_lose_words=True)
+            button.setObjectName(name)
+            button.setToolTip(text)
+            button.setEnabled(False)
+            button.clicked.connect(step)
+            can.connect(button.setEnabled)
+            row.addWidget(button)
+        row.addWidget(self._pages, 1)
+        row.addWidget(self.search, 1)
+        column = layouts.vbox(self, margins_px=0, spacing_px=8)
+        column.addLayout(row)
+        column.addWidget(self.browser, 1)
+        self.browser.sourceChanged.connect(self._on_page)
+        QShortcut(QKeySequence(QKeySequence.StandardKey.Find), self, self._on_find)
+        theme.restyle_on_change(self._style)
+        self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
+
+    def sizeHint(self) -> QSize:
+        return QSize(860, 720)
+
+    def show_page(self, page: str) -> None:
+        """Show a page of the guide, as "keys.md#changing-keys"."""
+        url = QUrl.fromLocalFile(str(guide_dir()) + "/").resolved(QUrl(page))
+        self.browser.setSource(url, QTextDocument.ResourceType.MarkdownResource)
+        self.browser.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def _on_page(self, page: QUrl) -> None:
+        self._pages.setCurrentIndex(self._pages.findData(page.fileName()))
+
+    def _on_page_chosen(self, row: int) -> None:
+        self.show_page(self._pages.itemData(row))
+
+    def _on_find(self) -> None:
+        self.search.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self.search.selectAll()
+
+    def _find_next(self) -> None:
+        if not self.browser.find(self.search.text()):
+            self.browser.moveCursor(QTextCursor.MoveOperation.Start)
+            self.browser.find(self.search.text())
+
+    def _style(self) -> None:
+        colors = self._theme.colors
+        self.browser.setFont(self._theme.font(tokens.BODY_PX))
+        self.browser.setStyleSheet(
+            f"QTextBrowser {{ background: {colors.panel}; border: 0; padding: 4px 4px 4px 14px; }}"
+        )
+        self.browser.reload()  # link colours are stored in the document
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
+
+
+def _title(page: Path) -> str:
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return next(line for line in lines if line.startswith("# ")).removeprefix("# ")
+
+
+class HelpWindows(QObject):
+    """Opens the guide, one window for each window that blocks others."""
+
+    def __init__(self, theme: Theme, window: QWidget) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._window = window
+
+    def open(self) -> None:
+        """Open the page of the panel or window that has the focus."""
+        dialog = QApplication.activeModalWidget()
+        page = page_of(dialog or QApplication.focusWidget() or QApplication.activeWindow())
+        owner = dialog or self._window  # a modal dialog blocks every window except its own children
+        shown = owner.findChild(HelpWindow, options=Qt.FindChildOption.FindDirectChildrenOnly)
+        if shown is None:
+            shown = HelpWindow(self._theme, owner)
+        bring_up(shown)
+        shown.show_page(page)
+
+    def close(self, *, only_active: bool = False) -> None:
+        """Close the help. ``only_active``: a stop from the main window leaves it open."""
+        for shown in self._window.findChildren(HelpWindow):
+            if shown.isActiveWindow() or not only_active:
+                shown.close()
