@@ -264,6 +264,8 @@ class PeoplePanel(Panel):
         others = (self.state.frame_of(camera).freshness for camera in self.state.cameras.value)
         blind = self.state.frame.freshness == "lost" and "fresh" not in others
         parts = [tr("no picture") if blind else tr("%n here", "", len(here)) if here else tr("nobody here")]
+        if not (blind or here) and self._detection_starting():
+            parts = [tr("detection is starting")]
         if elsewhere:
             parts.append(tr("%n in another camera", "", elsewhere))
         known = sum(person.known for person in self.everyone)
@@ -277,6 +279,11 @@ class PeoplePanel(Panel):
         if not self.model.rowCount():
             self._empty.setText(self._why_empty(blind=blind, late_s=late_s))
             self.theme.color_text(self._empty, "dim")
+
+    def _detection_starting(self) -> bool:
+        """Whether detection runs, but no result has arrived yet."""
+        perception: PerceptionStatus = self.state.perception.value
+        return self.state.present.live and perception.state == "ready" and perception.inference_ms is None
 
     def _late_s(self) -> float:
         """Detection delay in s for the camera on display; zero if negligible."""
@@ -297,6 +304,8 @@ class PeoplePanel(Panel):
                 return tr("Nobody was seen at this moment.")
             case "ready" if blind:
                 return tr("No picture, so nobody can be seen.")
+            case "ready" if self._detection_starting():
+                return tr("Person detection is starting.\nPeople appear here after its first result.")
             case "ready" if late_s:
                 late = tr("Nobody recognised yet.\nPeople are recognised {seconds} s late: this computer is busy.")
                 return late.format(seconds=round(late_s))

@@ -64,6 +64,18 @@ def test_where_looks_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel
     assert "4 here" in panel.fact[0] and "late" in panel.fact[0]
 
 
+def test_before_the_first_detection_it_does_not_say_that_nobody_is_there(
+    panel: PeoplePanel, console: FakeConsole
+) -> None:
+    people_samples.show_people(console, ())
+    console.state.everybody.set(())
+    console.state.perception.set(PerceptionStatus("ready", "yolov8n"))
+    empty = str(find(panel, "people_empty").property("text"))
+    assert empty.startswith("Person detection is starting") and "nobody" not in panel.fact[0]
+    console.state.perception.set(PerceptionStatus("ready", "yolov8n", inference_ms=300.0))
+    assert "Nobody in view" in str(find(panel, "people_empty").property("text"))
+
+
 def names(panel: PeoplePanel) -> list[str]:
     return [str(panel.model.index(row).data()) for row in range(panel.model.rowCount())]
 
