@@ -7,6 +7,7 @@
 # Safe to run again: what is there already is left alone, and then it takes less than a second.
 #   CARIS_PYTHON=/path/to/python3.12   use this interpreter (3.11, 3.12 or 3.13)
 #   CARIS_TORCH=cuda                   take torch with CUDA (gigabytes) in place of the CPU build
+#   CARIS_LOCKED=no                    take the newest versions that pyproject.toml permits, not those of packaging/lock.txt
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -33,6 +34,12 @@ done
 torch_variant=${CARIS_TORCH:-$(cat .venv/caris-torch 2>/dev/null || echo cpu)}
 if [[ $torch_variant != cpu && $torch_variant != cuda ]]; then
   echo "setup.sh: CARIS_TORCH is '$torch_variant'; it can be cpu or cuda" >&2
+  exit 2
+fi
+
+locked=${CARIS_LOCKED:-yes}
+if [[ $locked != yes && $locked != no ]]; then
+  echo "setup.sh: CARIS_LOCKED is '$locked'; it can be yes or no" >&2
   exit 2
 fi
 
@@ -185,7 +192,7 @@ fingerprint=$({
   sha256sum <pyproject.toml
   sha256sum <packaging/setup.sh
   cat packaging/*.txt resources/models.sha256 | sha256sum
-  printf '%s\n' "$python_version" "$torch_variant" "$repository"
+  printf '%s\n' "$python_version" "$torch_variant" "$locked" "$repository"
 } | sha256sum | cut -d ' ' -f 1)
 # The test set-up is the console's with more, so its stamp counts for both.
 is_set_up() {
@@ -254,6 +261,10 @@ sys.exit(not version.startswith("2.13.0") or (wants_cuda and version.endswith("+
 PYTHON
 }
 
+torch_is_cpu_build() {
+  "$venv_python" -c 'import importlib.metadata, sys; sys.exit(not importlib.metadata.version("torch").endswith("+cpu"))' 2>/dev/null
+}
+
 torch_cpu_index_answers() {
   timeout 8 "$venv_python" -c '
 import sys, urllib.request
@@ -290,7 +301,6 @@ choose_torch() {
     announce_cuda_download
     # A CPU build in place would satisfy the same version number.
     pip_run uninstall -y torch torchvision || true
-    pip_install "${torch_pins[@]}"
     return
   fi
   if nvidia_gpu_present; then
@@ -298,12 +308,12 @@ choose_torch() {
   fi
   if torch_cpu_index_answers; then
     detail "torch from PyTorch's CPU index"
-    pip_run install --timeout 60 --retries 1 --index-url "$torch_cpu_index" "${torch_pins[@]}" && return
+    pip_run install --no-deps --timeout 60 --retries 1 --index-url "$torch_cpu_index" "${torch_pins[@]}" && return
     detail "that index did not deliver; falling back to the configured package index"
   fi
   # A local version such as 2.13.0+cpu is only found where somebody provides it, so asking for it downloads nothing else.
-  if pip_run install --dry-run --no-deps --only-binary :all: "${torch_pins[0]}+cpu"; then
-    detail "torch: a CPU build is at hand"
+  if pip_run install --no-deps "${torch_pins[0]}+cpu"; then
+    detail "torch: a CPU build was at hand"
     return
   fi
   detail "No CPU build of torch is at hand: the default package index brings one with CUDA, which works without a GPU too."
@@ -317,10 +327,19 @@ else
 fi
 pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
 choose_torch
-extras=embedded,listening,openvino,voices
-if [[ $with_tests == yes ]]; then extras+=,test,docs; fi
-# One resolution, so that torch, torchvision and what depends on them agree.
-pip_install "${torch_pins[@]}" --editable ".[$extras]"
+if [[ $locked == yes ]]; then
+  # A CPU build of torch that choose_torch installed has the locked version and stays.
+  lists=(-r packaging/lock.txt)
+  if [[ $with_tests == yes ]]; then lists+=(-r packaging/lock-test.txt); fi
+  if on_linux && ! torch_is_cpu_build; then lists+=(-r packaging/lock-cuda.txt); fi
+  pip_install --no-deps --require-hashes "${lists[@]}"
+  pip_install --no-deps --no-build-isolation --editable .
+else
+  extras=embedded,listening,openvino,voices
+  if [[ $with_tests == yes ]]; then extras+=,test,docs; fi
+  # One resolution, so that torch, torchvision and what depends on them agree.
+  pip_install "${torch_pins[@]}" --editable ".[$extras]"
+fi
 if [[ $with_tests == yes ]]; then
   pip_install --no-deps --require-hashes -r packaging/test-tools.txt
 fi

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite and the wheel.
 #
-#   bash packaging/test-release.sh            with the versions that pyproject.toml permits
+#   bash packaging/test-release.sh            with the versions of packaging/lock.txt
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
 #   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and of the suite what pytest is told to run
 #
@@ -75,11 +75,12 @@ git -C "$repository" ls-files -z --cached --others --exclude-standard |
   tar --create --directory "$repository" --null --ignore-failed-read --files-from - 2>/dev/null |
   tar --extract --no-same-owner --directory "$root$checkout"
 if [[ $newest == yes ]]; then
+  export CARIS_LOCKED=no
   sed -i -E '/^dependencies = \[/,/^\[project.scripts\]/s/,<[0-9.]+"/"/' "$root$checkout/pyproject.toml"
 fi
 
 # What pip is told by the environment here is told there too; what is installed from an earlier run is brought up to date.
-mapfile -t environment < <(env | grep -iE '^(PIP_|SSL_CERT|REQUESTS_CA_BUNDLE|CARIS_TORCH|(https?|no)_proxy)' || true)
+mapfile -t environment < <(env | grep -iE '^(PIP_|SSL_CERT|REQUESTS_CA_BUNDLE|CARIS_TORCH|CARIS_LOCKED|(https?|no)_proxy)' || true)
 inside() {
   env -i HOME=/root USER=root LANG=C.UTF-8 TERM=dumb PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
     PIP_UPGRADE=1 PIP_UPGRADE_STRATEGY=eager "${environment[@]}" chroot "$root" sh -c "cd $checkout && exec \"\$@\"" sh "$@"

@@ -6,11 +6,15 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+SET_UP_EXTRAS = ("embedded", "listening", "openvino", "voices")
 linux_only = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the scripts' system part is for Linux")
 
 
@@ -126,10 +130,15 @@ def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path
     assert "Set-up complete" in result.stdout, result.stdout + result.stderr
     calls = asked.read_text().splitlines()
     installs = [call for call in calls if " install " in call]
-    assert any("--editable" in call for call in installs)
     assert all(call.startswith(":all: ") and "--no-binary" not in call for call in calls)
     lists = [call for call in installs if " -r " in call]
-    assert len(lists) == 2 and all("--require-hashes" in call and "--no-deps" in call for call in lists)
+    assert all("--require-hashes" in call and "--no-deps" in call for call in lists)
+    listed = {path for call in lists for path in re.findall(r"-r packaging/(\S+)", call)}
+    assert listed >= {"lock.txt", "lock-test.txt", "models.txt", "test-tools.txt"}
+    # Of the rest, only pip itself may bring what no list names.
+    rest = [call for call in installs if call not in lists]
+    assert any("--editable" in call and "--no-build-isolation" in call for call in rest)
+    assert all("--no-deps" in call or call.endswith(("--upgrade pip", "--dry-run")) for call in rest), rest
 
     source = tmp_path / "made_of_code-1.0"
     source.mkdir()
@@ -146,6 +155,44 @@ def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path
         )  # fmt: skip
         assert made.exists() is not bool(only_binary), "else this shows nothing"
         made.unlink(missing_ok=True)
+
+
+def locked(*names: str) -> list[tuple[Requirement, list[str]]]:
+    """Requirements of lock files with the checksums of each."""
+    text = "".join((REPOSITORY / "packaging" / name).read_text() for name in names)
+    lines = re.sub(r" \\\n *", " ", text).splitlines()
+    pins = [line.split(" --hash=") for line in lines if not line.startswith("#")]
+    return [(Requirement(pin), checksums) for pin, *checksums in pins]
+
+
+def test_each_locked_package_has_a_checksum_and_names_no_place() -> None:
+    for pin, checksums in locked("lock.txt", "lock-test.txt", "lock-cuda.txt"):
+        assert pin.url is None and re.fullmatch(r"==[\w.]+", str(pin.specifier)), pin
+        assert checksums and all(re.fullmatch("sha256:[0-9a-f]{64}", each) for each in checksums), pin
+
+
+@pytest.mark.parametrize("python", ["3.11.2", "3.12.1", "3.13.5"])
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_the_lock_files_hold_what_the_project_requires(python: str, machine: str) -> None:
+    environment = {"python_version": python.rpartition(".")[0], "python_full_version": python}
+    environment |= {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": machine, "extra": ""}
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    console = [*project["dependencies"], *(each for name in SET_UP_EXTRAS for each in extras[name])]
+    for wanted, files in (
+        (console, ["lock.txt"]),
+        ([each for extra in extras.values() for each in extra], ["lock.txt", "lock-test.txt"]),
+    ):
+        pins: dict[str, str] = {}
+        for pin, _checksums in locked(*files):
+            if pin.marker is None or pin.marker.evaluate(environment):
+                name = canonicalize_name(pin.name)
+                assert name not in pins, f"two versions of {name} for Python {python}"
+                pins[name] = str(pin.specifier).removeprefix("==")
+        for requirement in map(Requirement, wanted):
+            if requirement.marker is None or requirement.marker.evaluate(environment):
+                version = pins[canonicalize_name(requirement.name)]
+                assert version in requirement.specifier, f"packaging/lock.sh was not run after a change: {requirement}"
 
 
 def test_what_is_installed_without_its_dependencies_has_a_checksum() -> None:
