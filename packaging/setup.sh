@@ -218,7 +218,23 @@ else
   }
 fi
 
+# The argument as a double-quoted word of the Exec key: for its shell-like quoting, then for the file's own escapes.
+exec_word() { printf '%s' "$1" | sed 's/[\\"`$]/\\&/g; s/\\/\\\\/g; s/%/%%/g; s/.*/"&"/'; }
+
+# Puts this checkout into the menu of applications of a user who has a screen. The last one that was set up is there.
+install_menu_entry() {
+  local data=${XDG_DATA_HOME:-$HOME/.local/share} line
+  on_linux && [[ $with_tests == no ]] && has_display || return 0
+  mkdir -p "$data/applications" "$data/icons/hicolor/scalable/apps" || return 0
+  cp packaging/caris-desktop.svg "$data/icons/hicolor/scalable/apps/"
+  while IFS= read -r line; do
+    if [[ $line == Exec=* ]]; then line=Exec=$(exec_word "$repository/.venv/bin/caris-desktop"); fi
+    printf '%s\n' "$line"
+  done <packaging/caris-desktop.desktop >"$data/applications/caris-desktop.desktop"
+}
+
 if is_set_up; then
+  install_menu_entry
   say "3/4 Python packages: present"
   say "4/4 Models: present"
   exit 0
@@ -358,4 +374,5 @@ fi
 printf '%s\n' "$torch_variant" >.venv/caris-torch
 printf '%s\n' "$fingerprint" >.venv/caris-setup-run
 if [[ $with_tests == yes ]]; then printf '%s\n' "$fingerprint" >.venv/caris-setup-test; fi
+install_menu_entry
 say "Set-up complete."

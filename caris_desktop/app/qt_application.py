@@ -23,4 +23,5 @@ def the_application(scale: str = "") -> QApplication:
     application = existing if isinstance(existing, QApplication) else QApplication(sys.argv[:1])
     application.setApplicationName("CARIS Desktop")
     application.setApplicationVersion(__version__)
+    application.setDesktopFileName("caris-desktop")  # by which Wayland finds the icon
     return application

@@ -1,5 +1,6 @@
 """The set-up scripts: what they refuse, what they tell, and the virtual screen they bring up and take down."""
 
+import configparser
 import json
 import os
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from PySide6.QtGui import QImage
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SET_UP_EXTRAS = ("embedded", "listening", "openvino", "voices")
@@ -116,18 +118,64 @@ def test_an_unsuitable_python_is_named(checkout: Path, programs: Path) -> None:
     assert "CARIS_PYTHON=" in result.stderr
 
 
+def python_that_records_pip(folder: Path) -> tuple[Path, Path]:
+    """Python that installs nothing, and the file to which it writes what pip was called with."""
+    asked = folder / "asked"
+    record = (
+        f'case "$*" in *"-m pip"*) echo "$PIP_ONLY_BINARY $*" >>"{asked}" ;; '
+        f'*"-m venv"*) mkdir -p .venv/bin; ln -sf "$0" .venv/bin/python; touch .venv/bin/activate ;; '
+        f'*check_environment*|*"-c import ensurepip"*) exit 0 ;; *) exec {sys.executable} "$@" ;; esac'
+    )
+    write_program(folder / "python", record)
+    return folder / "python", asked
+
+
+@linux_only
+def test_the_set_up_puts_the_program_into_the_menu(checkout: Path, tmp_path: Path) -> None:
+    odd = checkout.rename(tmp_path / 'a $1 "check`out" 100%')
+    python, _asked = python_that_records_pip(tmp_path)
+    places = {"XDG_DATA_HOME": str(tmp_path / "data"), "DISPLAY": "desk:10"}
+    result = run_setup(odd, CARIS_PYTHON=str(python), **places)
+    assert "Set-up complete" in result.stdout, result.stdout + result.stderr
+    entry = tmp_path / "data" / "applications" / "caris-desktop.desktop"
+    assert started_by(entry) == [str(odd / ".venv" / "bin" / "caris-desktop")]
+    entry.unlink()
+    assert "Python packages: present" in run_setup(odd, CARIS_PYTHON=str(python), **places).stdout
+    assert entry.exists(), "a later run puts it back"
+
+
+def started_by(entry: Path) -> list[str]:
+    """Command of a desktop entry, read as the Desktop Entry Specification says."""
+    (exec_key,) = re.findall("^Exec=(.*)$", entry.read_text(), re.MULTILINE)
+    words = re.findall(r'"(?:[^"\\]|\\.)*"|\S+', exec_key.replace("\\\\", "\\"))
+    return [re.sub(r'\\(["`$\\])', r"\1", word.strip('"')).replace("%%", "%") for word in words]
+
+
+def test_the_menu_entry_and_its_icon_are_valid(tmp_path: Path) -> None:
+    source = REPOSITORY / "packaging" / "caris-desktop.desktop"
+    if shutil.which("desktop-file-validate"):
+        result = subprocess.run(["desktop-file-validate", source], capture_output=True, text=True, check=False)
+        assert (result.returncode, result.stdout) == (0, "")
+    entry = configparser.RawConfigParser()
+    entry.optionxform = str  # type: ignore[assignment,method-assign]  # its keys have capitals
+    entry.read(source)
+    keys = entry["Desktop Entry"]
+    assert {"Type", "Name", "Comment", "Exec", "Icon", "Terminal", "Categories"} <= set(keys)
+    assert keys["Type"] == "Application" and keys["Categories"].endswith(";")
+    assert started_by(source) == ["caris-desktop"]
+    icon = QImage(str(REPOSITORY / "packaging" / f"{keys['Icon']}.svg"))
+    assert icon.size().toTuple() == (128, 128)
+    assert len({icon.pixel(x, y) for x in range(0, 128, 4) for y in range(0, 128, 4)}) > 4, "it shows something"
+
+
 @linux_only
 def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path, tmp_path: Path) -> None:
     """Every call of pip, its options heeded by the real pip: a source distribution is code of others, run as root."""
-    asked, made = tmp_path / "asked", tmp_path / "ran"
-    record = (
-        f'case "$*" in *"-m pip"*) echo "$PIP_ONLY_BINARY $*" >>"{asked}" ;; '
-        f'*"-m venv"*) mkdir -p .venv/bin; ln -sf "$0" .venv/bin/python ;; '
-        f'*check_environment*|*"-c import ensurepip"*) exit 0 ;; *) exec {sys.executable} "$@" ;; esac'
-    )
-    write_program(tmp_path / "python", record)
-    result = run_setup(checkout, "--test", CARIS_PYTHON=str(tmp_path / "python"))
+    made = tmp_path / "ran"
+    python, asked = python_that_records_pip(tmp_path)
+    result = run_setup(checkout, "--test", CARIS_PYTHON=str(python), XDG_DATA_HOME=str(tmp_path / "data"))
     assert "Set-up complete" in result.stdout, result.stdout + result.stderr
+    assert not (tmp_path / "data").exists(), "without a display there is no menu"
     calls = asked.read_text().splitlines()
     installs = [call for call in calls if " install " in call]
     assert all(call.startswith(":all: ") and "--no-binary" not in call for call in calls)

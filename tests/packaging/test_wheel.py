@@ -51,6 +51,8 @@ def test_an_unpacked_wheel_finds_its_own_resources_and_layouts(wheel: Path, tmp_
     assert files_under(resources) == files_under(REPOSITORY / "resources")
     assert files_under(layouts) == files_under(REPOSITORY / "layouts")
     assert "tour-guide.yaml" in files_under(layouts)
+    menu = {"applications/caris-desktop.desktop", "icons/hicolor/scalable/apps/caris-desktop.svg"}
+    assert {f"caris_desktop-{__version__}.data/data/share/{name}" for name in menu} <= files_under(unpacked)
 
 
 def test_the_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
