@@ -109,7 +109,12 @@ def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
 
 def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.Module]) -> None:
     """One word for one thing. A reason without a full stop stands in records, whose words stay."""
-    of_the_disk_or_the_air = ("leads out of the session", "leads out of the study", "a hard link", "wireless link")
+    of_the_disk_or_the_air = (
+        "a link to a location outside the session",
+        "points outside the study",
+        "a hard link",
+        "wireless link",
+    )
     marked = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.args[0].value}"
         for path, tree in trees.items()

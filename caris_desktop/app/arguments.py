@@ -25,26 +25,28 @@ def build_parser() -> argparse.ArgumentParser:
 
 def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--scenario", metavar="FILE", help="scenario file, or the name of one (default: the last one, or tour-guide)"
+        "--scenario", metavar="FILE", help="scenario file or name (default: the last one used, or tour-guide)"
     )
     parser.add_argument(
         "--robot",
         metavar="PROFILE|ws://HOST:PORT",
-        help="robot profile name or file, or a rosbridge address (default: what the scenario names)",
+        help="robot profile name or file, or a rosbridge address (default: the robot in the scenario)",
     )
     parser.add_argument(
         "--camera",
         metavar="SOURCE",
         action="append",
-        help="use this camera instead of the scenario's: a number, a device, a video file, a stream address, oak, "
-        "simulated, or robot; may be given several times, so that '--camera robot --camera 0' adds camera 0 to the "
-        "robot's own",
+        help=(
+            "use this camera instead of the scenario's: a number, a device, a video file, a stream address, oak, "
+            "simulated, or robot; can be repeated: '--camera robot --camera 0' adds camera 0 to the robot's "
+            "cameras"
+        ),
     )
-    parser.add_argument("--study", metavar="DIR", type=Path, help="folder of the study (sessions and people)")
+    parser.add_argument("--study", metavar="DIR", type=Path, help="study folder (sessions and people)")
     parser.add_argument("--demo", action="store_true", help="start a simulated robot and connect to it")
     add_accept_named(parser)
-    parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
-    parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: English)")
+    parser.add_argument("--theme", choices=("system", "dark", "light"), help="theme for this run")
+    parser.add_argument("--language", metavar="NAME", help="language for this run, such as 'de' (default: English)")
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
 
 
@@ -53,6 +55,8 @@ def add_accept_named(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accept-named",
         action="store_true",
-        help="confirm the addresses, files, environment variables and models that the scenario and the robot's "
-        "profile name; kept for these files",
+        help=(
+            "confirm the addresses, files, environment variables and models named in the scenario and the robot "
+            "profile; the confirmation is saved for these files"
+        ),
     )

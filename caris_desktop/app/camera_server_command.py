@@ -28,23 +28,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--source", metavar="SOURCE", required=True, help="oak, webcam, a device number, an address, or a video file"
     )
     parser.add_argument(
-        "--host", default="127.0.0.1", help="address to listen at (default: %(default)s, which only this computer sees)"
+        "--host", default="127.0.0.1", help="address to listen on (default: %(default)s, this computer only)"
     )
-    parser.add_argument("--port", type=int, default=8090, help="port to listen at; 0 for any (default: %(default)s)")
+    parser.add_argument(
+        "--port", type=int, default=8090, help="port to listen on; 0 chooses a free one (default: %(default)s)"
+    )
     parser.add_argument(
         "--microphone",
         metavar="NAME",
         nargs="?",
         const="",
-        help="send sound with the picture over WebRTC to whoever asks for it: a part of the input's name, or the "
-        "system's own without one; it is open only while somebody listens",
+        help=(
+            "send audio with the video over WebRTC to clients that request it: part of the input's name, or the "
+            "system default if no name is given; the microphone is open only while a client listens"
+        ),
     )
     parser.add_argument(
         "--token-env",
         metavar="NAME",
-        help="environment variable that holds what clients have to tell; needed when others than this computer may ask",
+        help="environment variable with the token that clients must send; required if other computers may connect",
     )
-    parser.add_argument("--cert", metavar="FILE", type=Path, help="certificate for https://, PEM; needed then, too")
+    parser.add_argument(
+        "--cert",
+        metavar="FILE",
+        type=Path,
+        help="certificate for https://, PEM; also required if other computers may connect",
+    )
     parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
 
 
@@ -61,20 +70,20 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{error} {error.advice}", file=sys.stderr)
         return 2
     if chosen.kind in ("robot", "simulated") or (chosen.recorded and not Path(chosen.target).is_file()):
-        print(f"{text} is no camera or video file of this computer.", file=sys.stderr)
+        print(f"{text} is not a camera or video file on this computer.", file=sys.stderr)
         return 2
     token = os.environ.get(arguments.token_env, "").strip() if arguments.token_env else ""
     if arguments.token_env and len(token) < LEAST_TOKEN:
         print(
-            f"The environment variable {arguments.token_env} has to hold a token of {LEAST_TOKEN} characters or more; "
-            "'openssl rand -hex 16' makes one.",
+            f"The environment variable {arguments.token_env} must contain a token of at least {LEAST_TOKEN} "
+            "characters; 'openssl rand -hex 16' creates one.",
             file=sys.stderr,
         )
         return 2
     if not token and not is_loopback_host(arguments.host):
         print(
-            f"At {arguments.host} everybody in the network could watch: name an environment variable that holds a "
-            "token with --token-env, or listen at 127.0.0.1.",
+            f"On {arguments.host}, anyone on the network could watch: use --token-env to name an environment variable "
+            "that contains a token, or listen on 127.0.0.1.",
             file=sys.stderr,
         )
         return 2
@@ -85,8 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     if tls is None and not is_loopback_host(arguments.host):
         print(
-            f"At {arguments.host} others could read token and pictures on their way: give a certificate with --cert "
-            "and --key, or listen at 127.0.0.1 and use an SSH tunnel.",
+            f"On {arguments.host}, others could intercept the token and the video: specify a certificate with --cert "
+            "and --key, or listen on 127.0.0.1 and use an SSH tunnel.",
             file=sys.stderr,
         )
         return 2
@@ -109,9 +118,7 @@ async def _serve(chosen: "ChosenCamera", arguments: argparse.Namespace, token: s
     try:
         listening = await server.serve(host, port, tls)
     except OSError as error:
-        print(
-            f"{host}:{port} cannot be listened at: {error.strerror or error}. Choose another --port.", file=sys.stderr
-        )
+        print(f"Cannot listen on {host}:{port}: {error.strerror or error}. Choose another --port.", file=sys.stderr)
         return 2
     at = listening.sockets[0].getsockname()
     where = f"http{'' if tls is None else 's'}://{before_port(at[0])}:{at[1]}"

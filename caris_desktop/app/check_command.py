@@ -69,7 +69,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
         yield Finding("Scenario", False, str(error), "Correct the file, or choose another --scenario.")
         scenario = composition.find_scenario("tour-guide")
     yield _robot(arguments.robot or scenario.robot, accept_named=arguments.accept_named)
-    yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none is plugged into this computer")
+    yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none connected to this computer")
     yield from _cameras(arguments.camera, scenario)
     yield detector_finding(scenario)
     sound = probe_sound()
@@ -90,12 +90,12 @@ def _robot(name: str, *, accept_named: bool) -> Finding:
     try:
         profile = load_profile_blocking(name)
     except ProfileError as error:
-        return Finding("Robot", False, str(error), "Correct what it says, or choose another --robot.")
+        return Finding("Robot", False, str(error), "Correct the profile, or choose another --robot.")
     wrong = check_robot(profile, profile.address)
     if wrong:
         return Finding("Robot", False, wrong[0], " ".join(wrong[1:]))
     advice = robot_queue_advice(profile, profile.address)
-    return Finding("Robot", True, f"{profile.title} answers at {profile.address}{'. ' if advice else ''}{advice}")
+    return Finding("Robot", True, f"{profile.title} responds at {profile.address}{'. ' if advice else ''}{advice}")
 
 
 def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Finding]:
@@ -117,13 +117,13 @@ def _camera(chosen: ChosenCamera) -> Finding:
         picture = camera.read()
         image_bgr = None if picture is None else fitted(picture.image)
     except PictureError as refused:
-        return Finding("Camera", False, f"A picture of {chosen.name} {refused}.", "Check the camera's settings.")
+        return Finding("Camera", False, f"A frame from {chosen.name} {refused}.", "Check the camera's settings.")
     finally:
         camera.close()
     if image_bgr is None:
-        return Finding("Camera", False, f"{chosen.name} gives no picture.", "Choose another --camera.")
+        return Finding("Camera", False, f"{chosen.name} delivers no frames.", "Choose another --camera.")
     height_px, width_px = image_bgr.shape[:2]
-    return Finding("Camera", True, f"{chosen.name} gives pictures of {width_px}x{height_px} pixels")
+    return Finding("Camera", True, f"{chosen.name} delivers frames of {width_px}x{height_px} pixels")
 
 
 def detector_finding(scenario: Scenario) -> Finding:
@@ -132,14 +132,16 @@ def detector_finding(scenario: Scenario) -> Finding:
         return Finding(
             "Person detector",
             False,
-            f"The scenario permits no models on other computers, and names {without_credentials(wanted.server)}.",
-            "Remove perception.server from it, or permit cloud_models.",
+            f"The scenario does not permit models on other computers, but uses {without_credentials(wanted.server)}.",
+            "Remove perception.server from the scenario, or permit cloud_models.",
         )
     if wanted.server:
         try:
             remote = RemoteDetector(wanted.server, confidence=1.0)
         except DetectorAwayError as error:
-            return Finding("Person detector", False, f"{error}.", "Start 'caris-desktop perceive --serve' there.")
+            return Finding(
+                "Person detector", False, f"{error}.", "Start 'caris-desktop perceive --serve' on that computer."
+            )
         remote.close()
         return Finding("Person detector", True, remote.label)
     try:
@@ -163,9 +165,9 @@ def recogniser_finding(scenario: Scenario) -> Finding:
     except NoEngineError as error:
         return Finding("Speech to text", False, error.what, error.advice)
     except EngineUnavailableError as error:
-        advice = "Look after that server, and at listening.server and listening.model of the scenario."
+        advice = "Check the server, and check listening.server and listening.model in the scenario."
         return Finding("Speech to text", False, error.what, advice)
-    answers = f"{engine.model} answers a second of sound after {took_s:.1f} s"
+    answers = f"{engine.model} transcribes one second of audio in {took_s:.1f} s"
     return Finding("Speech to text", True, f"{answers}; {with_what}" if with_what else answers)
 
 
@@ -186,5 +188,7 @@ def _disk(arguments: argparse.Namespace) -> Iterator[Finding]:
         "Disk",
         enough,
         f"{free_bytes / 1e9:.0f} GB free for {study.path}",
-        "" if enough else "A session with video takes about 1 GB per hour: make room or choose another --study.",
+        ""
+        if enough
+        else "A session with video takes about 1 GB per hour: free some disk space or choose another --study.",
     )

@@ -14,20 +14,26 @@ from caris_desktop.live.logs import configure_logging, log_file
 
 # Each module has add_arguments(parser) and run(arguments) -> exit status.
 COMMANDS = {
-    "simulate": ("caris_desktop.simulator.simulate_command", "a simulated robot behind a rosbridge websocket"),
-    "rehearse": ("caris_desktop.app.rehearse_command", "a scripted wizard plays a scenario in the real console"),
-    "replay": ("caris_desktop.app.replay_command", "a recorded session in the console's window"),
-    "export": ("caris_desktop.recording.export_command", "recorded sessions as files for analysis"),
-    "sessions": ("caris_desktop.recording.studies.sessions_command", "sessions found by what was said in them"),
-    "statistics": ("caris_desktop.recording.studies.statistics_command", "figures over all sessions of a study"),
-    "agreement": ("caris_desktop.recording.annotation.agreement_command", "how far two coders of a session agree"),
-    "track": ("caris_desktop.app.track_command", "people in a recorded video, followed as the console does"),
-    "forget": ("caris_desktop.app.forget_command", "nothing of a study shows or names a person any more"),
-    "perceive-again": ("caris_desktop.app.perceive_again_command", "people in recordings, found by another model"),
-    "robots": ("caris_desktop.app.robots_command", "which robots are known, and what an unknown one offers"),
-    "camera-server": ("caris_desktop.app.camera_server_command", "a camera for the console on another computer"),
-    "perceive": ("caris_desktop.app.perceive_command", "people are found here for a console on another computer"),
-    "check": ("caris_desktop.app.check_command", "is everything ready for a session?"),
+    "simulate": ("caris_desktop.simulator.simulate_command", "run a simulated robot behind a rosbridge websocket"),
+    "rehearse": ("caris_desktop.app.rehearse_command", "play a scenario in the real console with a scripted wizard"),
+    "replay": ("caris_desktop.app.replay_command", "open a recorded session in the console's window"),
+    "export": ("caris_desktop.recording.export_command", "export recorded sessions as files for analysis"),
+    "sessions": ("caris_desktop.recording.studies.sessions_command", "find sessions by what was said in them"),
+    "statistics": (
+        "caris_desktop.recording.studies.statistics_command",
+        "compute measures over all sessions of a study",
+    ),
+    "agreement": (
+        "caris_desktop.recording.annotation.agreement_command",
+        "compute the agreement between two coders of a session",
+    ),
+    "track": ("caris_desktop.app.track_command", "track people in a recorded video, as the console does"),
+    "forget": ("caris_desktop.app.forget_command", "erase a person from a study"),
+    "perceive-again": ("caris_desktop.app.perceive_again_command", "detect people in recordings with another model"),
+    "robots": ("caris_desktop.app.robots_command", "list the known robots, and explore an unknown one"),
+    "camera-server": ("caris_desktop.app.camera_server_command", "serve a camera to the console on another computer"),
+    "perceive": ("caris_desktop.app.perceive_command", "detect people for a console on another computer"),
+    "check": ("caris_desktop.app.check_command", "check that everything is ready for a session"),
 }
 
 # As for the console, the user waits for a window; importing its parts is half of that time.

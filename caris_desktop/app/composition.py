@@ -140,14 +140,14 @@ def _confirmed(check: Callable[[], None], *, accept_named: bool, ask: bool) -> N
             try:
                 confirmed_files.accept(needed.question)
             except OSError as error:
-                raise StartError(tr("Your answer could not be kept: {why}.").format(why=error)) from error
+                raise StartError(tr("Your answer could not be saved: {why}.").format(why=error)) from error
         elif ask:
             raise
         else:
             words = confirmed_files.question_words(needed.question)
             refused = tr(
-                "{words}\nNothing of it was used. Open it in the console and confirm it there, or add --accept-named "
-                "if you trust all of this."
+                "{words}\nNone of this was used. Open the file in the console and confirm it there, or add "
+                "--accept-named if you trust all of this."
             )
             raise StartError(refused.format(words=words)) from needed
 
@@ -302,9 +302,9 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
             if camera.mount is not None:
                 stands = next((place for place in scenario.places if place.name == camera.place), None)
                 if camera.place and stands is None:
-                    what = tr("The camera {camera} stands at “{place}”, which is none of the places.")
+                    what = tr("The camera {camera} is placed at “{place}”, which is not one of the scenario's places.")
                     what = what.format(camera=chosen[-1].name, place=camera.place)
-                    meaning = tr("It is shown, but its people have no place in the map.")
+                    meaning = tr("The camera is shown, but its people have no position on the map.")
                     failures.append(
                         UserFacingError(what, meaning, tr("Correct the scenario file."), severity="warning")
                     )
@@ -403,7 +403,7 @@ def _open_presence(study: StudyFolder) -> tuple[PresenceTracker, list[Event]]:
             clock.now_ns(),
             "error",
             tr(what),
-            tr("People are recognised, but names that you give are forgotten when the program closes."),
+            tr("People are recognised, but names that you enter are lost when the program closes."),
             tr("Make the study's folder writable, or start with another --study."),
         )
         return PresenceTracker(), [problem]
@@ -439,7 +439,7 @@ def _load_scenario(path: Path) -> Scenario:
         raise UserFacingError(
             tr("The scenario was not opened."),
             str(error),
-            tr("The previous scenario stays. Correct the file and open it."),
+            tr("The previous scenario stays open. Correct the file and open it."),
         ) from error
     confirmed_files.check_scenario(scenario)
     return scenario
@@ -476,7 +476,7 @@ def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str
         raise UserFacingError(
             tr("The scenario was not saved."),
             str(error),
-            tr("What you changed is still in the window in which you edit it, and there it says what to do."),
+            tr("Your changes are still in the scenario editor, which shows what to do."),
         ) from error
 
 
@@ -494,13 +494,13 @@ def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotC
         raise UserFacingError(
             tr("The robot was not connected."),
             str(refusal),
-            tr("The present robot stays. Correct the profile and try again."),
+            tr("The current robot stays connected. Correct the profile and try again."),
         ) from refusal
 
 
 def _no_robot_to_practise_on(_actor: Actor) -> None:
     raise UserFacingError(
-        tr("There is no simulated robot here to practise on."),
+        tr("No simulated robot is available for practice."),
         tr("Nothing was changed."),
         tr("Start the program with --demo."),
     )
@@ -542,7 +542,7 @@ def _new_session(
             "assistant model": scenario.assistant.model if scenario.permissions.assistant else "off",
             "voice": scenario.voice,
             "robot profile": robot.profile.name if robot else "",
-            "wizard input": "keyboard, gamepad or on-screen stick; each command names its own",
+            "wizard input": "keyboard, gamepad or on-screen stick; each command states its source",
             "video": "permitted" if scenario.permissions.video_recording else "not permitted",
             "blur": "nobody" if scenario.blur.who == "nobody" else f"{scenario.blur.who}: {scenario.blur.what}",
             "sound": "permitted" if scenario.permissions.audio_recording else "not permitted",

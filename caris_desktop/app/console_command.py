@@ -226,8 +226,12 @@ class ConsoleRun:
         if self._narrowed:
             self.console.problem(
                 "info",
-                tr("%n files and folders of this study and your settings were open to others.", "", self._narrowed),
-                tr("From now on only you can read them, as what is recorded from now on."),
+                tr(
+                    "%n files and folders of this study and your settings were accessible to other users.",
+                    "",
+                    self._narrowed,
+                ),
+                tr("From now on, only you can read them and everything recorded later."),
                 tr("To share a study with your group, start with {variable}=1.").format(variable=SHARE_VARIABLE),
             )
 
@@ -236,7 +240,7 @@ class ConsoleRun:
         if self._refused_scenario:
             self.console.problem(
                 "warning",
-                tr("The scenario of last time was not opened."),
+                tr("The previous scenario was not opened."),
                 self._refused_scenario,
                 tr("{title} is open instead. Correct the file and open it.").format(title=self.console.scenario.title),
             )
@@ -383,8 +387,9 @@ def check_screen() -> None:
     places = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in places):
         raise composition.StartError(
-            "There is no screen to open the window on. Start the console from a desktop session; without one, "
-            "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' makes a virtual screen for it."
+            "No screen is available for the window. Start the console from a desktop session. Without one, "
+            "'caris-desktop rehearse' plays a scenario, and 'bash packaging/demo.sh' creates a virtual "
+            "screen for it."
         )
 
 

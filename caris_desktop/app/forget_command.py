@@ -16,37 +16,39 @@ _YES = "forget"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("study", type=Path, help="folder of the study")
-    parser.add_argument("person", help="who: the id, or the name if only one person of the study has it")
+    parser.add_argument("study", type=Path, help="study folder")
+    parser.add_argument("person", help="the person's id, or the name if it is unique in the study")
     how = parser.add_mutually_exclusive_group()
     how.add_argument(
         "--mask-media",
         dest="recordings",
         action="store_const",
         const="mask",
-        help="cover them in film and photos where they were seen (default)",
+        help="pixelate the person in the videos and photos in which they appear (default)",
     )
     how.add_argument(
         "--remove-media",
         dest="recordings",
         action="store_const",
         const="remove",
-        help="remove the films, photos and microphone sound of the sessions in which they were seen",
+        help="remove the videos, photos and microphone audio of the sessions in which the person appears",
     )
     parser.add_argument(
         "--text",
         choices=("list", "redact", "keep"),
         default="list",
-        help="texts that may name them: list them for you to decide on (default), or replace or keep them all",
+        help="texts that may name the person: list them for review (default), replace all, or leave all unchanged",
     )
-    parser.add_argument("--review", type=Path, metavar="FILE", help="the list of texts in which you have decided")
+    parser.add_argument("--review", type=Path, metavar="FILE", help="the list of texts with your decisions")
     parser.add_argument(
-        "--also-called", action="append", default=[], metavar="NAME", help="a further name or spelling to look for"
+        "--also-called", action="append", default=[], metavar="NAME", help="another name or spelling to search for"
     )
     parser.add_argument(
-        "--keep-exports", action="store_true", help="leave earlier exports that show or name them, and only list them"
+        "--keep-exports",
+        action="store_true",
+        help="do not remove earlier exports that show or name the person; only list them",
     )
-    parser.add_argument("--yes", action="store_true", help="do not ask before beginning")
+    parser.add_argument("--yes", action="store_true", help="start without confirmation")
     parser.set_defaults(recordings="mask")
 
 
@@ -55,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     from caris_desktop.app.composition import own_files  # imports all parts of the console
 
     if not arguments.study.is_dir():
-        print(f"{arguments.study} is no folder. Nothing was changed.", file=sys.stderr)
+        print(f"{arguments.study} is not a folder. Nothing was changed.", file=sys.stderr)
         return 1
     study = study_dir_of(arguments.study).absolute()
     asked = ForgettingAsked(
@@ -72,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         person, _, _ = person_of(asked)
         if not (arguments.yes or _agreed(asked, person.names)):
-            print("Nobody was forgotten; nothing was changed.", file=sys.stderr)
+            print("No person was erased; nothing was changed.", file=sys.stderr)
             return _CANCELLED
         with ProgressLine() as line:
             outcome = forget(asked, line.show)
@@ -80,23 +82,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(failure, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nStopped in the middle. Nothing is lost; the same command goes on where it stopped.", file=sys.stderr)
+        print("\nInterrupted. Nothing is lost; run the same command again to resume.", file=sys.stderr)
         return _CANCELLED
     _notify(outcome, study, person.person_ids[0])
     return 0 if outcome.complete else 1
 
 
 def _agreed(asked: ForgettingAsked, names: tuple[str, ...]) -> bool:
-    what = "covered in" if asked.recordings == "mask" else "removed with"
+    done = "pixelated in" if asked.recordings == "mask" else "removed with"
     print(
-        f"{' / '.join(names) or asked.who} is going to be forgotten in {asked.study}, for good: erased from the "
-        f"study's database, and {what} every film and photo in which they were seen. Exports that show or name them "
-        f"{'stay' if asked.keep_exports else 'are removed'}. This cannot be undone."
+        f"{' / '.join(names) or asked.who} will be permanently erased from {asked.study}: removed from the study's "
+        f"database, and {done} every video and photo in which they appear. Exports that show or name them "
+        f"{'are not changed' if asked.keep_exports else 'are removed'}. This cannot be undone."
     )
     if not sys.stdin.isatty():
-        print("Add --yes to do it without being asked.", file=sys.stderr)
+        print("Add --yes to start without confirmation.", file=sys.stderr)
         return False
-    return input(f"Type {_YES} to go on: ").strip() == _YES
+    return input(f"Type {_YES} to continue: ").strip() == _YES
 
 
 def _notify(outcome: Forgotten, study: Path, person_id: str) -> None:
@@ -104,17 +106,17 @@ def _notify(outcome: Forgotten, study: Path, person_id: str) -> None:
         print("Incomplete: the person may still be named, shown or heard.", file=sys.stderr)
     print(receipt_words(outcome.receipt))
     for file in outcome.unexamined:
-        print(f"Nothing looked for people in {file}: it may show or hold them.", file=sys.stderr)
+        print(f"{file} was not searched for people: it may show or name the person.", file=sys.stderr)
     for problem in outcome.problems:
         print(problem, file=sys.stderr)
     for what in outcome.closed:
-        print(f"Only searched as it is, since it could not be unpacked: {what}.", file=sys.stderr)
+        print(f"Searched only in compressed form, because it could not be decompressed: {what}.", file=sys.stderr)
     for file in outcome.left:
-        print(f"They are still found in {file}.", file=sys.stderr)
+        print(f"{file} still contains data about the person.", file=sys.stderr)
     if outcome.review is not None:
         places = "1 place" if outcome.waiting == 1 else f"{outcome.waiting} places"
         print(
-            f"{places} may name or show them and wait for you. Decide on each in {outcome.review}, then run:\n"
+            f"{places} may name or show the person. Enter a decision for each in {outcome.review}, then run:\n"
             f"  caris-desktop forget {study} {person_id} --review {outcome.review}",
             file=sys.stderr,
         )

@@ -40,29 +40,33 @@ _AHEAD_NS = 500_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="folder of a session, or of a study")
-    parser.add_argument("--model", metavar="FILE", type=Path, help="the detector (default: as the console finds one)")
-    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="who follows people (default: own)")
+    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="session folder, or study folder")
+    parser.add_argument("--model", metavar="FILE", type=Path, help="detector (default: the same as the console)")
+    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="tracker for people (default: own)")
     parser.add_argument(
         "--offline-quality",
         action="store_true",
-        help="look ahead: numbers that are one person's become one, and gaps of up to two seconds are filled",
+        help="use later frames too: tracks of the same person are merged, and gaps of up to two seconds are filled",
     )
     parser.add_argument(
-        "--name", help="of the layer, a folder in the session's derived/ (default: after model and tracker)"
+        "--name", help="name of the layer, a folder in the session's derived/ (default: named after model and tracker)"
     )
     parser.add_argument(
-        "--threads", metavar="N", type=int, default=default_threads(), help="processors to use (default: half of them)"
+        "--threads",
+        metavar="N",
+        type=int,
+        default=default_threads(),
+        help="number of threads (default: half of the processors)",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print a JSON object per session on standard output; exit status 1 if any failed."""
     if arguments.name is not None and not _NAME.fullmatch(arguments.name):
-        print("--name may have letters, digits, dots, dashes and underscores only.", file=sys.stderr)
+        print("--name can only contain letters, digits, dots, dashes and underscores.", file=sys.stderr)
         return 2
     if arguments.threads < 1:
-        print("--threads needs at least 1.", file=sys.stderr)
+        print("--threads must be at least 1.", file=sys.stderr)
         return 2
     try:
         folders = sessions_in(arguments.recording)
@@ -81,10 +85,10 @@ def run(arguments: argparse.Namespace) -> int:
             failed += 1
         except OSError as error:
             why = "the disk is full" if no_room(error) else error.strerror or str(error)
-            print(f"{folder.name}: the layer could not be written: {why}. Nothing was kept.", file=sys.stderr)
+            print(f"{folder.name}: the layer could not be written: {why}. Nothing was saved.", file=sys.stderr)
             failed += 1
         except KeyboardInterrupt:
-            print(f"\nStopped; of {folder.name} nothing was kept.", file=sys.stderr)
+            print(f"\nCancelled; nothing was saved for {folder.name}.", file=sys.stderr)
             return 130
     return 1 if failed else 0
 
@@ -117,12 +121,12 @@ def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
     name = arguments.name or re.sub(r"[^A-Za-z0-9._-]", "-", usual_name).lstrip(".-_")[:80] or "layer"
     target = folder / DERIVED_FOLDER / name
     if target.exists():
-        raise _NotPerceivedError(f"there is a layer {name} already; choose another --name. Nothing was changed.")
+        raise _NotPerceivedError(f"a layer {name} already exists; choose another --name. Nothing was changed.")
     with VideoReader(session) as videos:
         layers = {camera: _layer(session, videos, camera, perceiver) for camera in videos.cameras}
     problems = list(videos.problems)
     if not any(layer.frames for layer in layers.values()):
-        raise _NotPerceivedError(" ".join(["it has no video that can be read.", *problems]))
+        raise _NotPerceivedError(" ".join(["the session has no readable video.", *problems]))
     if arguments.offline_quality:
         for layer in layers.values():
             layer.boxes = looked_back(layer.boxes, [frame.stamp_ns / 1e9 for frame in layer.frames])

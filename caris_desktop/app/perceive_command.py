@@ -23,30 +23,34 @@ LEAST_TOKEN = 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--serve", action="store_true", required=True, help="answer until Ctrl+C")
+    parser.add_argument("--serve", action="store_true", required=True, help="run until Ctrl+C")
     parser.add_argument(
-        "--host", default="127.0.0.1", help="where to listen (default: %(default)s, this computer only)"
+        "--host", default="127.0.0.1", help="address to listen on (default: %(default)s, this computer only)"
     )
-    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="the port, 0 for any (default: %(default)s)")
+    parser.add_argument(
+        "--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one (default: %(default)s)"
+    )
     parser.add_argument(
         "--model",
         metavar="FILE|URL",
         default="",
-        help="the detector (default: the usual one)",
+        help="detector (default: the default detector)",
     )
     parser.add_argument("--sha256", default="", help="checksum of the detector")
-    parser.add_argument("--input-px", type=int, default=416, help="longer side of what it sees (default: %(default)s)")
     parser.add_argument(
-        "--device", choices=get_args(Device), default="auto", help="what computes (default: %(default)s)"
+        "--input-px", type=int, default=416, help="longer side of the detector's input image (default: %(default)s)"
     )
     parser.add_argument(
-        "--threads", type=int, default=default_threads(), help="processors to use (default: %(default)s)"
+        "--device", choices=get_args(Device), default="auto", help="compute device (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=default_threads(), help="number of threads (default: %(default)s)"
     )
     parser.add_argument(
         "--token-env",
         metavar="NAME",
         default=TOKEN_VARIABLE,
-        help="environment variable with the token that consoles have to tell (default: %(default)s)",
+        help="environment variable with the token that consoles must send (default: %(default)s)",
     )
     parser.add_argument("--cert", metavar="FILE", type=Path, help="certificate for wss://, PEM")
     parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
@@ -62,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         if own is not None and own.suffix.lower() == ".pt":
             _notify(
-                tr("{name} may bring code of its maker, which runs here because you name the file.").format(
+                tr("{name} may contain its maker's code, which runs here because you specified the file.").format(
                     name=own.name
                 )
             )
@@ -92,7 +96,9 @@ def run(arguments: argparse.Namespace) -> int:
         ) as server:
             host, port = server.sockets[0].getsockname()[:2]
             scheme = "ws" if tls is None else "wss"
-            _notify(f"{chosen.detector.label} answers at {scheme}://{before_port(host)}:{port}; Ctrl+C ends it.")
+            _notify(
+                f"{chosen.detector.label} is available at {scheme}://{before_port(host)}:{port}; press Ctrl+C to stop."
+            )
             await stop.wait()
 
     try:
@@ -109,18 +115,18 @@ class _WrongError(Exception):
 
 def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:
     if token and len(token) < LEAST_TOKEN:
-        raise _WrongError(f"The token in {arguments.token_env} is short: take {LEAST_TOKEN} characters or more.")
+        raise _WrongError(f"The token in {arguments.token_env} is too short: use at least {LEAST_TOKEN} characters.")
     if is_loopback_host(arguments.host):
         return
     if not token:
         raise _WrongError(
-            f"{arguments.host} can be reached by others: put a token of {LEAST_TOKEN} characters or more into the "
-            f"environment variable {arguments.token_env}, here and where the console runs."
+            f"Other computers can reach {arguments.host}: put a token of at least {LEAST_TOKEN} characters into the "
+            f"environment variable {arguments.token_env}, both here and on the console's computer."
         )
     if tls is None:
         raise _WrongError(
-            f"{arguments.host} can be reached by others, who could read the pictures on their way: give a certificate "
-            "with --cert and --key, or listen at 127.0.0.1 and use an SSH tunnel."
+            f"Other computers can reach {arguments.host} and could intercept the images: specify a certificate "
+            "with --cert and --key, or listen on 127.0.0.1 and use an SSH tunnel."
         )
 
 

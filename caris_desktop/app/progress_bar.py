@@ -41,9 +41,9 @@ class ProgressBar:
     def _words(self, frames: int) -> str:
         fps = frames / max(1e-9, time.perf_counter() - self._began_s)
         if not self._about:
-            return f"{self._what}{frames} pictures, {fps:.1f} a second"
+            return f"{self._what}{frames} frames, {fps:.1f} per second"
         # The length stated in a file may be too small.
         part = min(1.0, frames / self._about)
         done = round(_BAR_WIDTH * part)
         bar = "#" * done + "." * (_BAR_WIDTH - done)
-        return f"{self._what}[{bar}] {part:4.0%} {frames}/{max(frames, self._about)} pictures, {fps:.1f} a second"
+        return f"{self._what}[{bar}] {part:4.0%} {frames}/{max(frames, self._about)} frames, {fps:.1f} per second"

@@ -36,7 +36,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
         ]
     except SessionError as error:
         return ReadBack((), (str(error),))
-    found.append(f"{read.total()} values of {len(read)} streams read back, {session.duration_s:.0f} s replayed.")
+    found.append(f"{read.total()} values from {len(read)} streams read back, {session.duration_s:.0f} s replayed.")
     written: list[str] = []
     for each in FORMATS:
         notes: list[str] = []
@@ -46,7 +46,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
         except ExportError as error:
             problems.append(localized(_OF_FORMAT, format=each.name, told=localized(str(error))))
         found += [localized(_OF_FORMAT, format=each.name, told=note) for note in dict.fromkeys(notes)]
-    return ReadBack((*found, f"Exported as {', '.join(written) or 'nothing'}."), tuple(problems))
+    return ReadBack((*found, f"Exported formats: {', '.join(written) or 'none'}."), tuple(problems))
 
 
 def _missing(session: Session, read: Counter[str]) -> list[str]:
@@ -54,7 +54,7 @@ def _missing(session: Session, read: Counter[str]) -> list[str]:
     counts = session.header.get("counts")
     counted = Counter({str(name): int(count) for name, count in (counts or {}).items() if name in BY_NAME})
     if not counted:
-        return ["The recorder counted no values, so nothing shows that all of them are there."]
+        return ["The recorder counted no values, so it is unknown whether the recording is complete."]
     return [
         f"{read[name]} of {counted[name]} values of {name} can be read."
         for name in sorted(counted | read)
@@ -67,4 +67,4 @@ def _not_replayed(session: Session, read: Counter[str]) -> list[str]:
         shown = {type(value) for value in timeline.state_at(timeline.end_ns)}
     expected = [spec for spec in STATE_STREAMS if spec.delivery is Delivery.LATEST and read[spec.name]]
     lost = [spec.name for spec in expected if spec.value_type not in shown]
-    return [f"A replay does not show: {', '.join(lost)}."] if lost else []
+    return [f"Missing in the replay: {', '.join(lost)}."] if lost else []

@@ -109,7 +109,7 @@ class Rehearsal(QObject):
         state, scenario = self._state, self._console.scenario
         yield Until("the robot is connected", lambda: state.link.value.state == "connected", 30.0)
         yield Until("video arrives", lambda: state.frame.freshness == "fresh", 30.0)
-        yield Until("the LIDAR arrives", lambda: state.scan.freshness == "fresh")
+        yield Until("LIDAR scans arrive", lambda: state.scan.freshness == "fresh")
         yield Until("the person detector is ready", lambda: state.perception.value.state == "ready", 90.0)
         if scenario.permissions.assistant:
             yield Until("the language model is ready", lambda: state.assistant.value.state == "ready", 90.0)
@@ -139,7 +139,7 @@ class Rehearsal(QObject):
         self._screenshot("before-the-end")
         self.session_folder = self._console.session_folder
         self._click("record_button")
-        yield Until("the menu of the recording is open", lambda: isinstance(QApplication.activePopupWidget(), QMenu))
+        yield Until("the recording menu is open", lambda: isinstance(QApplication.activePopupWidget(), QMenu))
         self._choose("Stop recording")
         yield Until("the recording is closed", lambda: state.recording.value.state == "idle", 20.0)
         self._note("recording closed")
@@ -153,7 +153,7 @@ class Rehearsal(QObject):
                 if action.text() == text:
                     QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.actionGeometry(action).center())
                     return
-        raise RehearsalError(f"there is no {text!r} to choose")
+        raise RehearsalError(f"the menu has no entry {text!r}")
 
     def _start_recording(self) -> Script:
         self._click("record_button")
@@ -170,11 +170,11 @@ class Rehearsal(QObject):
         begun = ("starting", "recording")
         asked = "start_asked"
         yield Until(
-            "the recording begins, or what is not ready is named",
+            "the recording starts, or the failed checks are shown",
             lambda: self._state.recording.value.state in begun or self._find(asked) is not None,
         )
         if self._state.recording.value.state not in begun:
-            self._note("recording all the same")
+            self._note("recording anyway")
             self._click("start_dialog_begin")
         yield Until("recording runs", lambda: self._state.recording.value.state == "recording")
         self._note("recording")
@@ -189,7 +189,7 @@ class Rehearsal(QObject):
     def _meet(self) -> Script:
         state = self._state
         yield Until("a person was detected", lambda: any(row.here for row in state.persons.value), 40.0)
-        self._note(f"{sum(row.here for row in state.persons.value)} person(s) here")
+        self._note(f"{sum(row.here for row in state.persons.value)} person(s) present")
 
     def _greet(self) -> Script:
         state = self._state
@@ -206,11 +206,11 @@ class Rehearsal(QObject):
     def _talk(self, participant: RehearsedParticipant) -> Script:
         """Let the participant speak, and answer with a suggestion, a phrase and by typing."""
         state = self._state
-        yield Until("what is said becomes text", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
+        yield Until("transcription is ready", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
         for number, text in enumerate(self._lines()):
             before = len(self._heard)
             participant.say(text)
-            yield Until("the participant is heard", lambda count=before: len(self._heard) > count, 90.0)  # type: ignore[misc]
+            yield Until("the participant is transcribed", lambda count=before: len(self._heard) > count, 90.0)  # type: ignore[misc]
             self._note(f"the participant said “{self._heard[-1].text}”")
             if number == 0:
                 yield from self._answer_by_suggestion()
@@ -232,7 +232,7 @@ class Rehearsal(QObject):
             self._press(Qt.Key.Key_1, Qt.KeyboardModifier.ControlModifier)
         else:
             # None is a valid answer of a language model.
-            self._note("nothing was suggested: answered by a phrase")
+            self._note("no suggestion: answered by a phrase")
             yield from self._say_phrase(2, "Please tell me more.")
 
     def _say_phrase(self, number: int, otherwise: str) -> Script:
@@ -247,21 +247,21 @@ class Rehearsal(QObject):
         self._press(Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
         field = self._find("speak_field")
         if field is None:
-            raise RehearsalError("there is no field to type what the robot says")
+            raise RehearsalError("there is no field to type the robot's speech")
         yield from self._type(field, text)
         self._press(Qt.Key.Key_Return, target=field)
 
     def _take_photo(self) -> Script:
         folder = self._console.session_folder
         # With a stale picture no photo can be taken; a wizard looks before pressing the key.
-        yield Until("the picture is fresh", lambda: self._window.actions_table.available("photo"), 60.0)
+        yield Until("the video is up to date", lambda: self._window.actions_table.available("photo"), 60.0)
         self._press(Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
         yield Until("the photo is on disk", lambda: bool(folder and list((folder / "photos").glob("*.png"))))
         self._note("photo taken")
 
     def _drive_while_speaking(self) -> Script:
         state = self._state
-        yield Until("the robot knows where it is", lambda: state.pose.value is not None)
+        yield Until("the robot's position is known", lambda: state.pose.value is not None)
         if self._console.scenario.permissions.speech:
             yield from self._say_by_typing("Please follow me, I would like to show you around.")
             yield Until("the sentence is spoken", lambda: state.speech.value.now is not None)
@@ -291,12 +291,12 @@ class Rehearsal(QObject):
                 self._hold(self._keys_towards(pose, target))
             yield None
         self._hold(set())
-        yield Until("the robot stands", lambda: not state.odometry.value.twist.moving, 10.0)
+        yield Until("the robot stands still", lambda: not state.odometry.value.twist.moving, 10.0)
         pose = state.pose.value.pose_in_map
         driven_m = math.hypot(pose.x_m - start.x_m, pose.y_m - start.y_m)
-        self._note(f"drove {driven_m:.1f} m by key, {'while' if driven_while_speaking else 'not while'} speaking")
+        self._note(f"drove {driven_m:.1f} m by keyboard, {'while' if driven_while_speaking else 'not while'} speaking")
         if driven_m < 0.2:
-            raise RehearsalError(f"the robot hardly moved ({driven_m:.2f} m) although keys were held")
+            raise RehearsalError(f"the robot hardly moved ({driven_m:.2f} m) while keys were held")
 
     def _ask_assistant(self) -> Script:
         state = self._state
@@ -323,7 +323,7 @@ class Rehearsal(QObject):
         yield Until("the answer is spoken", lambda: state.speech.value.now is not None)
         self._press(Qt.Key.Key_F12)
         yield Until("the robot is silent", lambda: state.speech.value.now is None)
-        self._note("answer said, then silenced")
+        self._note("answer spoken, then stopped")
 
     def _go_to_place_and_stop(self) -> Script:
         state = self._state
@@ -349,7 +349,7 @@ class Rehearsal(QObject):
         yield Until("Find anything is open", lambda: self._find("palette_field") is not None)
         field = self._find("palette_field")
         if field is None:
-            raise RehearsalError("Find anything has no field")
+            raise RehearsalError("Find anything has no text field")
         yield from self._type(field, words)
         self._press(Qt.Key.Key_Return, target=field)
 
@@ -373,7 +373,7 @@ class Rehearsal(QObject):
     def _click(self, name: str) -> None:
         widget = self._find(name)
         if widget is None:
-            raise RehearsalError(f"there is no '{name}' in the window")
+            raise RehearsalError(f"the window has no '{name}'")
         middle = QPoint(widget.width() // 2, widget.height() // 2)
         QTest.mouseClick(widget, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, middle)
 
@@ -463,7 +463,7 @@ class Rehearsal(QObject):
             if self._waiting is not None:
                 if not self._waiting.condition():
                     if clock.now_ns() > self._deadline_ns:
-                        self._end(f"waited {self._waiting.timeout_s:.0f} s in vain: {self._waiting.what}")
+                        self._end(f"timed out after {self._waiting.timeout_s:.0f} s: {self._waiting.what}")
                     return
                 self._waiting = None
             self._waiting = next(self._script)

@@ -12,8 +12,8 @@ from caris_desktop.live.logs import configure_logging
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="scenario file or name")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where everything is put")
-    parser.add_argument("--seconds", metavar="N", type=float, default=0.0, help="play at least this long")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="output folder")
+    parser.add_argument("--seconds", metavar="N", type=float, default=0.0, help="minimum duration in seconds")
     parser.add_argument("--seed", metavar="N", type=int, default=7, help="seed of the simulated robot")
     parser.add_argument("--participant", metavar="CODE", default="P07", help="the participant (default: %(default)s)")
     parser.add_argument("--condition", metavar="NAME", default="B", help="the condition (default: %(default)s)")
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera",
         metavar="SOURCE",
         action="append",
-        help="use this camera instead of the simulated robot's; may be given several times, also with 'robot'",
+        help="use this camera instead of the simulated robot's; can be repeated, also with 'robot'",
     )
     add_accept_named(parser)
     parser.add_argument("--theme", choices=("system", "dark", "light"), default="dark")
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         out.mkdir(parents=True, exist_ok=True)
         size_px = [int(number) for number in arguments.size.split("x")] if arguments.size else None
     except OSError as error:
-        print(f"Nothing can be written to {out}: {error}. Choose another --out.", file=sys.stderr)
+        print(f"Cannot write to {out}: {error}. Choose another --out.", file=sys.stderr)
         return 2
     except ValueError:
         print(f"--size {arguments.size} is not a size such as 1920x1080.", file=sys.stderr)
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     failure = failures[0] if failures else "the window was closed"
     exports, back = out / "exports", ReadBack((), ())
     if not failure and rehearsal.session_folder is not None:
-        print("The session is read back and exported; this takes a moment.", flush=True)
+        print("Reading back and exporting the session; this takes a moment.", flush=True)
         back = read_back(rehearsal.session_folder, exports)
     print(f"Session:     {rehearsal.session_folder or console_run.console.session_folder or 'none'}")
     for sentence in back.found:
@@ -116,8 +116,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"The rehearsal stopped: {failure}", file=sys.stderr)
         return 1
     if back.problems:
-        print("The rehearsal is complete, but its session is not as it should be:", file=sys.stderr)
-        print(*back.problems, "Do not record on this installation until this is solved.", sep="\n", file=sys.stderr)
+        print("The rehearsal is complete, but its session has problems:", file=sys.stderr)
+        print(
+            *back.problems,
+            "Do not record with this installation until the problems are solved.",
+            sep="\n",
+            file=sys.stderr,
+        )
         return 1
-    print("The rehearsal is complete, and its session is whole.")
+    print("The rehearsal is complete, and its session is intact.")
     return 0

@@ -62,12 +62,14 @@ _READ_TEXTS_KEPT = 64
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "session", type=Path, help="folder of a session, or a ROS bag (.bag, a rosbag2 folder, an .mcap file)"
+        "session", type=Path, help="session folder, or a ROS bag (.bag, a rosbag2 folder, an .mcap file)"
     )
-    parser.add_argument("--at", type=float, metavar="SECONDS", help="begin at this second of the session")
+    parser.add_argument("--at", type=float, metavar="SECONDS", help="start at this second of the session")
     parser.add_argument("--at-ns", type=int, help=argparse.SUPPRESS)  # the same on the session's own clock
-    parser.add_argument("--theme", choices=("system", "dark", "light"), help="this run's theme")
-    parser.add_argument("--language", metavar="NAME", help="this run's language, as in 'de' (default: the console's)")
+    parser.add_argument("--theme", choices=("system", "dark", "light"), help="theme for this run")
+    parser.add_argument(
+        "--language", metavar="NAME", help="language for this run, such as 'de' (default: the console's language)"
+    )
     parser.add_argument("--told-in-window", action="store_true", help=argparse.SUPPRESS)  # in its language
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
 
@@ -193,8 +195,8 @@ def _opened(folder: Path) -> Session:
     told.setWindowTitle("CARIS Desktop")
     told.setLabelText(
         tr(
-            "This session was cut off while it was recorded.\n"
-            "It is being repaired; nothing of what was found is thrown away."
+            "This session was interrupted while it was being recorded.\nIt is being repaired; nothing that "
+            "was found is discarded."
         )
     )
     told.setRange(0, 0)
@@ -216,7 +218,7 @@ def _opened(folder: Path) -> Session:
 def _session_folder(path: Path) -> Path:
     """Session at ``path``; a bag is first converted, in the user's cache. Raises SessionError."""
     if not path.exists():
-        raise SessionError(localized(QT_TR_NOOP("There is no {path}."), path=path))
+        raise SessionError(localized(QT_TR_NOOP("{path} does not exist."), path=path))
     if is_session(path) or not is_probably_bag(path):
         return path
     return _imported(path)
@@ -247,8 +249,8 @@ def _imported(bag: Path) -> Path:
         raise SessionError(
             localized(
                 QT_TR_NOOP(
-                    "{bag} cannot be opened: it has to be kept as a session in {folder}, which failed"
-                    " ({why}). Make room there, and make sure that you may write to it."
+                    "{bag} cannot be opened: converting it to a session in {folder} failed ({why}). Free "
+                    "some disk space there, and make sure that the folder is writable."
                 ),
                 bag=bag,
                 folder=folder.parent,
@@ -256,7 +258,7 @@ def _imported(bag: Path) -> Path:
             )
         ) from error
     for topic in report.not_understood:
-        print(f"Not understood: {topic.topic} ({topic.type}): {topic.reason}", file=sys.stderr)
+        print(f"Skipped: {topic.topic} ({topic.type}): {topic.reason}", file=sys.stderr)
     return folder
 
 
@@ -290,7 +292,7 @@ def _first_scenario(session: Session) -> Scenario:
 
 def _read_scenario(opened: ScenarioOpened) -> Scenario:
     if not opened.content:
-        raise ValueError("the recording does not hold the scenario")
+        raise ValueError("the recording does not contain the scenario")
     return _or_raise(_scenario_in(opened.content, opened.file_name or "scenario.yaml"))
 
 

@@ -25,14 +25,16 @@ _MARKS = {"good": "ok  ", "quiet": "..  ", "slow": "SLOW", "nothing": "NONE", "w
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--explore", metavar="ws://HOST:PORT", help="ask the robot what it offers, and propose a profile for it"
+        "--explore", metavar="ws://HOST:PORT", help="explore the robot's interfaces, and propose a profile for it"
     )
-    parser.add_argument("--save", metavar="TITLE", help="save the proposed profile among your own under this title")
     parser.add_argument(
-        "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and say how it comes"
+        "--save", metavar="TITLE", help="save the proposed profile under this title with your own profiles"
+    )
+    parser.add_argument(
+        "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and report its state"
     )
     add_accept_named(parser)
-    parser.add_argument("--seconds", type=float, default=3.0, help="how long to listen (default: 3)")
+    parser.add_argument("--seconds", type=float, default=3.0, help="listening time in seconds (default: 3)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -47,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return 1
     if arguments.save:
-        print("--save needs --explore: which robot is it?", file=sys.stderr)
+        print("--save requires --explore.", file=sys.stderr)
         return 2
     return _list()
 
@@ -56,7 +58,7 @@ def _list() -> int:
     for profile in list_profiles():
         whose = "shipped" if profile.shipped else "own"
         print(f"{profile.name:<20} {whose:<8} {profile.error or f'{profile.title}, {profile.address}'}")
-    print(f"Your own profiles belong into {user_robots_dir()}.")
+    print(f"Folder for your own profiles: {user_robots_dir()}.")
     return 0
 
 
@@ -67,7 +69,7 @@ def _explore(address: str, title: str | None) -> int:
         return 0
     path: Path = user_robots_dir() / profile_file_name(title)
     if path.exists():
-        print(f"{path} exists already. Choose another title, or remove it first.", file=sys.stderr)
+        print(f"{path} already exists. Choose another title, or remove it first.", file=sys.stderr)
         return 1
     profile = profile_of(found.offer, found.proposal.chosen, name=path.stem, title=title, address=address)
     save_profile(profile, path)
@@ -78,13 +80,13 @@ def _explore(address: str, title: str | None) -> int:
 
 def _notify(found: Exploration) -> None:
     offer = found.offer
-    ros = f"ROS {offer.dialect.value}" if offer.dialect else "an unknown ROS"
+    ros = f"ROS {offer.dialect.value}" if offer.dialect else "Unknown ROS version"
     print(
         f"{ros} {offer.distribution}: {len(offer.topics)} topics, {len(offer.services)} services, "
         f"{len(offer.actions)} actions."
     )
     for resemblance in found.resembles:
-        print(f"It looks like {resemblance.title}: --robot {resemblance.name} ({resemblance.share:.0%} of its names).")
+        print(f"It resembles {resemblance.title}: --robot {resemblance.name} ({resemblance.share:.0%} of its names).")
     for proposal in found.proposal.fields:
         print(f"{proposal.label:<22} {proposal.value or '-':<40} {proposal.why}")
         others = [candidate.value for candidate in proposal.candidates if candidate.value != proposal.value]

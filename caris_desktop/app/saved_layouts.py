@@ -105,8 +105,8 @@ def _tree_of(asked: SaveLayout) -> LayoutNode:
     except ValueError as error:
         raise UserFacingError(
             tr("The panel layout was not saved."),
-            tr("It cannot be read: {why}.").format(why=error),
-            tr("Arrange the panels anew, or reset them, and save again."),
+            tr("The layout cannot be read: {why}.").format(why=error),
+            tr("Arrange the panels again, or reset them, then save again."),
         ) from error
 
 
@@ -141,7 +141,7 @@ def _not_saved(path: Path, error: Exception) -> UserFacingError:
         tr("The panel layout was not saved."),
         tr("{path} cannot be written ({why}).").format(path=path, why=why),
         tr(
-            "Your arrangement is kept on this computer and comes back with the scenario. To have it in the file, see "
-            "that this folder can be written to, and save again."
+            "Your panel layout is saved on this computer and is restored with the scenario. To save it in "
+            "the file, make this folder writable and save again."
         ),
     )

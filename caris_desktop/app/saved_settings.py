@@ -60,9 +60,9 @@ class SavedSettings(QObject):
         settings.sync()
         if settings.status() != QSettings.Status.NoError:
             raise UserFacingError(
-                tr("Your settings could not be kept."),
-                tr("What you change in the window is forgotten when it closes. The session is not affected."),
-                tr("See to it that {file} can be written to.").format(file=self._file),
+                tr("Your settings could not be saved."),
+                tr("Changes to the window are lost when it closes. The session is not affected."),
+                tr("Make sure that {file} is writable.").format(file=self._file),
                 severity="warning",
             )
 

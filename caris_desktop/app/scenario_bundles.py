@@ -44,7 +44,7 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
         write_bundle(Bundle(own, tuple(_next_to(scenario))), path)
     except (BundleError, ProfileError, OSError) as error:
         raise UserFacingError(
-            tr("The scenario was not written as one file."), str(error), tr("Choose another folder or another name.")
+            tr("The scenario was not exported as one file."), str(error), tr("Choose another folder or another name.")
         ) from error
 
 
@@ -82,7 +82,7 @@ def _reported_errors() -> Iterator[None]:
         raise UserFacingError(
             tr("The scenario was not imported."),
             why,
-            tr("Nothing was changed. Ask whoever sent it for the file again."),
+            tr("Nothing was changed. Ask the sender for the file again."),
         ) from error
 
 

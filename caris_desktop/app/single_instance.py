@@ -52,13 +52,13 @@ def _leave_it(lock: QLockFile, study: Path, consoles: Path, *, impatient: bool) 
     pid, host, _program = lock.getLockInfo()
     if pid and host != platform.node():
         raise StartError(
-            f"The study {study} is open on the computer {host}. Two consoles would write past one another there. "
-            "Close it on that computer, or give another folder with --study."
+            f"The study {study} is open on the computer {host}. Two consoles cannot use the same study. "
+            "Close it on that computer, or choose another folder with --study."
         )
     if pid and show_window(consoles, pid):
-        raise AlreadyOpenError(f"The study {study} is open already: its window was brought to the front.")
+        raise AlreadyOpenError(f"The study {study} is already open: its window was brought to the front.")
     if impatient:
         raise StartError(
-            f"The study {study} is open in another console (process {pid}), which does not answer. "
-            "Close that one, or give another folder with --study."
+            f"The study {study} is open in another console (process {pid}), which does not respond. "
+            "Close that console, or choose another folder with --study."
         )

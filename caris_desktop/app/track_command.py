@@ -21,19 +21,19 @@ from caris_desktop.perception.weights import WeightsError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("video", metavar="VIDEO", type=Path, help="a recorded video")
     parser.add_argument(
-        "--out", metavar="RESULT.txt", type=Path, required=True, help="where the MOTChallenge rows are written"
+        "--out", metavar="RESULT.txt", type=Path, required=True, help="output file for the MOTChallenge rows"
     )
-    parser.add_argument("--model", metavar="FILE", type=Path, help="the detector (default: as the console finds one)")
-    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="who follows people (default: own)")
+    parser.add_argument("--model", metavar="FILE", type=Path, help="detector (default: the same as the console)")
+    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="tracker for people (default: own)")
     parser.add_argument(
-        "--no-looks", action="store_true", help="do not tell people apart by how they look, but by their ways alone"
+        "--no-looks", action="store_true", help="distinguish people by their movement only, not by their appearance"
     )
     parser.add_argument(
         "--threads",
         metavar="N",
         type=int,
         default=default_threads(),
-        help="processors to use (default: as the console)",
+        help="number of threads (default: the same as the console)",
     )
 
 
@@ -61,16 +61,16 @@ class _WrongError(Exception):
 def _check(path: Path, video: Path, threads: int) -> None:
     """Check the arguments before the work, so that no result is lost."""
     if threads < 1:
-        raise _WrongError("--threads needs at least 1.")
+        raise _WrongError("--threads must be at least 1.")
     folder = path.absolute().parent
     if path.is_dir():
-        raise _WrongError(f"The result {path} is a folder: name a file in it.")
+        raise _WrongError(f"The result {path} is a folder: specify a file in it.")
     if not folder.is_dir():
-        raise _WrongError(f"The result cannot be written: there is no folder {folder}.")
+        raise _WrongError(f"The result cannot be written: the folder {folder} does not exist.")
     if not os.access(folder, os.W_OK):
-        raise _WrongError(f"The result cannot be written: {folder} may not be written to.")
+        raise _WrongError(f"The result cannot be written: {folder} is not writable.")
     if path.exists() and video.exists() and path.samefile(video):
-        raise _WrongError("The result would replace the video: name another --out.")
+        raise _WrongError("The result would overwrite the video: choose another --out.")
 
 
 def _track(arguments: argparse.Namespace) -> dict[str, object]:
@@ -101,7 +101,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         seconds = time.perf_counter() - loaded_s
         progress.end(frames)
         if video.torn:
-            print(f"Torn pictures in {arguments.video.name}, passed over: {video.torn}.", file=sys.stderr)
+            print(f"Damaged frames in {arguments.video.name}, skipped: {video.torn}.", file=sys.stderr)
     _write(arguments.out, rows)
     return {
         "frames": frames,

@@ -58,16 +58,16 @@ def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
     if settings.status() == QSettings.Status.AccessError:
         _log.warning("the settings in %s cannot be read or written", settings.fileName())
         return UserFacingError(
-            QT_TR_NOOP("Your settings cannot be read or kept."),
-            QT_TR_NOOP("The window begins as it did the first time, and forgets what you change in it when it closes."),
-            localized(QT_TR_NOOP("See to it that {file} can be written to."), file=settings.fileName()),
+            QT_TR_NOOP("Your settings cannot be read or saved."),
+            QT_TR_NOOP("The window starts with default settings, and your changes are lost when it closes."),
+            localized(QT_TR_NOOP("Make sure that {file} is writable."), file=settings.fileName()),
             severity="warning",
         )
     version = _version(settings)
     if settings.status() != QSettings.Status.NoError or version is None:
         return _restart(settings, QT_TR_NOOP("Your settings could not be read."))
     if version > VERSION:
-        return _restart(settings, QT_TR_NOOP("Your settings are of a newer version of this program."))
+        return _restart(settings, QT_TR_NOOP("Your settings are from a newer version of this program."))
     for number in range(version, VERSION):
         _MIGRATIONS[number](settings)
     if version < VERSION:
@@ -102,9 +102,10 @@ def _restart(settings: QSettings, what: str) -> UserFacingError:
         _log.warning("the settings could not be copied: %s", error)
         return UserFacingError(
             what,
-            localized(QT_TR_NOOP("They could not be copied either ({why}), and are left as they are."), why=error),
+            localized(QT_TR_NOOP("They could not be copied either ({why}) and were left unchanged."), why=error),
             localized(
-                QT_TR_NOOP("Make room, or take the file {file} away, and start again."), file=settings.fileName()
+                QT_TR_NOOP("Free some disk space or move the file {file} elsewhere, then start again."),
+                file=settings.fileName(),
             ),
             severity="warning",
         )
@@ -113,7 +114,7 @@ def _restart(settings: QSettings, what: str) -> UserFacingError:
     settings.setValue(VERSION_KEY, VERSION)
     return UserFacingError(
         what,
-        QT_TR_NOOP("Theme, keys, arrangement and devices begin as they did the first time. A copy was kept."),
+        QT_TR_NOOP("Theme, keys, panel layout and devices were reset to their defaults. A copy was saved."),
         localized(QT_TR_NOOP("Set what you need again. The copy is {file}."), file=copy),
         severity="warning",
     )

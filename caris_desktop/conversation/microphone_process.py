@@ -103,10 +103,10 @@ class _Microphone:
             block = self._blocks.get(timeout=_BLOCK_S)
         except queue.Empty:
             if time.monotonic() - self._heard_s > _SILENT_S:
-                self._fail(QT_TR_NOOP("it gives no sound"))
+                self._fail(QT_TR_NOOP("no sound is received"))
             return
         if block is None:
-            self._fail(QT_TR_NOOP("it went away"))
+            self._fail(QT_TR_NOOP("it was disconnected"))
             return
         self._heard_s = time.monotonic()
         if self._heard_s < self._settling_until_s:
@@ -196,16 +196,16 @@ class _Microphone:
                     clock.now_ns(),
                     "warning",
                     localized(
-                        QT_TR_NOOP("Your microphone cannot be heard ({why}).")
+                        QT_TR_NOOP("Your microphone is not working ({why}).")
                         if own
-                        else QT_TR_NOOP("The microphone cannot be heard ({why})."),
+                        else QT_TR_NOOP("The microphone is not working ({why})."),
                         why=why,
                     ),
-                    QT_TR_NOOP("Nothing that you say is heard, recorded or written down.")
+                    QT_TR_NOOP("Your speech is not heard, recorded or transcribed.")
                     if own
-                    else QT_TR_NOOP("Nothing that is said there is heard, recorded or written down."),
+                    else QT_TR_NOOP("Speech there is not heard, recorded or transcribed."),
                     QT_TR_NOOP(
-                        "Plug it in, or choose another one in the menu of the window; it is tried again by itself."
+                        "Plug it in, or choose another one in the Window menu. The console tries again automatically."
                     ),
                     until="own_microphone" if own else "microphone",
                 )

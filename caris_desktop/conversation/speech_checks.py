@@ -55,7 +55,7 @@ def probe_language_model(model: str, *, local_only: bool, embedded_url: str | No
     except LanguageModelError as error:
         return ProbeResult(False, error.what, error.advice)
     except TimeoutError:
-        return ProbeResult(False, f"{model} did not come to the end of its answer", "Choose a faster model.")
+        return ProbeResult(False, f"{model} did not finish its answer in time", "Choose a faster model.")
 
 
 async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool) -> ProbeResult:
@@ -76,18 +76,18 @@ async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool
             pieces.append(piece)
     said, all_s = spoken("".join(pieces)), time.monotonic() - asked_s
     answer = shortened(said or "".join(pieces), 60)
-    text = f"{model} answers “{answer}” (first word after {first_s:.1f} s, all after {all_s:.1f} s)"
+    text = f"{model} answers “{answer}” (first word after {first_s:.1f} s, complete after {all_s:.1f} s)"
     found = []
     if notes.reasoned:
-        found.append("it reasons first, which is not said")
+        found.append("it reasons first, and its reasoning is not spoken")
     if notes.left_out:
-        found.append(f"it is asked without {', '.join(notes.left_out)}, which it does not take")
+        found.append(f"not accepted by the model: {', '.join(notes.left_out)}")
     if notes.cut:
         found.append("its answer is cut off")
     text = "; ".join((text, *found))
     if not said:
-        return ProbeResult(False, text, "Nothing of that can be said: choose another model.")
-    advice = {"": "", "length": "Choose a model that answers in a few words.", "filter": "Choose another model."}
+        return ProbeResult(False, text, "None of this answer can be spoken: choose another model.")
+    advice = {"": "", "length": "Choose a model that gives short answers.", "filter": "Choose another model."}
     return ProbeResult(not notes.cut, text, advice[notes.cut])
 
 
@@ -102,10 +102,10 @@ def probe_sound() -> ProbeResult:
             try:
                 _, event = inbox.get(timeout=max(0.0, deadline_s - time.monotonic()))
             except queue.Empty:
-                return ProbeResult(False, "the sound system does not answer", "Restart the sound server.")
+                return ProbeResult(False, "the sound system does not respond", "Restart the sound server.")
             match event:
                 case None:
-                    return ProbeResult(False, "the voice ended unexpectedly", "Look into the log.")
+                    return ProbeResult(False, "the voice stopped unexpectedly", "See the log for details.")
                 case {"event": "broken", "detail": detail}:
                     return ProbeResult(False, f"no voice ({detail})", "Install espeak-ng.")
                 case {"event": "ready", "voice": found}:

@@ -250,10 +250,10 @@ class _Synthesis:
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
         if not text:
-            self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("there is nothing to say in it"))
+            self._report(command, "failed", clock.now_ns(), QT_TR_NOOP("the text contains nothing to say"))
         elif len(text) > MAX_UTTERANCE_CHARACTERS:
             too_long = localized(
-                QT_TR_NOOP("it is longer than {most} characters: say it in parts"), most=MAX_UTTERANCE_CHARACTERS
+                QT_TR_NOOP("the text is longer than {most} characters: say it in parts"), most=MAX_UTTERANCE_CHARACTERS
             )
             self._report(command, "failed", clock.now_ns(), too_long)
         else:
@@ -302,7 +302,7 @@ class _Synthesis:
     def _on_engine(self, event: dict[str, Any] | None) -> None:
         match event:
             case None:
-                self._on_engine_lost(QT_TR_NOOP("the voice ended unexpectedly"))
+                self._on_engine_lost(QT_TR_NOOP("the voice stopped unexpectedly"))
             case {"event": "broken", "detail": str(detail)}:
                 self._fail_voice(detail)
             case {"event": "ready", "voice": str(voice), "why_not": str(why_not)}:
@@ -318,7 +318,7 @@ class _Synthesis:
                     self._enter("idle", None)
             case {"event": "unrendered", "detail": str(detail)}:
                 self._report_cut_off(clock.now_ns())
-                why_not = localized(QT_TR_NOOP("it could not be turned into sound ({why})"), why=detail)
+                why_not = localized(QT_TR_NOOP("speech synthesis failed ({why})"), why=detail)
                 self._end("failed", clock.now_ns(), why_not)
             case {"event": "voices", "voices": list(voices)}:
                 self._send(VoicesFound(tuple((str(name), str(language)) for name, language in voices)))
@@ -398,9 +398,9 @@ class _Synthesis:
         self._on_engine_lost(
             {
                 "starting": QT_TR_NOOP("the voice did not start in time"),
-                "rendering": QT_TR_NOOP("turning it into sound took too long"),
-                "silencing": QT_TR_NOOP("the voice did not fall silent in time"),
-            }.get(self._phase, QT_TR_NOOP("the sound device does not answer"))
+                "rendering": QT_TR_NOOP("speech synthesis timed out"),
+                "silencing": QT_TR_NOOP("the voice did not stop in time"),
+            }.get(self._phase, QT_TR_NOOP("the sound device does not respond"))
         )
 
     def _pace(self) -> None:
@@ -416,7 +416,7 @@ class _Synthesis:
         self._enter("off", None)
         failed, self._waiting = self._waiting, deque()
         for utterance in failed:
-            no_voice = localized(QT_TR_NOOP("this computer has no voice ({why})"), why=detail)
+            no_voice = localized(QT_TR_NOOP("no voice is available on this computer ({why})"), why=detail)
             self._report(utterance, "failed", clock.now_ns(), no_voice)
         self._report_dropped()
         self._send(
@@ -424,9 +424,9 @@ class _Synthesis:
                 Problem(
                     clock.now_ns(),
                     "error",
-                    localized(QT_TR_NOOP("This computer has no voice ({detail})."), detail=detail),
-                    QT_TR_NOOP("What is to be spoken on this computer stays unsaid."),
-                    QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say it again."),
+                    localized(QT_TR_NOOP("No voice is available on this computer ({detail})."), detail=detail),
+                    QT_TR_NOOP("Utterances for this computer are not spoken."),
+                    QT_TR_NOOP("Install espeak-ng (Debian, Ubuntu: apt install espeak-ng), then say the text again."),
                     until="voice",
                 )
             )
@@ -439,8 +439,8 @@ class _Synthesis:
                 Problem(
                     clock.now_ns(),
                     "warning",
-                    localized(QT_TR_NOOP("This computer speaks with another voice: {why_not}."), why_not=why_not),
-                    localized(QT_TR_NOOP("What is said is heard, as {voice}."), voice=self._voice),
+                    localized(QT_TR_NOOP("This computer uses another voice: {why_not}."), why_not=why_not),
+                    localized(QT_TR_NOOP("Utterances are spoken with the voice {voice}."), voice=self._voice),
                     GET_PIPER_VOICES,
                 )
             )
@@ -455,8 +455,11 @@ class _Synthesis:
                     clock.now_ns(),
                     "warning",
                     localized(QT_TR_NOOP("This computer has no sound output ({detail})."), detail=detail),
-                    QT_TR_NOOP("Nobody hears what it says; utterances still take their time and are recorded."),
-                    QT_TR_NOOP("Connect loudspeakers or start the sound server; the next utterance tries again."),
+                    QT_TR_NOOP("Utterances cannot be heard; they still take their usual time and are recorded."),
+                    QT_TR_NOOP(
+                        "Connect loudspeakers or start the sound server. The console tries again with the next "
+                        "utterance."
+                    ),
                     until="voice",
                 )
             )

@@ -15,7 +15,7 @@ Radians = Annotated[float, FieldSpec(unit="radians", at_least=-7, at_most=7)]
 Offset = Annotated[float, FieldSpec(unit="metres", at_least=-5, at_most=5)]
 _HeadingDeg = Annotated[
     float,
-    FieldSpec("Where it looks, to the left of forward; 0 if not given.", unit="degrees", at_least=-360, at_most=360),
+    FieldSpec("Angle to the left of straight ahead; 0 if not given.", unit="degrees", at_least=-360, at_most=360),
 ]
 _HeadingRad = Annotated[
     float,
@@ -30,38 +30,38 @@ class CameraModelKeys:
 
     width_px: Annotated[
         int,
-        FieldSpec("Width of the picture that the other numbers belong to.", unit="pixels", at_least=16, at_most=16_384),
+        FieldSpec("Picture width that the other values refer to.", unit="pixels", at_least=16, at_most=16_384),
     ]
-    height_px: Annotated[int, FieldSpec("Its height.", unit="pixels", at_least=16, at_most=16_384)]
+    height_px: Annotated[int, FieldSpec("Picture height.", unit="pixels", at_least=16, at_most=16_384)]
     horizontal_fov_deg: Annotated[float | None, FieldSpec(
-        "The angle from the left to the right edge.", unit="degrees", at_least=_FOV_DEG[0], at_most=_FOV_DEG[1],
+        "Angle from the left to the right edge.", unit="degrees", at_least=_FOV_DEG[0], at_most=_FOV_DEG[1],
     )] = None  # fmt: skip
     fx_px: Annotated[float | None, FieldSpec(
-        "Focal length across, of a calibration.", unit="pixels", more_than=0, instead_of=("horizontal_fov_deg",),
+        "Horizontal focal length, from a calibration.", unit="pixels", more_than=0, instead_of=("horizontal_fov_deg",),
     )] = None  # fmt: skip
     fy_px: Annotated[
         float | None,
-        FieldSpec("Focal length down; as fx_px if not given.", unit="pixels", more_than=0, beside=("fx_px",)),
+        FieldSpec("Vertical focal length; same as fx_px if not given.", unit="pixels", more_than=0, beside=("fx_px",)),
     ] = None
     cx_px: Annotated[
         float | None,
-        FieldSpec("Column of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",)),
+        FieldSpec("Column of the optical axis; the centre if not given.", unit="pixels", beside=("fx_px",)),
     ] = None
     cy_px: Annotated[
-        float | None, FieldSpec("Row of the optical axis; the middle if not given.", unit="pixels", beside=("fx_px",))
+        float | None, FieldSpec("Row of the optical axis; the centre if not given.", unit="pixels", beside=("fx_px",))
     ] = None
-    x_m: Annotated[Offset, FieldSpec("In front of the robot's centre.")] = 0.0
-    y_m: Annotated[Offset, FieldSpec("To the left of it.")] = 0.0
-    z_m: Annotated[float, FieldSpec("Above the floor.", unit="metres", at_least=0.02, at_most=5)] = 1.0
+    x_m: Annotated[Offset, FieldSpec("Distance in front of the robot's centre.")] = 0.0
+    y_m: Annotated[Offset, FieldSpec("Distance to the left of the robot's centre.")] = 0.0
+    z_m: Annotated[float, FieldSpec("Height above the floor.", unit="metres", at_least=0.02, at_most=5)] = 1.0
     heading_deg: Annotated[_HeadingDeg | None, FieldSpec()] = None
     heading_rad: Annotated[_HeadingRad | None, FieldSpec()] = None
     tilt_deg: Annotated[
-        float | None, FieldSpec("How far it looks down; 0 if not given.", unit="degrees", at_least=-90, at_most=90)
+        float | None, FieldSpec("Downward angle; 0 if not given.", unit="degrees", at_least=-90, at_most=90)
     ] = None
     tilt_rad: Annotated[float | None, FieldSpec(
         "The same in radians.", unit="radians", at_least=-1.5708, at_most=1.5708, instead_of=("tilt_deg",),
     )] = None  # fmt: skip
-    on_head: Annotated[bool, FieldSpec("`true` where it turns with the robot's head.", quiet=True)] = False
+    on_head: Annotated[bool, FieldSpec("`true` if it turns with the robot's head.", quiet=True)] = False
 
     def model(self) -> CameraModel:
         if self.fx_px is None:
@@ -107,8 +107,8 @@ class CameraModelKeys:
 class PoseKeys:
     """A place in the robot frame."""
 
-    x_m: Annotated[float, FieldSpec("In front of the robot's centre.", unit="metres")] = 0.0
-    y_m: Annotated[float, FieldSpec("To the left of it.", unit="metres")] = 0.0
+    x_m: Annotated[float, FieldSpec("Distance in front of the robot's centre.", unit="metres")] = 0.0
+    y_m: Annotated[float, FieldSpec("Distance to the left of the robot's centre.", unit="metres")] = 0.0
     heading_deg: Annotated[_HeadingDeg | None, FieldSpec()] = None
     heading_rad: Annotated[_HeadingRad | None, FieldSpec()] = None
 

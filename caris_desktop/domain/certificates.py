@@ -54,7 +54,7 @@ def server_context(certificate: Path | None, key: Path | None) -> ssl.SSLContext
     if certificate is None and key is None:
         return None
     if certificate is None or key is None:
-        raise WrongFilesError("A certificate (--cert) and its key (--key) belong together.")
+        raise WrongFilesError("A certificate (--cert) and its key (--key) must be given together.")
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     try:
         context.load_cert_chain(certificate, key)
@@ -120,7 +120,7 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
     OpenSSL reports the first problem only; the others are found in the server's ``certificate``.
     """
     if not isinstance(error, ssl.SSLCertVerificationError):
-        told = QT_TR_NOOP("No secured connection to {name} came about ({reason}).")
+        told = QT_TR_NOOP("No secure connection to {name} could be established ({reason}).")
         return (localized(told, name=name, reason=error.reason or error),), ()
     code = error.verify_code
     shown = None if certificate is None else _read(certificate)
@@ -130,9 +130,9 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
     if code in _UNTRUSTED:
         by_itself = code == _SELF_SIGNED or (shown is not None and shown.issuer == shown.subject)
         what.append(
-            QT_TR_NOOP("The certificate of {name} is not trusted: it is signed by itself.")
+            QT_TR_NOOP("The certificate of {name} is not trusted: it is self-signed.")
             if by_itself
-            else QT_TR_NOOP("The certificate of {name} is not trusted: nobody known to this computer signed it.")
+            else QT_TR_NOOP("The certificate of {name} is not trusted: this computer does not know its issuer.")
         )
     if code == _EXPIRED or (shown is not None and now > shown.not_valid_after_utc):
         what.append(QT_TR_NOOP("The certificate of {name} has expired."))
@@ -142,14 +142,18 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
         advice.append(QT_TR_NOOP("Check the date of this computer and of the server."))
     names = None if shown is None else _names_of(shown)
     if code in _OTHER_NAME or (names is not None and not any(_is_name_of(each, name) for each in names)):
-        told = QT_TR_NOOP("The certificate of what answers as {name} is for another name: {names}.")
+        told = QT_TR_NOOP("The server that responds as {name} has a certificate for another name: {names}.")
         if names == ():
-            told = QT_TR_NOOP("The certificate of {name} names no server: the extension subjectAltName is missing.")
+            told = QT_TR_NOOP(
+                "The certificate of {name} does not name a server: the extension subjectAltName is missing."
+            )
         elif names is None:
-            told = QT_TR_NOOP("The certificate of what answers as {name} is for another name.")
+            told = QT_TR_NOOP("The server that responds as {name} has a certificate for another name.")
         what.append(localized(told, names=", ".join(names or ())))
         advice.append(
-            QT_TR_NOOP("Use a name of the certificate as the address, or give the server a certificate for this one.")
+            QT_TR_NOOP(
+                "Use a name from the certificate as the address, or give the server a certificate for this address."
+            )
         )
     if not what:
         told = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")

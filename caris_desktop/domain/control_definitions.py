@@ -46,9 +46,9 @@ _CHOICE = ("kind", "choice")
 class PublishMessage:
     """Publish ``message`` on ``topic``."""
 
-    topic: Annotated[RosName, FieldSpec("Where.")]
-    type: Annotated[RosType, FieldSpec("What the topic carries.")]
-    message: Annotated[_Template, FieldSpec("The message; `$value` stands for what the wizard chose.")] = field(
+    topic: Annotated[RosName, FieldSpec("Name of the topic.")]
+    type: Annotated[RosType, FieldSpec("Message type of the topic.")]
+    message: Annotated[_Template, FieldSpec("The message; `$value` stands for the wizard's choice.")] = field(
         default_factory=dict
     )
 
@@ -57,9 +57,9 @@ class PublishMessage:
 class CallService:
     """Call ``service`` with ``request``."""
 
-    service: Annotated[RosName, FieldSpec("Which one.")]
-    type: Annotated[RosType, FieldSpec("Its type.")]
-    request: Annotated[_Template, FieldSpec("The request; `$value` stands for what the wizard chose.")] = field(
+    service: Annotated[RosName, FieldSpec("Name of the service.")]
+    type: Annotated[RosType, FieldSpec("Its ROS type.")]
+    request: Annotated[_Template, FieldSpec("The request; `$value` stands for the wizard's choice.")] = field(
         default_factory=dict
     )
 
@@ -68,9 +68,9 @@ class CallService:
 class SendActionGoal:
     """Send ``goal`` to an action server (actionlib in ROS 1)."""
 
-    action: Annotated[RosName, FieldSpec("Which action.", key="name")]
-    type: Annotated[RosType, FieldSpec("Its type.")]
-    goal: Annotated[_Template, FieldSpec("The goal; `$value` stands for what the wizard chose.")] = field(
+    action: Annotated[RosName, FieldSpec("Name of the action.", key="name")]
+    type: Annotated[RosType, FieldSpec("Its ROS type.")]
+    goal: Annotated[_Template, FieldSpec("The goal; `$value` stands for the wizard's choice.")] = field(
         default_factory=dict
     )
 
@@ -107,8 +107,8 @@ def _effect_keys(effect: ControlEffect | None) -> _EffectKeys:
 class Reading:
     """What of a topic is shown."""
 
-    topic: Annotated[RosName, FieldSpec("Where the robot tells it.")]
-    type: Annotated[RosType, FieldSpec("What the topic carries.")]
+    topic: Annotated[RosName, FieldSpec("Topic on which the robot reports the state.")]
+    type: Annotated[RosType, FieldSpec("Message type of the topic.")]
     field: Annotated[
         str,
         FieldSpec(
@@ -117,9 +117,9 @@ class Reading:
             allowed="a path such as data or status[0].level.",
         ),
     ]
-    scale: Annotated[float, FieldSpec("The value is shown times this.", quiet=True)] = 1.0
+    scale: Annotated[float, FieldSpec("Factor by which the shown value is multiplied.", quiet=True)] = 1.0
     throttle_ms: Annotated[
-        int, FieldSpec("At most one message in this time.", unit="milliseconds", at_least=0, at_most=60_000, quiet=True)
+        int, FieldSpec("At most one message per interval.", unit="milliseconds", at_least=0, at_most=60_000, quiet=True)
     ] = 200
 
 
@@ -127,8 +127,8 @@ class Reading:
 class Choice:
     """One line of a ``choice``."""
 
-    title: Annotated[str, FieldSpec("What the wizard reads.")]
-    value: Annotated[ControlValue, FieldSpec("What `$value` stands for then.")]
+    title: Annotated[str, FieldSpec("Text shown to the wizard.")]
+    value: Annotated[ControlValue, FieldSpec("Value of `$value` for this option.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,38 +138,38 @@ class RobotControl:
     id: Annotated[
         str,
         FieldSpec(
-            "Unique among the controls; it is what the recording says.",
+            "Unique among the controls; the name used in the recording.",
             pattern="^[a-z][a-z0-9_]*$",
             allowed="a short lower-case name of letters, digits and _.",
         ),
     ]
-    title: Annotated[str, FieldSpec("What the wizard reads.", shortest=1, longest=60)]
-    kind: Annotated[ControlKind, FieldSpec("What it is.", noun="kind")]
+    title: Annotated[str, FieldSpec("Text shown to the wizard.", shortest=1, longest=60)]
+    kind: Annotated[ControlKind, FieldSpec("Type of control.", noun="kind")]
     effect: Annotated[
         ControlEffect | None, Flattened(_EffectKeys, _EffectKeys.effect, _effect_keys), FieldSpec(order=1)
     ] = None
     reading: Annotated[
-        Reading | None, FieldSpec("The state as the robot tells it.", key="shows", needed=("kind", "readout"), order=2)
+        Reading | None, FieldSpec("The state reported by the robot.", key="shows", needed=("kind", "readout"), order=2)
     ] = None
     group: Annotated[
-        str, FieldSpec("Controls of one group stand together under this heading.", longest=40, quiet=True)
+        str, FieldSpec("Controls of one group are shown together under this heading.", longest=40, quiet=True)
     ] = ""
-    unit: Annotated[str, FieldSpec("Shown behind the number.", longest=12, quiet=True)] = ""
+    unit: Annotated[str, FieldSpec("Shown after the number.", longest=12, quiet=True)] = ""
     range: Annotated[
         tuple[float, float] | None, FieldSpec("Lowest and highest value of a slider.", beside=_SLIDER, needed=_SLIDER)
     ] = None
     step: Annotated[float, FieldSpec("Step of a slider; 0: continuous.", at_least=0, beside=_SLIDER, quiet=True)] = 0.0
     choices: Annotated[
         tuple[Choice, ...],
-        FieldSpec("What can be chosen.", shortest=1, longest=40, beside=_CHOICE, needed=_CHOICE, quiet=True),
+        FieldSpec("Options to choose from.", shortest=1, longest=40, beside=_CHOICE, needed=_CHOICE, quiet=True),
     ] = ()
-    confirm: Annotated[bool, FieldSpec("The wizard is asked before it is done.", quiet=True)] = False
+    confirm: Annotated[bool, FieldSpec("The wizard is asked to confirm before it is carried out.", quiet=True)] = False
     moves: Annotated[
         bool,
         FieldSpec(
-            "`false` for what moves nothing (a light, a volume, a screen): it also works where driving is not "
-            "permitted, and under the emergency stop if the console knows that kind. What ROS or the profile uses for "
-            "motion stays motion.",
+            "`false` for a control that moves nothing (a light, a volume, a screen). It also works where "
+            "driving is not permitted, and during an emergency stop if the console knows that kind. Anything "
+            "that ROS or the profile uses for motion still counts as motion.",
             quiet=True,
         ),
     ] = True
@@ -274,11 +274,11 @@ def control_problems(
     for index, control in enumerate(controls):
         name, kind = f"'{control['id']}'", control["kind"]
         if control["id"] in seen:
-            yield index, tr("the control {name} is listed twice.").format(name=name)
+            yield index, tr("duplicate control {name}.").format(name=name)
         seen.add(control["id"])
         lowest, highest = control.get("range", (0.0, 1.0))
         if not lowest < highest:
-            upside_down = tr("the range of {name} is from {lowest} to {highest}. Allowed: the lower number first.")
+            upside_down = tr("invalid range of {name}: {lowest} to {highest}. Allowed: the lower number first.")
             yield index, upside_down.format(name=name, lowest=lowest, highest=highest)
         elif control.get("step", 0.0) > highest - lowest:
             too_large = tr("the step of {name} is larger than its range from {lowest} to {highest}.")
@@ -286,13 +286,13 @@ def control_problems(
         publish = control.get("publish")
         if publish is not None and is_velocity(publish["topic"], publish["type"], velocity_topic()):
             velocities = tr(
-                "{name} publishes velocities ({type} on {topic}). Only driving sends those, so that the stop, the "
-                "obstacle guard and letting go of the key hold for them. Leave this control out."
+                "{name} publishes velocities ({type} on {topic}). Only driving may send them, so that Stop, "
+                "the obstacle guard and releasing the key always apply. Remove this control."
             )
             yield index, velocities.format(name=name, type=publish["type"], topic=publish["topic"])
         sent = [control.get(part, {}).get(template) for part, template in _TEMPLATES]
         if kind not in ("button", "readout") and not mentions_value(sent):
-            fixed = tr("what {name} sends nowhere holds {value}, so what the wizard chooses has no effect.")
+            fixed = tr("the data that {name} sends does not contain {value}, so the wizard's choice has no effect.")
             yield index, fixed.format(name=name, value=VALUE)
 
 

@@ -19,7 +19,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 _log = logging.getLogger(__name__)
 _CONNECT_TIMEOUT_S = 3.0
 GET_WEIGHTS_ANEW = QT_TR_NOOP(
-    "Remove the folder .venv and run packaging/setup.sh, or get the file anew from where you have it."
+    "Remove the folder .venv and run packaging/setup.sh, or get the file again from its original source."
 )
 
 
@@ -91,8 +91,8 @@ def _checked(path: Path, digest: str) -> str:
         raise WrongChecksum(
             localized(
                 QT_TR_NOOP(
-                    "The file {name} of a model is not the one that its checksum is of: it is damaged, or another was "
-                    "put in its place. It is not used."
+                    "The model file {name} does not match its checksum: it is damaged or was replaced. The "
+                    "file is not used."
                 ),
                 name=path.name,
             )
@@ -143,7 +143,7 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
                 break
             yield chunk
         if checksum.hexdigest() != sha256:
-            raise NotFetched(QT_TR_NOOP("what arrived is not the published file, so it was thrown away"))
+            raise NotFetched(QT_TR_NOOP("the downloaded file is not the published one and was discarded"))
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -159,4 +159,4 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
         raise NotFetched(QT_TR_NOOP("this computer is offline")) from error
     except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
         _log.warning("download of %s failed: %s", target.name, error)
-        raise NotFetched(localized(QT_TR_NOOP("failed: {error}"), error=error)) from error
+        raise NotFetched(localized(QT_TR_NOOP("network or server error ({error})"), error=error)) from error

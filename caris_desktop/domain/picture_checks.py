@@ -31,9 +31,9 @@ def fitting_size(width_px: int, height_px: int) -> tuple[int, int]:
 def check_size(width_px: int, height_px: int) -> None:
     """Check the limits of the size. Raises PictureError."""
     if min(fitting_size(width_px, height_px)) < LEAST_SIDE_PX:
-        raise PictureError(f"has {width_px} x {height_px} pixels, which is too small to show")
+        raise PictureError(f"has {width_px} x {height_px} pixels, which is too small")
     if width_px * height_px > MOST_PIXELS:
-        raise PictureError(f"has {width_px} x {height_px} pixels, which is too large to show")
+        raise PictureError(f"has {width_px} x {height_px} pixels, which is too large")
 
 
 def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -43,7 +43,7 @@ def fitted(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 3, 4) or image.dtype not in (np.uint8, np.uint16):
-        raise PictureError(f"is not one of light ({image.dtype}, {' x '.join(map(str, image.shape))})")
+        raise PictureError(f"is not a greyscale or colour image ({image.dtype}, {' x '.join(map(str, image.shape))})")
     height_px, width_px = image.shape[:2]
     check_size(width_px, height_px)
     import cv2
@@ -79,9 +79,9 @@ def checked_size(content: bytes) -> tuple[int, int]:
     """
     size_px = picture_size(content)
     if size_px is None or (content[:1] == b"\x89" and not _chunks_fit(content)):
-        raise PictureError("is neither a whole JPEG nor a whole PNG")
+        raise PictureError("is not a complete JPEG or PNG image")
     if min(size_px) < 1 or size_px[0] * size_px[1] > MOST_PIXELS:
-        raise PictureError(f"has {size_px[0]} x {size_px[1]} pixels, which is too large to show")
+        raise PictureError(f"has {size_px[0]} x {size_px[1]} pixels, which is too large")
     return size_px
 
 
@@ -111,7 +111,7 @@ def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
     except cv2.error:
         image = None
     if image is None:
-        raise PictureError("is neither a whole JPEG nor a whole PNG")
+        raise PictureError("is not a complete JPEG or PNG image")
     return np.asarray(image)
 
 

@@ -12,6 +12,8 @@ _LONGEST = 500
 """What is longer was written by somebody, and would take its time to look through."""
 
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
+EARLIER_PATH = resources_dir() / "earlier-texts.json"
+"""Reworded texts: the wording of older sessions and the present one, with the same values."""
 
 
 def retranslate(sentence: str) -> str:
@@ -28,9 +30,33 @@ def _found(sentence: str) -> str:
         if all(isinstance(one, LocalizedText) for one in both):
             return joined(both)
         end = sentence.find(". ", end + 1)
-    return parse_localized(sentence, _texts())
+    return parse_recorded(sentence, _texts())
+
+
+def parse_recorded(sentence: str, texts: tuple[str, ...]) -> str:
+    """``parse_localized`` for sentences from a file, which may have an earlier wording of one of ``texts``."""
+    return _present(parse_localized(sentence, _with_earlier(texts)))
+
+
+def _present(sentence: str) -> str:
+    if not isinstance(sentence, LocalizedText):
+        return sentence
+    values = {name: _present(value) for name, value in sentence.values.items()}
+    return LocalizedText(_earlier().get(sentence.template, sentence.template), values)
+
+
+@cache
+def _with_earlier(texts: tuple[str, ...]) -> tuple[str, ...]:
+    present = set(map(str, texts))
+    return (*texts, *(before for before, now in _earlier().items() if now in present))
 
 
 @cache
 def _texts() -> tuple[str, ...]:
     return tuple(json.loads(TEXTS_PATH.read_text(encoding="utf-8")))
+
+
+@cache
+def _earlier() -> dict[str, str]:
+    texts: dict[str, str] = json.loads(EARLIER_PATH.read_text(encoding="utf-8"))
+    return texts

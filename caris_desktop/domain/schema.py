@@ -145,9 +145,9 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
         elif set(some) <= set(_PRIMITIVES):
             build = functools.partial(_plain_of_several, tuple(some))
         else:
-            raise TypeError(f"which member of {kind} a recorded value is could not be told")
+            raise TypeError(f"a recorded value of {kind} would be ambiguous")
         return build if len(some) == len(members) else lambda data: None if data is None else build(data)
-    raise TypeError(f"no form is known in which {kind} is recorded")
+    raise TypeError(f"no encoding is defined for {kind}")
 
 
 def array_dtype(hint: Any) -> "np.dtype[Any] | None":
@@ -164,10 +164,10 @@ def array_dtype(hint: Any) -> "np.dtype[Any] | None":
     _, numbers = (*map(without_alias, get_args(hint)), None, None)[:2]
     scalar = without_alias(next(iter(get_args(numbers)), None))
     if get_origin(numbers) is not np.dtype or not isinstance(scalar, type) or not issubclass(scalar, np.generic):
-        raise TypeError(f"{hint} does not say what its numbers are")
+        raise TypeError(f"{hint} does not state the type of its numbers")
     dtype = np.dtype(scalar)
     if dtype.kind not in "iuf":
-        raise TypeError(f"no form is known in which {hint} is recorded")
+        raise TypeError(f"no encoding is defined for {hint}")
     return dtype
 
 
@@ -175,7 +175,7 @@ def _only_item(kind: Any) -> Any:
     """Item type of a list or tuple; a tuple of several types has no recorded form."""
     items = {without_alias(item) for item in get_args(kind) if item is not Ellipsis}
     if len(items) != 1:
-        raise TypeError(f"no form is known in which {kind} is recorded")
+        raise TypeError(f"no encoding is defined for {kind}")
     return items.pop()
 
 
@@ -184,7 +184,7 @@ def _plain(kind: type[Any], data: Any) -> Any:
     if type(data) is not kind and not (kind is str and type(data) is LocalizedText):
         raise ValueError(f"expected {_PRIMITIVES[kind]}, found {type(data).__name__}")
     if kind is int and not _LEAST_WHOLE <= data <= _LARGEST_WHOLE:
-        raise ValueError(f"a whole number of {data.bit_length()} bits is too large")
+        raise ValueError(f"an integer of {data.bit_length()} bits is too large")
     return data
 
 
@@ -195,7 +195,7 @@ def _number(data: Any) -> float:
         raise ValueError(f"expected number, found {type(data).__name__}")
     number = float(data)
     if math.isnan(number):
-        raise ValueError("what is no number stands in arrays only")
+        raise ValueError("NaN is only allowed in arrays")
     return number
 
 
@@ -232,7 +232,7 @@ def _array(dtype: np.dtype[Any], data: Any) -> np.ndarray[Any, Any]:
         return _inflated(data, dtype)
     if isinstance(data, np.ndarray):
         if data.dtype != dtype and (data.dtype.kind, dtype.kind) != ("f", "f"):
-            raise ValueError(f"an array of {data.dtype.name} where one of {dtype.name} is expected")
+            raise ValueError(f"expected an array of {dtype.name}, found {data.dtype.name}")
         return data
     data = _items(data)
     if not data:
@@ -269,7 +269,7 @@ def _of_shape(shape: tuple[int, ...], build: Callable[[Any], Any], data: Any) ->
         wanted in (-1, size) for wanted, size in zip(shape, array.shape, strict=True)
     )
     if not fits:
-        raise ValueError(f"an array of shape {array.shape} where {shape} is expected")
+        raise ValueError(f"expected an array of shape {shape}, found {array.shape}")
     return array
 
 
@@ -326,9 +326,9 @@ def _inflated(data: dict[str, Any], dtype: np.dtype[Any]) -> np.ndarray[Any, Any
         if encoding != PLAIN_BYTES:
             content = zlib.decompressobj().decompress(content, size_bytes + 1)
     except (binascii.Error, zlib.error) as error:
-        raise ValueError(f"a grid that cannot be inflated: {error}") from error
+        raise ValueError(f"a grid that cannot be decompressed: {error}") from error
     if len(content) != size_bytes:
-        raise ValueError(f"a grid of {len(content)} bytes where its shape says {size_bytes}")
+        raise ValueError(f"expected a grid of {size_bytes} bytes for its shape, found {len(content)}")
     return np.frombuffer(content, dtype=dtype).reshape(shape)
 
 
@@ -338,7 +338,7 @@ _LARGEST_GRID_BYTES = 2**30
 _LEAST_WHOLE, _LARGEST_WHOLE = -(2**63), 2**63 - 1
 _GRID_SCHEMA = {
     "type": "object",
-    "description": "A grid: rows of whole numbers as little-endian bytes, deflated by zlib, in base64.",
+    "description": "A grid: rows of integers as little-endian bytes, compressed with zlib, in base64.",
     "properties": {
         "encoding": {"type": "string", "const": _DEFLATED_BYTES},
         "dtype": {"type": "string"},
@@ -393,7 +393,7 @@ def _schema(kind: Any) -> dict[str, Any]:
                 if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
             ],
         }
-    raise TypeError(f"no form is known in which {kind} is recorded")
+    raise TypeError(f"no encoding is defined for {kind}")
 
 
 def _field_schema(field: "dataclasses.Field[Any]", kind: Any) -> dict[str, Any]:

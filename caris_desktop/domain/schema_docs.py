@@ -76,17 +76,17 @@ def _section(key: Key, within: str = "") -> list[str]:
 
 def _table(keys: tuple[Key, ...]) -> list[str]:
     rows = [f"| `{key.name}` | {', '.join(_cells(key))} | {_meaning(key)} |" for key in keys]
-    return ["| key | what may stand there, default | meaning |", "| --- | --- | --- |", *rows]
+    return ["| key | values, default | meaning |", "| --- | --- | --- |", *rows]
 
 
 def _meaning(key: Key) -> str:
     said = description_of(key.form)
     elsewhere = (item_of(key.form.kind) or key.form).elsewhere
     if elsewhere is not None:
-        said += f" [How they are written]({elsewhere.page})."
+        said += f" [Format]({elsewhere.page})."
     choices = choices_of(key.form.kind)
     if key.required and len(choices) > _FEW_CHOICES:
-        said += f" There are {_listed(choices)}."
+        said += f" One of {_listed(choices)}."
     return said.replace("|", "\\|").strip()
 
 

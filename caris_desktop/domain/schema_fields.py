@@ -239,7 +239,7 @@ def _attributes(group: Group) -> tuple[Key, ...]:
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if form.in_file:
             if form.spread is None and not _is_known(form):
-                raise TypeError(f"{group.__name__}.{each.name}: no form is known in which {form.kind} is in a file")
+                raise TypeError(f"{group.__name__}.{each.name}: no encoding is defined for {form.kind} in a file")
             found.append(Key(form.rule.key or each.name, each.name, form, default))
     return tuple(sorted(found, key=lambda attribute: attribute.form.rule.order))
 

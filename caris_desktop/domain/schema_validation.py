@@ -95,12 +95,12 @@ def _neighbour_problems(
     if name in data:
         for other in rule.instead_of:
             if other in data:
-                both = tr("{key} does not go with '{other}': keep one of the two.")
+                both = tr("{key} cannot be combined with '{other}': remove one of the two.")
                 yield place, both.format(key=name_of(place), other=other)
         if rule.beside and rule.beside[0] not in misspelled and not _stands(rule.beside, keys, data):
             other = rule.beside[0]
-            belongs = tr("{key} belongs to '{beside}', found {found}.")
-            belongs = belongs if other in data else tr("{key} belongs to '{beside}', which is not there.")
+            belongs = tr("{key} is allowed only with '{beside}', found {found}.")
+            belongs = belongs if other in data else tr("{key} is allowed only with '{beside}', which is missing.")
             if other in data or not keys[other].required:
                 found = quoted(data.get(other))
                 yield place, belongs.format(key=name_of(place), beside=condition(rule.beside), found=found)
@@ -109,8 +109,8 @@ def _neighbour_problems(
         if not any(other in data or other in misspelled for other in instead):
             other, *words = rule.needed
             needed = either([f"'{each}'" for each in (name, *instead)])
-            needs = tr("{key} is {found}, which needs {needed} beside it.") if words else ""
-            needs = (needs or tr("{key} needs {needed} beside it.")).format(
+            needs = tr("{key}: {found} also requires {needed}.") if words else ""
+            needs = (needs or tr("{key} also requires {needed}.")).format(
                 key=name_of((*path, other)), found=quoted(data[other]), needed=needed
             )
             yield (*path, other), f"{needs} {tr(rule.needs)}".rstrip()
@@ -146,7 +146,7 @@ def _list_problems(form: ValueForm, item: ValueForm, data: Any, path: KeyPath) -
         yield path, sentence
     for index, entry in enumerate(data):
         if form.rule.unique and entry in data[:index]:
-            yield (*path, index), tr("{key} lists {entry} twice.").format(key=name_of(path), entry=quoted(entry))
+            yield (*path, index), tr("{key}: duplicate entry {entry}.").format(key=name_of(path), entry=quoted(entry))
         yield from _problems(item, entry, (*path, index))
 
 

@@ -131,10 +131,10 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
             key_line = key_node.start_mark.line + 1
             key = key_node.value if isinstance(key_node, ScalarNode) else None
             if not isinstance(key, str):
-                raise YamlSourceError(tr("a key must be a plain word"), key_line)
+                raise YamlSourceError(tr("a key must be plain text"), key_line)
             if key in result:
                 raise YamlSourceError(
-                    tr("'{key}' is given twice (first in line {lines})").format(key=key, lines=lines[(*path, key)]),
+                    tr("duplicate key '{key}' (first in line {lines})").format(key=key, lines=lines[(*path, key)]),
                     key_line,
                 )
             lines[(*path, key)] = key_line
@@ -148,7 +148,7 @@ def _plain(node: Node, path: KeyPath, lines: dict[KeyPath, int], finite: bool) -
         )
     value = _scalar(kind, node.value, line)
     if finite and isinstance(value, float) and not math.isfinite(value):
-        raise YamlSourceError(tr("{value} is not a usable number").format(value=node.value), line)
+        raise YamlSourceError(tr("{value} is not a finite number").format(value=node.value), line)
     return value
 
 

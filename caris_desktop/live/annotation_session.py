@@ -85,7 +85,9 @@ class AnnotationSession(QObject):
 
     def _on_damaged(self, why: str) -> None:
         self._problem(
-            tr("Annotations of a coder cannot be read."), tr(why), tr("They stay as they are; mend or move the file.")
+            tr("A coder's annotations cannot be read."),
+            tr(why),
+            tr("They are left unchanged; repair or move the file."),
         )
 
     def close(self) -> str:
@@ -114,8 +116,8 @@ class AnnotationSession(QObject):
             copy = None
         if copy is not None:
             lost = tr(
-                "The last annotations could not be saved in {folder}. A copy lies in {copy}: move its files into the"
-                " session's folder 'annotations'."
+                "The last annotations could not be saved in {folder}. A copy is in {copy}: move its files "
+                "into the session's folder 'annotations'."
             ).format(folder=folder, copy=copy)
         _log.error(lost)
         return lost
@@ -162,7 +164,7 @@ class AnnotationSession(QObject):
         def take(found: AnnotationDocument | str) -> None:
             refused = found if isinstance(found, str) else self.edit(lambda document: restore_state(document, found))
             if not refused and skipped:
-                refused = " ".join([tr("The annotations were taken over."), *map(tr, skipped)])
+                refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
             told(refused)
 
         self._reading.do(read, take, lambda failure: told(f"{failure.what} {failure.advice}"))
@@ -196,14 +198,14 @@ class AnnotationSession(QObject):
     def _on_overview_missing(self) -> None:
         if self.overview.value is None:
             self._problem(
-                tr("The timeline cannot show what was recorded."),
-                tr("Replay and coding still work."),
-                tr("Close the replay and open it again; the log tells why."),
+                tr("The timeline cannot show the recorded data."),
+                tr("Replay and annotation still work."),
+                tr("Close the replay and open it again; the log has the details."),
             )
 
     def _on_save_failed(self, why: str) -> None:
         self._problem(
             tr("Your annotations are not saved."),
             tr(why),
-            tr("Make room on its disk, or make the session's folder writable; the next change saves them all."),
+            tr("Free some disk space, or make the session's folder writable; the next change saves them all."),
         )

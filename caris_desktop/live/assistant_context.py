@@ -72,10 +72,10 @@ class AssistantContext:
             found.append(ContextPartStatus("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
             if lines["people"] != plain:
                 more = _words(lines["people"]) - _words(plain)
-                found.append(ContextPartStatus("history", QT_TR_NOOP("What is known of them"), len(along.people), more))
+                found.append(ContextPartStatus("history", QT_TR_NOOP("Person history"), len(along.people), more))
         if "things" in lines:
             things = len(list(along.things))
-            found.append(ContextPartStatus("things", QT_TR_NOOP("Things in view"), things, _words(lines["things"])))
+            found.append(ContextPartStatus("things", QT_TR_NOOP("Objects in view"), things, _words(lines["things"])))
         if "notes" in lines:
             found.append(ContextPartStatus("notes", QT_TR_NOOP("Notes"), len(along.notes), _words(lines["notes"])))
         return tuple(part for part in found if part.count)

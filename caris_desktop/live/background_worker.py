@@ -84,7 +84,7 @@ class BackgroundWorker(QObject):
         until_s = time.monotonic() + _FINISHED_WITHIN_S
         while (self._undone or self._outcomes) and time.monotonic() < until_s:
             if self._undone:
-                during(tr("What was asked last is being written to disk."), partial(self._wait, until_s))
+                during(tr("The last changes are being written to disk."), partial(self._wait, until_s))
             self._notify()
         with self._changed:
             self._closed = True
@@ -129,8 +129,8 @@ def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[
         return partial(
             failed,
             UserFacingError(
-                tr("Something that was asked for could not be done."),
+                tr("A background task failed."),
                 f"{type(error).__name__}: {error}.",
-                tr("Try it again; the log has the details."),
+                tr("Try again; the log has the details."),
             ),
         )

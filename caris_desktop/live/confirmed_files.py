@@ -42,14 +42,14 @@ _FILES_KEPT = 300
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-]+")
 ReferenceKind = Literal["address", "variable", "path", "model", "network", "stop_release", "motion", "held"]
 KIND_TITLES: dict[ReferenceKind, str] = {
-    "address": QT_TR_NOOP("Addresses that it connects to"),
-    "variable": QT_TR_NOOP("Environment variables that it reads, and sends as a secret"),
-    "path": QT_TR_NOOP("Files and devices that it opens"),
-    "model": QT_TR_NOOP("Models that it uses"),
-    "network": QT_TR_NOOP("What others on your network can receive"),
+    "address": QT_TR_NOOP("Addresses it connects to"),
+    "variable": QT_TR_NOOP("Environment variables it reads and sends as a secret"),
+    "path": QT_TR_NOOP("Files and devices it opens"),
+    "model": QT_TR_NOOP("Models it uses"),
+    "network": QT_TR_NOOP("Data that others on your network can receive"),
     "stop_release": QT_TR_NOOP("Controls that would release the emergency stop; they are refused"),
     "motion": QT_TR_NOOP("Controls that move the robot"),
-    "held": QT_TR_NOOP("Controls of an unknown kind; the emergency stop holds them"),
+    "held": QT_TR_NOOP("Controls of an unknown kind; the emergency stop blocks them"),
 }
 """In display order: data that leaves this computer first."""
 _PURPOSES = {
@@ -57,19 +57,19 @@ _PURPOSES = {
     "assistant.models": QT_TR_NOOP("questions to the language model"),
     "cameras.source": QT_TR_NOOP("shown and recorded as a camera"),
     "cameras.source.token-env": QT_TR_NOOP("the secret for the camera"),
-    "face.page": QT_TR_NOOP("the page with the robot's face"),
-    "listening.model": QT_TR_NOOP("turns speech into text"),
-    "listening.server": QT_TR_NOOP("gets what participants say"),
-    "perception.model": QT_TR_NOOP("finds people in pictures"),
-    "perception.server": QT_TR_NOOP("gets the pictures of the cameras"),
+    "face.page": QT_TR_NOOP("the robot's face page"),
+    "listening.model": QT_TR_NOOP("transcribes speech"),
+    "listening.server": QT_TR_NOOP("receives participants' speech"),
+    "perception.model": QT_TR_NOOP("detects people in pictures"),
+    "perception.server": QT_TR_NOOP("receives the camera pictures"),
     "recording.lsl": QT_TR_NOOP("marks and steps, as LSL"),
-    "recording.lsl_words": QT_TR_NOOP("every word that is said and written, as LSL"),
+    "recording.lsl_words": QT_TR_NOOP("everything said and written, as LSL"),
     "robot": QT_TR_NOOP("the robot"),
     "address": QT_TR_NOOP("the robot"),
-    "security.ca_file": QT_TR_NOOP("certificates that are trusted for the robot"),
+    "security.ca_file": QT_TR_NOOP("trusted certificates for the robot"),
     "security.rosauth_secret_env": QT_TR_NOOP("the secret for the robot"),
-    "speech.web.stop": QT_TR_NOOP("makes the robot be quiet"),
-    "speech.web.url": QT_TR_NOOP("gets what the robot says"),
+    "speech.web.stop": QT_TR_NOOP("stops the robot's speech"),
+    "speech.web.url": QT_TR_NOOP("receives the robot's speech"),
 }
 
 
@@ -123,11 +123,11 @@ class ConfirmationNeededError(UserFacingError):
 
     def __init__(self, question: FileQuestion) -> None:
         super().__init__(
-            tr("“{title}” names things outside of its file, and nobody has confirmed them on this computer.").format(
-                title=question.title
-            ),
-            tr("Nothing of it is used."),
-            tr("Open it in the console once and confirm what it names."),
+            tr(
+                "“{title}” refers to resources outside its file, which have not been confirmed on this computer."
+            ).format(title=question.title),
+            tr("The file is not used."),
+            tr("Open it in the console once and confirm its references."),
             severity="warning",
         )
         self.question = question
@@ -135,7 +135,7 @@ class ConfirmationNeededError(UserFacingError):
 
 def question_words(question: FileQuestion) -> str:
     """The question as text, for commands without a window."""
-    lines = [tr("“{title}” ({path}) names:").format(title=question.title, path=question.path)]
+    lines = [tr("“{title}” ({path}) refers to:").format(title=question.title, path=question.path)]
     for kind, title in KIND_TITLES.items():
         of_kind = [one for one in question.named if one.kind == kind]
         if of_kind:

@@ -303,11 +303,11 @@ class Console(QObject):
                 # The robot is stopped; pending disk work still belongs to this session.
                 self._slow_work.finish(during)
             service.stop()
-        during(tr("Voice, models and people detection are being ended."), self._end_helpers)
+        during(tr("Voice, models and people detection are being stopped."), self._end_helpers)
         self._asyncio.stop()
         during(
             tr(
-                "The recording is being finished: what is left is written to disk, and checksums are made of all of it."
+                "The recording is being completed: the remaining data is written to disk, and checksums are calculated."
             ),
             self._recording.end,
         )

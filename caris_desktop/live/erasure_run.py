@@ -84,11 +84,11 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
     if asked.also_called or asked.unknown:
         return PersonToForget((asked.who,), (), ()), None, False
     raise UserFacingError(
-        localized(QT_TR_NOOP("Nobody in {study} has the name or id {who}."), study=asked.study, who=asked.who),
-        QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
+        localized(QT_TR_NOOP("No person in {study} has the name or id {who}."), study=asked.study, who=asked.who),
+        QT_TR_NOOP("No person was erased; nothing was changed."),
         QT_TR_NOOP(
-            "Look the name up in the People panel. For somebody whom the study's database does not know, give the id "
-            "and --also-called NAME."
+            "Check the name in the People panel. For a person who is not in the study's database, enter the "
+            "id and --also-called NAME."
         ),
     )
 

@@ -48,8 +48,8 @@ class Exchanges(QObject):
 
     def show_status(self, status: AssistantStatus) -> None:
         """Run without a model; ``status`` has the reason."""
-        self._cancel_all(QT_TR_NOOP("the model is not there any more"))
-        self._client.use_none(status.detail or QT_TR_NOOP("Its model is still starting: ask again in a moment."))
+        self._cancel_all(QT_TR_NOOP("the model is no longer available"))
+        self._client.use_none(status.detail or QT_TR_NOOP("The model is still starting: ask again in a moment."))
         self._none = status
         self._show()
 
@@ -60,16 +60,16 @@ class Exchanges(QObject):
         if not self._client.ready:
             raise UserFacingError(
                 tr("The assistant cannot answer now."),
-                tr("Your question is kept in the field."),
-                tr("Its model is still starting: ask again in a moment.")
+                tr("Your question is still in the field."),
+                tr("The model is still starting: ask again in a moment.")
                 if self._none.state == "starting"
                 else (tr(self._none.detail) or tr("Check the scenario's model.")),
                 severity="warning",
             )
         if sum(row.is_pending for row in self._rows.values()) >= MOST_UNDER_WAY:
             raise UserFacingError(
-                tr("%n questions are under way already.", "", MOST_UNDER_WAY),
-                tr("Your question is kept in the field."),
+                tr("%n questions are already in progress.", "", MOST_UNDER_WAY),
+                tr("Your question is still in the field."),
                 tr("Wait for an answer, or cancel one of them."),
                 severity="warning",
             )
@@ -128,7 +128,7 @@ class Exchanges(QObject):
 
         Everything about them is published before this returns, so that it does not enter a later recording.
         """
-        self._cancel_all(QT_TR_NOOP("cancelled as the session began, paused or ended"))
+        self._cancel_all(QT_TR_NOOP("cancelled because the session started, paused or ended"))
         for exchange_id in tuple(self._rows):
             self._put_away(exchange_id)
         self._show()

@@ -163,7 +163,7 @@ class Gamepads(QObject):
         self._mappings[self._device.device] = mapping
         # A button still down was pressed under its old binding.
         self._hold_down(pressed_actions(mapping, self._newest.raw))
-        self._lose(QT_TR_NOOP("The gamepad was set up differently"))
+        self._lose(QT_TR_NOOP("The gamepad settings changed"))
         self.mapping_changed.emit()
         self.mappings_changed.emit(mappings_text(self._mappings))
 
@@ -238,7 +238,7 @@ class Gamepads(QObject):
 
     def _check_age(self) -> None:
         if self._wish.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
-            self._lose(QT_TR_NOOP("The gamepad stopped answering"))
+            self._lose(QT_TR_NOOP("The gamepad stopped responding"))
 
     def _lose(self, reason: str) -> None:
         """Release all input; sticks work again after they were centred."""
@@ -263,7 +263,7 @@ class Gamepads(QObject):
             self._mapping = self._mappings.get(device.device) or _default_for(device)
             self._publish(GamepadChanged(clock.now_ns(), device.device, device.name, True))
             known = device.controller or device.device in self._mappings
-            detail = "" if known else QT_TR_NOOP("not known: check its buttons")
+            detail = "" if known else QT_TR_NOOP("unknown gamepad: check its buttons")
             self._state.gamepad.set(GamepadStatus(device.device, device.name, detail))
         self.mapping_changed.emit()
 

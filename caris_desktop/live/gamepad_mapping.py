@@ -324,7 +324,7 @@ def mappings_from_text(text: str) -> dict[str, GamepadMapping]:
     except (json.JSONDecodeError, RecursionError) as error:
         raise MappingError(tr("The stored gamepad mappings are not JSON: {error}.").format(error=error)) from error
     if not isinstance(data, dict) or not isinstance(data.get("devices"), dict):
-        raise MappingError(tr("The stored gamepad mappings have an unknown form."))
+        raise MappingError(tr("The stored gamepad mappings have an unknown format."))
     if data.get("version") != MAPPINGS_VERSION:
         raise MappingError(
             tr("The stored gamepad mappings have version {found}; this program reads {known}.").format(
@@ -346,7 +346,7 @@ def _mapping_from_data(entry: Any) -> GamepadMapping:
         for action, binding in stored.items():
             if action not in actions or not is_binding(binding):
                 raise MappingError(
-                    tr("A stored gamepad mapping has an unknown binding: {action} to {binding}.").format(
+                    tr("A stored gamepad mapping has an invalid binding: {action} to {binding}.").format(
                         action=repr(action), binding=repr(binding)
                     )
                 )
@@ -358,7 +358,7 @@ def _mapping_from_data(entry: Any) -> GamepadMapping:
         value = entry.get(name, getattr(GamepadMapping(), name))
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not lowest <= value <= highest:
             raise MappingError(
-                tr("A stored gamepad mapping has a {name} of {value}.").format(name=name, value=repr(value))
+                tr("A stored gamepad mapping has an invalid {name}: {value}.").format(name=name, value=repr(value))
             )
         numbers[name] = float(value)
     return GamepadMapping(axes=bindings["axes"], buttons=bindings["buttons"], **numbers)

@@ -14,34 +14,49 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_model import Permissions
 
 _NOT_PERMITTED: dict[Permission, tuple[str, str]] = {
-    "driving": (QT_TR_NOOP("This scenario does not drive."), QT_TR_NOOP("Nothing was sent to the robot.")),
-    "photos": (QT_TR_NOOP("This scenario takes no photos."), QT_TR_NOOP("No picture was kept.")),
-    "video_recording": (QT_TR_NOOP("This scenario records no video."), QT_TR_NOOP("No picture was kept.")),
-    "audio_recording": (QT_TR_NOOP("This scenario records no sound."), QT_TR_NOOP("Nothing was listened to.")),
-    "assistant": (QT_TR_NOOP("This scenario has no assistant."), QT_TR_NOOP("The language model was not asked.")),
+    "driving": (QT_TR_NOOP("This scenario does not allow driving."), QT_TR_NOOP("Nothing was sent to the robot.")),
+    "photos": (QT_TR_NOOP("This scenario does not allow photos."), QT_TR_NOOP("No picture was saved.")),
+    "video_recording": (
+        QT_TR_NOOP("This scenario does not allow video recording."),
+        QT_TR_NOOP("No picture was saved."),
+    ),
+    "audio_recording": (
+        QT_TR_NOOP("This scenario does not allow sound recording."),
+        QT_TR_NOOP("The microphone was not used."),
+    ),
+    "assistant": (
+        QT_TR_NOOP("This scenario does not allow the assistant."),
+        QT_TR_NOOP("The language model was not asked."),
+    ),
     "naming_people": (
-        QT_TR_NOOP("In this scenario people get no names."),
+        QT_TR_NOOP("This scenario does not allow naming people."),
         QT_TR_NOOP("Nothing about them was changed."),
     ),
     "robot_controls": (
-        QT_TR_NOOP("This scenario does not use the robot's controls."),
+        QT_TR_NOOP("This scenario does not allow the robot's controls."),
         QT_TR_NOOP("Nothing was sent to the robot."),
     ),
-    "transcription": (QT_TR_NOOP("This scenario turns no speech into text."), QT_TR_NOOP("Nothing was listened to.")),
-    "own_voice": (
-        QT_TR_NOOP("In this scenario the wizard does not speak through the robot."),
-        QT_TR_NOOP("Nothing was heard there."),
+    "transcription": (
+        QT_TR_NOOP("This scenario does not allow transcription."),
+        QT_TR_NOOP("The microphone was not used."),
     ),
-    "cloud_models": (QT_TR_NOOP("This scenario uses local models only."), QT_TR_NOOP("Nothing left this computer.")),
-    "face": (QT_TR_NOOP("In this scenario the robot has no face."), QT_TR_NOOP("Nothing was shown.")),
-    "speech": (QT_TR_NOOP("In this scenario the robot does not speak."), QT_TR_NOOP("Nothing was said.")),
-    "notes": (QT_TR_NOOP("This scenario keeps no notes."), QT_TR_NOOP("Nothing was written down.")),
+    "own_voice": (
+        QT_TR_NOOP("This scenario does not allow the wizard to speak through the robot."),
+        QT_TR_NOOP("Nothing was played through the robot."),
+    ),
+    "cloud_models": (
+        QT_TR_NOOP("This scenario does not allow cloud models."),
+        QT_TR_NOOP("Nothing left this computer."),
+    ),
+    "face": (QT_TR_NOOP("This scenario does not allow the robot's face."), QT_TR_NOOP("Nothing was shown.")),
+    "speech": (QT_TR_NOOP("This scenario does not allow robot speech."), QT_TR_NOOP("Nothing was said.")),
+    "notes": (QT_TR_NOOP("This scenario does not allow notes."), QT_TR_NOOP("No note was saved.")),
 }
 _UNCONFIRMED: dict[AsBefore, str] = {
-    "map": QT_TR_NOOP("where the robot is"),
-    "people": QT_TR_NOOP("who is there"),
+    "map": QT_TR_NOOP("the robot's position"),
+    "people": QT_TR_NOOP("the people present"),
     "permissions": QT_TR_NOOP("what is recorded"),
-    "consent": QT_TR_NOOP("that the participant agrees"),
+    "consent": QT_TR_NOOP("the participant's consent"),
 }
 
 
@@ -73,15 +88,15 @@ class Gate:
         if intent.actor == MODEL:
             # Model suggestions and proposals run by the wizard's key, or by the console after its countdown.
             return Refusal(
-                tr("{act} is not possible: a language model asks for nothing by itself.").format(act=tr(spec.words)),
-                tr("Nothing was done."), tr("Do it yourself if it is wanted."),
+                tr("{act} is not possible: a language model cannot do this directly.").format(act=tr(spec.words)),
+                tr("Nothing was done."), tr("Do it yourself if needed."),
             )  # fmt: skip
         unfit = _unfit(intent, spec)
         if unfit is not None:
             # No user enters such values: a calling program is faulty.
-            what = tr("{act} is not possible: {field} cannot be {value}.")
+            what = tr("{act} is not possible: {value} is out of range for {field}.")
             what = what.format(act=tr(spec.words), field=unfit[0], value=f"{unfit[1]:g}")
-            return Refusal(what, tr("Nothing was done."), tr("Ask for another value."))
+            return Refusal(what, tr("Nothing was done."), tr("Use another value."))
         if intent.reduces_motion:
             return None
         withheld = self._permissions().withheld(intent.needs_permissions or spec.permissions)
@@ -97,22 +112,22 @@ class Gate:
                 tr("{act} is not possible before this is confirmed again: {what}.").format(
                     act=tr(spec.words), what=", ".join(unconfirmed)
                 ),
-                tr("The program broke off in the midst of this trial, and nothing is kept before that."),
-                tr("Look, and tick it on the card above the panels, or choose Do not go on there."),
+                tr("The program closed unexpectedly during this trial. Nothing is recorded before the confirmation."),
+                tr("Check it and tick it on the card above the panels, or choose Do not resume there."),
             )
         words, moves, held = self._of_control(intent, spec)
         if self._releases_stop(intent):
             return Refusal(
                 tr("{act} is not possible: it would release the emergency stop.").format(act=words),
-                tr("Nothing was sent to the robot. A control of a file must not end a stop."),
-                tr("Use Release emergency stop, when everybody is clear of the robot."),
+                tr("Nothing was sent to the robot. A control defined in a file must not release a stop."),
+                tr("Use Release emergency stop when everybody is clear of the robot."),
                 quiet=spec.quiet,
             )
         if held and self._state.drive.value.emergency_stop:
             return Refusal(
-                tr("{act} is not possible: the emergency stop is on.").format(act=words),
+                tr("{act} is not possible: the emergency stop is active.").format(act=words),
                 tr("Nothing was sent to the robot."),
-                tr("Release the emergency stop first, when everybody is clear of the robot."),
+                tr("Release the emergency stop when everybody is clear of the robot."),
                 until="released",
                 quiet=spec.quiet,
             )
@@ -121,16 +136,16 @@ class Gate:
             # The wizard at this computer is responsible for the robot and overrides other drivers.
             who = in_words(driver)
             return Refusal(
-                tr("{act} is not possible: {who} is driving by hand.").format(act=words, who=tr(who)),
+                tr("{act} is not possible: {who} is driving manually.").format(act=words, who=tr(who)),
                 tr("Nothing was sent to the robot."),
-                tr("Ask for it again when the driving is over."),
+                tr("Try again when the manual driving has ended."),
                 severity="info",
                 quiet=spec.quiet,
             )
         if spec.needs_link and self._state.link.value.state != "connected":
             return Refusal(
                 tr("{act} is not possible: the robot is not connected.").format(act=words),
-                tr("Nothing was sent to it, and nothing is kept for later."),
+                tr("Nothing was sent to the robot, and nothing is queued."),
                 tr("Try again when the robot is connected again."),
                 until="connected",
                 quiet=spec.quiet,
@@ -171,7 +186,7 @@ _QUIET_IN_REPLAY = (intents.KeepLayout, intents.StretchMark, intents.EndMark)
 def _replayed(intent: Intent) -> Refusal:
     return Refusal(
         tr("This is a replay."),
-        tr("Nothing is sent to a robot, and the recording stays as it is."),
+        tr("Nothing is sent to a robot, and the recording is not changed."),
         tr("Use the bar below to move through the session."),
         severity="info",
         quiet=intent.reduces_motion or isinstance(intent, _QUIET_IN_REPLAY),

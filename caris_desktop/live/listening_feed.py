@@ -61,6 +61,6 @@ class ListeningFeed:
                 left_out = self._left_out if self._pieces <= _PIECES_AT_MOST // 2 else 0
                 self._left_out -= left_out
             if left_out:
-                self._tell(Gap(clock.now_ns(), STREAM, left_out, QT_TR_NOOP("speech recognition did not keep up")))
+                self._tell(Gap(clock.now_ns(), STREAM, left_out, QT_TR_NOOP("speech recognition could not keep up")))
             if not self._recogniser.send_raw_waiting(raw):
                 return

@@ -204,12 +204,10 @@ class LocalMicrophone(QObject):
         own = self._source == WIZARD_MICROPHONE
         self._bus.problem(
             "warning",
-            tr("Listening to your microphone stopped unexpectedly.")
-            if own
-            else tr("Listening to the microphone stopped unexpectedly."),
+            tr("Your microphone stopped unexpectedly.") if own else tr("The microphone stopped unexpectedly."),
             tr("Its sound is missing from now on.")
             if self.restarts.exhausted
-            else tr("A moment of its sound is missing."),
+            else tr("A short part of its sound is missing."),
             advice,
             until="own_microphone" if own else "microphone",
         )

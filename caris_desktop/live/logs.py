@@ -37,7 +37,7 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
         os.environ[_ENVIRONMENT_KEY] = str(path)
     except OSError as error:
         os.environ.pop(_ENVIRONMENT_KEY, None)
-        print(f"The log {path} cannot be written ({error}); details go to this terminal only.", file=sys.stderr)
+        print(f"The log {path} cannot be written ({error}); details are shown in this terminal only.", file=sys.stderr)
         handlers = [stderr]
     _install(handlers, "console")
     sys.excepthook = lambda kind, value, trace: logging.getLogger("caris_desktop").critical(

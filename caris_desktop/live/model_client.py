@@ -43,7 +43,7 @@ _TIMEOUTS: dict[Purpose, ChatTimeouts] = {
 _TELL_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
 _CUT_WORDS: dict[Cut, str] = {
     "": "",
-    "length": QT_TR_NOOP("The answer is cut off: it reached its limit of length (assistant.max_tokens)."),
+    "length": QT_TR_NOOP("The answer is cut off: it reached the length limit (assistant.max_tokens)."),
     "filter": QT_TR_NOOP("The answer is cut off: the server's filter stopped it."),
 }
 StreamChat = Callable[..., AsyncIterator[str]]
@@ -230,7 +230,7 @@ class ModelClient(QObject):
 
     def use_none(self, why: str) -> None:
         """Run without a model; ``why`` is part of the refusals."""
-        self.cancel_all(QT_TR_NOOP("the model is not there any more"))
+        self.cancel_all(QT_TR_NOOP("the model is no longer available"))
         self._endpoint, self._why_none = None, why
 
     def ask(
@@ -263,7 +263,7 @@ class ModelClient(QObject):
         if self._endpoint is None:
             raise UserFacingError(
                 QT_TR_NOOP("The assistant cannot answer now."),
-                QT_TR_NOOP("Nothing was asked."),
+                QT_TR_NOOP("No question was sent."),
                 self._why_none,
                 severity="warning",
             )
@@ -367,7 +367,7 @@ class ModelClient(QObject):
                     told_ns = now_ns
                     self._grew.emit(asked.exchange_id, "".join(heard.pieces))
         except asyncio.CancelledError:
-            outcome, detail = "cancelled", QT_TR_NOOP("cancelled as the program closed")
+            outcome, detail = "cancelled", QT_TR_NOOP("cancelled because the program closed")
         except LanguageModelError as error:
             outcome, detail = "failed", joined((error.what, error.advice))
         except Exception as error:

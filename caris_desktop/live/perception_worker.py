@@ -180,7 +180,7 @@ class PerceptionWorker(QObject):
             self._run()
         except Exception:
             _log.exception("the perception worker failed")
-            detail = QT_TR_NOOP("People are not recognised any more")
+            detail = QT_TR_NOOP("People are no longer recognised")
             self._set_status(replace(self._status, state="failed", detail=detail))
         finally:
             thread = self.thread()
@@ -279,7 +279,7 @@ class PerceptionWorker(QObject):
                 self.restarts.after_end(self._report_ended, self._start_child)
                 child = self._child
                 if child is None:
-                    detail = QT_TR_NOOP("Stopped unexpectedly, too often")
+                    detail = QT_TR_NOOP("Stopped unexpectedly too often")
                     self._set_status(PerceptionStatus(state="failed", detail=detail))
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
@@ -309,7 +309,7 @@ class PerceptionWorker(QObject):
                 clock.now_ns(),
                 "warning",
                 tr("People recognition stopped unexpectedly."),
-                tr("Boxes and the People panel are empty until it is back; the recording goes on."),
+                tr("Boxes and the People panel stay empty until it works again; the recording continues."),
                 advice,
                 until="people",
             )

@@ -134,4 +134,4 @@ class Playback(QObject):
             return
         self.child = None
         self.restarts.another()  # restarted at the next playback; reported by the owner of the stream
-        self._give_up(tr("the sound system got stuck"))
+        self._give_up(tr("the sound system stopped responding"))

@@ -41,12 +41,14 @@ class PracticeStep:
 STEPS = (
     PracticeStep(
         "drive", QT_TR_NOOP("Drive one metre"),
-        QT_TR_NOOP("Hold {key} or the arrow up: it drives while you hold it. The other arrows turn and drive back."),
+        QT_TR_NOOP("Hold {key} or the up arrow key: the robot drives while you hold it. The other arrow keys turn and "
+            "reverse."),
         40.0, "drive_forward",
     ),
     PracticeStep(
         "type", QT_TR_NOOP("Type while driving"),
-        QT_TR_NOOP("Press {key}, type something, hold Alt and an arrow so that it drives, and press Enter meanwhile."),
+        QT_TR_NOOP("Press {key} and type something. Hold Alt and an arrow key so that the robot drives, then press "
+            "Enter while driving."),
         60.0, "focus_speak",
     ),
     PracticeStep(
@@ -55,40 +57,45 @@ STEPS = (
     ),
     PracticeStep(
         "name", QT_TR_NOOP("Name a person"),
-        QT_TR_NOOP("Press {key}, or Name beside somebody in People. Type a name and press Enter."), 40.0, "name_person",
+        QT_TR_NOOP(
+            "Press {key}, or Name next to a person in People. Type a name and press "
+            "Enter."), 40.0, "name_person",
     ),
     PracticeStep(
         "photo", QT_TR_NOOP("Take a photo"),
-        QT_TR_NOOP("Press {key}, or Photo above the picture."), 20.0, "photo",
+        QT_TR_NOOP("Press {key}, or Photo above the video."), 20.0, "photo",
     ),
     PracticeStep(
         "ask", QT_TR_NOOP("Ask the assistant"),
         QT_TR_NOOP(
-            "Go to Assistant, by a click or with {key} and its name. Type a question, press Enter, and wait until the "
-            "answer is there."
+            "Click Assistant, or press {key} and type its name. Type a question, press Enter, and wait for "
+                "the answer."
         ),
         60.0, "find",
     ),
     PracticeStep(
-        "suggestion", QT_TR_NOOP("Take a suggestion"),
-        QT_TR_NOOP("Somebody has asked something. When replies are suggested in Conversation, press {key} to say one."),
+        "suggestion", QT_TR_NOOP("Use a suggestion"),
+        QT_TR_NOOP("A participant has asked a question. When Conversation shows suggested replies, press {key} to say "
+            "one."),
         40.0, "suggestion_1",
     ),
     PracticeStep(
         "mark", QT_TR_NOOP("Mark a moment"),
-        QT_TR_NOOP("Press {key}, or Mark at the top. It goes into the record, for whoever analyses it."), 20.0, "mark",
+        QT_TR_NOOP("Press {key}, or Mark at the top. The mark is recorded for later analysis."), 20.0, "mark",
     ),
     PracticeStep(
         "link", QT_TR_NOOP("Recover from a lost connection"),
         QT_TR_NOOP(
-            "The connection was cut. See how the window tells you. It comes back by itself: then drive on a little."
+            "The connection was interrupted. Note how the window shows this. It reconnects automatically: "
+                "then drive a little further."
         ),
         40.0,
     ),
     PracticeStep(
         "emergency", QT_TR_NOOP("Stop in an emergency"),
         QT_TR_NOOP(
-            "Press Esc twice, or the red button. Then release it with the button in the red band, or in Find anything."
+            "Press Esc twice, or the red button. Then release the stop with the button in the red banner, or "
+                "in Find anything."
         ),
         30.0,
         "emergency_stop",

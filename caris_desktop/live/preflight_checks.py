@@ -123,7 +123,7 @@ def _ticked(manual: ManualCheck, tick: ChecklistItem | None, why_open: str) -> P
 
 
 def _waits_for_robot(check: Callable[[PreflightState, str], PreflightCheck]) -> PreflightCheck:
-    return check("not checked", QT_TR_NOOP("Known once the robot is connected."))
+    return check("not checked", QT_TR_NOOP("Checked once the robot is connected."))
 
 
 def no_answer_advice(robot: RobotProfile | None) -> str:
@@ -133,11 +133,13 @@ def no_answer_advice(robot: RobotProfile | None) -> str:
     if robot is not None and is_loopback(robot.address):
         # Shipped profiles default to this computer's address: the user has not entered the robot's yet.
         return QT_TR_NOOP(
-            "Its address is that of this computer. Give the robot’s own: Window menu, Robot, “Connect another robot…”, "
-            "which offers this profile too. Where rosbridge runs here, start it; it is tried again by itself."
+            "Its address is this computer. Enter the robot’s own address: Window menu, Robot, “Connect "
+            "another robot…”, which also offers this profile. If rosbridge runs on this computer, start it. "
+            "The console tries again automatically."
         )
     return QT_TR_NOOP(
-        "Switch it on, and look at its network and its address: Window menu, Robot. It is tried again by itself."
+        "Turn on the robot, and check its network and its address: Window menu, Robot. The console tries "
+        "again automatically."
     )
 
 
@@ -152,30 +154,30 @@ def _robot(facts: Facts) -> PreflightCheck:
         case "connecting":
             if link.address:
                 address = without_credentials(link.address)
-                silent = localized(QT_TR_NOOP("{robot} does not answer at {address}."), robot=name, address=address)
+                silent = localized(QT_TR_NOOP("{robot} does not respond at {address}."), robot=name, address=address)
             else:
-                silent = localized(QT_TR_NOOP("{robot} does not answer yet."), robot=name)
+                silent = localized(QT_TR_NOOP("{robot} does not respond yet."), robot=name)
             return check("major", silent, way)
         case "lost" | "closed":
             return check("major", localized(QT_TR_NOOP("{robot} is not connected."), robot=name), way)
         case "trouble":
             return check(
                 "minor",
-                localized(QT_TR_NOOP("The connection to {robot} is unsteady."), robot=name),
+                localized(QT_TR_NOOP("The connection to {robot} is unstable."), robot=name),
                 QT_TR_NOOP("Move closer to the router."),
             )
     if facts.robot_heard in ("stale", "lost"):
         return check(
             "minor" if facts.robot_heard == "stale" else "major",
-            localized(QT_TR_NOOP("{robot} was last heard %n s ago.", "", round(facts.robot_silent_s)), robot=name),
+            localized(QT_TR_NOOP("{robot} last sent data %n s ago.", "", round(facts.robot_silent_s)), robot=name),
             QT_TR_NOOP("Check the robot’s computer and the network."),
         )
     tells = facts.robot is None or facts.robot.odometry is not None or facts.robot.scan is not None
     if facts.robot_heard == "none" and tells:
-        silent = localized(QT_TR_NOOP("{robot} is connected and has said nothing yet."), robot=name)
+        silent = localized(QT_TR_NOOP("{robot} is connected and has not sent any data yet."), robot=name)
         if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", silent)
-        return check("minor", silent, QT_TR_NOOP("Start its sensors, and check the topic names of its profile."))
+        return check("minor", silent, QT_TR_NOOP("Start its sensors, and check the topic names in its profile."))
     return check("passed", localized(QT_TR_NOOP("{robot} is connected."), robot=name))
 
 
@@ -187,7 +189,7 @@ def _practice(facts: Facts) -> PreflightCheck | None:
         "practice",
         QT_TR_NOOP("A real robot"),
         "minor",
-        QT_TR_NOOP("The robot is simulated: what is recorded is practice."),
+        QT_TR_NOOP("The robot is simulated: recordings are practice, not data."),
         QT_TR_NOOP("Tick “Practice run” when you start, or connect your robot."),
     )
 
@@ -199,7 +201,7 @@ def _emergency_stop(facts: Facts) -> PreflightCheck | None:
     if facts.drive.emergency_stop:
         return check(
             "major",
-            QT_TR_NOOP("It is pressed: the robot will not move."),
+            QT_TR_NOOP("The emergency stop is active: the robot will not move."),
             QT_TR_NOOP("Release it at the top right when everybody is clear of the robot."),
         )
     if not facts.connected:
@@ -211,7 +213,7 @@ def _video(facts: Facts) -> PreflightCheck | None:
     permissions = facts.scenario.permissions
     if not (permissions.video_recording or permissions.photos or permissions.driving):
         return None
-    check = partial(PreflightCheck, "video", QT_TR_NOOP("Pictures come"))
+    check = partial(PreflightCheck, "video", QT_TR_NOOP("Video arrives"))
     if not facts.cameras and facts.robot is not None and not facts.robot.cameras and not permissions.video_recording:
         return None  # no camera, and none needed
     late = [name for name, freshness in facts.cameras.items() if freshness == "stale"]
@@ -221,30 +223,28 @@ def _video(facts: Facts) -> PreflightCheck | None:
         return _waits_for_robot(check)
     if not facts.cameras:
         if facts.link_for_s < _CONNECTS_WITHIN_S:
-            return check("pending", QT_TR_NOOP("Waiting for the first picture."))
-        return check(
-            "major", QT_TR_NOOP("No camera has sent a picture."), QT_TR_NOOP("Check the camera and its cable.")
-        )
+            return check("pending", QT_TR_NOOP("Waiting for the first video."))
+        return check("major", QT_TR_NOOP("No camera has sent video."), QT_TR_NOOP("Check the camera and its cable."))
     if missing:
         return check(
             "major",
-            localized(QT_TR_NOOP("No picture comes from {cameras}."), cameras=", ".join(missing)),
+            localized(QT_TR_NOOP("No video from {cameras}."), cameras=", ".join(missing)),
             QT_TR_NOOP("Check the camera and its cable."),
         )
     if late:
         return check(
             "minor",
-            localized(QT_TR_NOOP("Pictures come late from {cameras}."), cameras=", ".join(late)),
-            QT_TR_NOOP("Check the network; other programs may use it up."),
+            localized(QT_TR_NOOP("Video from {cameras} is delayed."), cameras=", ".join(late)),
+            QT_TR_NOOP("Check the network; other programs may be using its bandwidth."),
         )
-    return check("passed", localized(QT_TR_NOOP("Pictures come from {cameras}."), cameras=", ".join(facts.cameras)))
+    return check("passed", localized(QT_TR_NOOP("Video arrives from {cameras}."), cameras=", ".join(facts.cameras)))
 
 
 def _guard(facts: Facts) -> PreflightCheck | None:
     robot, drive = facts.robot, facts.drive
     if not facts.scenario.permissions.driving or (robot is not None and robot.scan is None):
         return None
-    check = partial(PreflightCheck, "guard", QT_TR_NOOP("LIDAR and guard against obstacles"))
+    check = partial(PreflightCheck, "guard", QT_TR_NOOP("LIDAR and obstacle guard"))
     if robot is None or not facts.connected:
         return _waits_for_robot(check)
     if facts.scan == "none" and facts.link_for_s < _CONNECTS_WITHIN_S:
@@ -252,39 +252,41 @@ def _guard(facts: Facts) -> PreflightCheck | None:
     if facts.scan in ("none", "lost"):
         return check(
             "major",
-            QT_TR_NOOP("The LIDAR sends nothing, so obstacles are not seen."),
+            QT_TR_NOOP("The LIDAR sends no scans, so obstacles are not detected."),
             QT_TR_NOOP("Check the LIDAR on the robot."),
         )
     if drive.guard == "overridden":
-        return check("minor", QT_TR_NOOP("The guard was switched off."), QT_TR_NOOP("Switch it on in the Drive panel."))
+        return check(
+            "minor", QT_TR_NOOP("The obstacle guard is turned off."), QT_TR_NOOP("Turn it on in the Drive panel.")
+        )
     if drive.guard == "blind":
         return check(
             "major",
-            drive.guard_detail or QT_TR_NOOP("The guard cannot see."),
+            drive.guard_detail or QT_TR_NOOP("The obstacle guard has no usable scans."),
             QT_TR_NOOP("Check the LIDAR on the robot."),
         )
     if not robot.guard.on:
         return check(
             "minor",
-            QT_TR_NOOP("The robot’s profile has no guard of the console’s."),
-            QT_TR_NOOP("Make sure that its own guard works."),
+            QT_TR_NOOP("The robot profile does not use the console’s obstacle guard."),
+            QT_TR_NOOP("Make sure that the robot’s own obstacle guard works."),
         )
     if facts.scan == "stale":
         return check(
-            "minor", QT_TR_NOOP("Scans come late, so the robot is slowed down."), QT_TR_NOOP("Check the network.")
+            "minor", QT_TR_NOOP("Scans are delayed, so the robot is slowed down."), QT_TR_NOOP("Check the network.")
         )
-    return check("passed", QT_TR_NOOP("Obstacles are seen, and the guard is on."))
+    return check("passed", QT_TR_NOOP("Obstacles are detected, and the obstacle guard is on."))
 
 
 def _battery(facts: Facts) -> PreflightCheck | None:
     if facts.robot is None or facts.robot.battery is None:
         return None
-    check = partial(PreflightCheck, "battery", QT_TR_NOOP("Battery lasts"))
+    check = partial(PreflightCheck, "battery", QT_TR_NOOP("Battery is charged"))
     charge = facts.charge_fraction
     if not facts.connected:
         return _waits_for_robot(check)
     if charge is None:
-        return check("pending", QT_TR_NOOP("The robot has not told its charge yet."))
+        return check("pending", QT_TR_NOOP("The robot has not reported its charge yet."))
     state: PreflightState = "major" if charge < _BATTERY_EMPTY else "minor" if charge < _BATTERY_LOW else "passed"
     advice = "" if state == "passed" else QT_TR_NOOP("Charge the robot first.")
     return check(state, localized(QT_TR_NOOP("{charge} % left."), charge=round(charge * 100)), advice)
@@ -293,7 +295,7 @@ def _battery(facts: Facts) -> PreflightCheck | None:
 def _position(facts: Facts) -> PreflightCheck | None:
     if not (facts.scenario.permissions.driving and facts.scenario.places):
         return None
-    check = partial(PreflightCheck, "position", QT_TR_NOOP("Robot knows where it is"))
+    check = partial(PreflightCheck, "position", QT_TR_NOOP("Robot position is known"))
     if not facts.connected:
         return _waits_for_robot(check)
     if facts.link_for_s < _CONNECTS_WITHIN_S and (not facts.has_map or facts.pose == "none"):
@@ -301,18 +303,20 @@ def _position(facts: Facts) -> PreflightCheck | None:
     if not facts.has_map:
         return check(
             "major",
-            QT_TR_NOOP("There is no map, so it cannot go to places."),
+            QT_TR_NOOP("There is no map, so the robot cannot go to places."),
             QT_TR_NOOP("Start the robot’s navigation, or load a map in the Map panel."),
         )
     if facts.pose == "none":
         return check(
             "major",
-            QT_TR_NOOP("Its position on the map is not known, so it cannot go to places."),
-            QT_TR_NOOP("Say where it is with “Robot is here” in the Map panel."),
+            QT_TR_NOOP("The robot’s position on the map is not known, so it cannot go to places."),
+            QT_TR_NOOP("Set its position with “Robot is here” in the Map panel."),
         )
     if facts.pose != "fresh":
-        return check("minor", QT_TR_NOOP("Its position is old."), QT_TR_NOOP("Drive a little and watch the map."))
-    return check("passed", QT_TR_NOOP("Map and position are there."))
+        return check(
+            "minor", QT_TR_NOOP("The robot’s position is outdated."), QT_TR_NOOP("Drive a little and watch the map.")
+        )
+    return check("passed", QT_TR_NOOP("Map and position are available."))
 
 
 def _clock(facts: Facts) -> PreflightCheck:
@@ -322,56 +326,58 @@ def _clock(facts: Facts) -> PreflightCheck:
         return _waits_for_robot(check)
     if link.clock_offset_ms is None or link.clock_uncertainty_ms is None:
         if facts.link_for_s < _CLOCK_KNOWN_WITHIN_S:
-            return check("pending", QT_TR_NOOP("It is being compared with this computer’s."))
+            return check("pending", QT_TR_NOOP("The robot clock is being compared with this computer’s."))
         return check(
             "minor",
-            QT_TR_NOOP("The robot does not tell its time, so its stamps cannot be placed exactly."),
+            QT_TR_NOOP("The robot does not report its time, so its timestamps cannot be aligned exactly."),
             QT_TR_NOOP("Start rosapi on the robot."),
         )
     if link.clock_uncertainty_ms > _CLOCK_UNCERTAIN_MS:
         return check(
-            "minor", QT_TR_NOOP("It is known to no better than 50 ms."), QT_TR_NOOP("Check the network to the robot.")
+            "minor",
+            QT_TR_NOOP("The robot clock is uncertain by more than 50 ms."),
+            QT_TR_NOOP("Check the network to the robot."),
         )
     ahead_ms = facts.robot_ahead_ms
     if ahead_ms is not None and _CLOCK_AHEAD_MS < abs(ahead_ms) < _TIME_OF_ITS_OWN_MS:
         return check(
             "minor",
-            QT_TR_NOOP("It is more than a second off; the recording corrects that."),
-            QT_TR_NOOP("Set the robot’s clock by the network (NTP) to make its own logs agree."),
+            QT_TR_NOOP("The robot clock is more than a second off; the recording corrects this."),
+            QT_TR_NOOP("Synchronise the robot’s clock over the network (NTP) so that its own logs match."),
         )
-    return check("passed", QT_TR_NOOP("It is compared with this computer’s all the time."))
+    return check("passed", QT_TR_NOOP("The robot clock is continuously compared with this computer’s."))
 
 
 def _disk(facts: Facts) -> PreflightCheck:
-    check = partial(PreflightCheck, "disk", QT_TR_NOOP("Disk has room for an hour"))
+    check = partial(PreflightCheck, "disk", QT_TR_NOOP("Disk space for an hour"))
     free = facts.free_bytes
     if free is None:
-        return check("pending", QT_TR_NOOP("The disk is being looked at."))
+        return check("pending", QT_TR_NOOP("The disk is being checked."))
     hours = free / (facts.bytes_per_hour or _USUAL_HOUR_BYTES)
     if hours < 1.0:
         return check(
             "major",
-            QT_TR_NOOP("There is room for %n minutes.", "", int(hours * 60)),
+            QT_TR_NOOP("There is space for %n minutes.", "", int(hours * 60)),
             QT_TR_NOOP("Free some disk space."),
         )
     if hours < 2.0:
         return check(
-            "minor", QT_TR_NOOP("There is room for little more than an hour."), QT_TR_NOOP("Free some disk space.")
+            "minor", QT_TR_NOOP("There is space for little more than an hour."), QT_TR_NOOP("Free some disk space.")
         )
     if hours >= 24.0:
-        return check("passed", QT_TR_NOOP("There is room for more than a day."))
-    return check("passed", QT_TR_NOOP("There is room for %n hours.", "", int(hours)))
+        return check("passed", QT_TR_NOOP("There is space for more than a day."))
+    return check("passed", QT_TR_NOOP("There is space for %n hours.", "", int(hours)))
 
 
 def _microphone(facts: Facts) -> PreflightCheck | None:
     permissions, microphone = facts.scenario.permissions, facts.microphone
     if not (permissions.audio_recording or permissions.transcription):
         return None
-    check = partial(PreflightCheck, "microphone", QT_TR_NOOP("Microphone hears"))
+    check = partial(PreflightCheck, "microphone", QT_TR_NOOP("Microphone works"))
     if not facts.microphone_chosen:
         return check(
             "minor",
-            QT_TR_NOOP("No microphone is chosen: what the participant says is not kept."),
+            QT_TR_NOOP("No microphone is chosen: the participant’s speech is not recorded."),
             QT_TR_NOOP("Choose one in the Window menu, under Participant’s microphone."),
         )
     if not facts.connected and segmenter_of(facts.scenario, facts.robot) == "robot":
@@ -380,26 +386,30 @@ def _microphone(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "major",
-                microphone.detail or QT_TR_NOOP("It cannot be opened."),
+                microphone.detail or QT_TR_NOOP("The microphone cannot be opened."),
                 QT_TR_NOOP("Plug it in, or choose another."),
             )
         case "starting":
-            return check("pending", QT_TR_NOOP("It is being opened."))
+            return check("pending", QT_TR_NOOP("The microphone is being opened."))
     if facts.loud:
-        return check("passed", QT_TR_NOOP("Something was heard."))
+        return check("passed", QT_TR_NOOP("The microphone picks up sound."))
     if microphone.state == "on":
         return check(
             "pending",
-            QT_TR_NOOP("Nothing was heard yet."),
-            QT_TR_NOOP("Say a few words where the participant will be."),
+            QT_TR_NOOP("The microphone has not picked up any sound yet."),
+            QT_TR_NOOP("Say a few words at the participant’s position."),
         )
-    return check("not checked", QT_TR_NOOP("Nobody has listened yet."), QT_TR_NOOP("Try it, and say a few words."))
+    return check(
+        "not checked",
+        QT_TR_NOOP("The microphone has not been tested yet."),
+        QT_TR_NOOP("Test it, and say a few words."),
+    )
 
 
 def _listening(facts: Facts) -> PreflightCheck | None:
     if not facts.scenario.permissions.transcription:
         return None
-    check = partial(PreflightCheck, "listening", QT_TR_NOOP("Speech becomes text"))
+    check = partial(PreflightCheck, "listening", QT_TR_NOOP("Speech is transcribed"))
     listening = facts.listening
     match listening.state:
         case "ready":
@@ -412,7 +422,7 @@ def _listening(facts: Facts) -> PreflightCheck | None:
             )
         case "loading":
             return check("pending", QT_TR_NOOP("The recogniser is being loaded."))
-    return check("not checked", QT_TR_NOOP("It begins when the microphone is open."))
+    return check("not checked", QT_TR_NOOP("Transcription starts when the microphone is open."))
 
 
 def _voice(facts: Facts) -> PreflightCheck | None:
@@ -424,14 +434,14 @@ def _voice(facts: Facts) -> PreflightCheck | None:
     if facts.voice.output == "robot" and not mute:
         if robot is None or not facts.connected:
             return _waits_for_robot(check)
-        return check("passed", QT_TR_NOOP("It speaks with its own voice."))
+        return check("passed", QT_TR_NOOP("The robot speaks with its own voice."))
     if speech.ready and speech.detail:
-        return check("major", speech.detail, QT_TR_NOOP("Check this computer’s sound."))
+        return check("major", speech.detail, QT_TR_NOOP("Check this computer’s sound output."))
     if speech.ready and mute:
         return check(
             "minor",
-            QT_TR_NOOP("The robot has no voice of its own: this computer speaks instead."),
-            QT_TR_NOOP("Put a loudspeaker near the robot, or name its speech in its profile."),
+            QT_TR_NOOP("The robot has no voice: this computer speaks instead."),
+            QT_TR_NOOP("Put a loudspeaker near the robot, or configure its speech in its profile."),
         )
     if speech.ready:
         return check("passed", QT_TR_NOOP("The voice is ready."))
@@ -448,7 +458,7 @@ def _people(facts: Facts) -> PreflightCheck | None:
     check = partial(
         PreflightCheck,
         "people",
-        QT_TR_NOOP("People are found and pixelated") if covers else QT_TR_NOOP("People are found"),
+        QT_TR_NOOP("People are detected and pixelated") if covers else QT_TR_NOOP("People are detected"),
     )
     match perception.state:
         case "ready":
@@ -456,13 +466,13 @@ def _people(facts: Facts) -> PreflightCheck | None:
         case "failed" if covers:
             return check(
                 "major",
-                QT_TR_NOOP("The detector does not work: every picture that is kept is pixelated as a whole."),
+                QT_TR_NOOP("The detector does not work: every saved picture is completely pixelated."),
                 QT_TR_NOOP("Restart the program; the Diagnostics panel has the details."),
             )
         case "failed":
             return check(
                 "minor",
-                QT_TR_NOOP("The detector does not work: nobody is found in the pictures."),
+                QT_TR_NOOP("The detector does not work: people are not detected."),
                 QT_TR_NOOP("Restart the program; the Diagnostics panel has the details."),
             )
     return check("pending", QT_TR_NOOP("The detector is being loaded."))
@@ -478,14 +488,14 @@ def _consent(facts: Facts) -> PreflightCheck | None:
     kind = "video" if scenario.permissions.video_recording else "photo"
     without = sum(kind not in person.consents for person in here)
     if not here:
-        return check("pending", QT_TR_NOOP("Known once somebody is in front of the robot."))
+        return check("pending", QT_TR_NOOP("Checked once a person is in front of the robot."))
     if without:
         return check(
             "minor",
-            localized(QT_TR_NOOP("Pixelated, as no consent is noted: {count} of those here."), count=without),
-            QT_TR_NOOP("Note it in the People panel, if they agreed."),
+            localized(QT_TR_NOOP("People here pixelated because no consent is noted: {count}."), count=without),
+            QT_TR_NOOP("If they have agreed, note it in the People panel."),
         )
-    return check("passed", QT_TR_NOOP("Everybody here has agreed."))
+    return check("passed", QT_TR_NOOP("Everybody here has given consent."))
 
 
 def _model(facts: Facts) -> PreflightCheck | None:
@@ -499,10 +509,10 @@ def _model(facts: Facts) -> PreflightCheck | None:
         case "failed":
             return check(
                 "minor",
-                assistant.detail or QT_TR_NOOP("It does not answer."),
+                assistant.detail or QT_TR_NOOP("The model does not respond."),
                 QT_TR_NOOP("Choose another model in the Assistant panel; you can speak without one."),
             )
-    return check("pending", QT_TR_NOOP("It is being loaded."))
+    return check("pending", QT_TR_NOOP("The model is being loaded."))
 
 
 _LOOKS: tuple[Callable[[Facts], PreflightCheck | None], ...] = (

@@ -83,7 +83,7 @@ class ProtocolRun:
             before = self._ids[self._ids.index(self._at) - 1]
         else:
             raise UserFacingError(
-                tr("This is the first step."), tr("There is none before it."),
+                tr("This is the first step."), tr("There is no previous step."),
                 tr("Choose any other step in the list of steps."), severity="info",
             )  # fmt: skip
         self._done.pop(before, None)
@@ -99,7 +99,9 @@ class ProtocolRun:
         target = None if taken is None else step_named(self.steps, taken.to)
         if target is None:
             raise UserFacingError(
-                tr("The present step has no branch “{title}”.").format(title=title), tr("The step stays."),
+                tr(
+                    "The current step has no branch "
+                    "“{title}”.").format(title=title), tr("The current step stays active."),
                 tr("Choose the step in the list of steps."), severity="info",
             )  # fmt: skip
         self._leave_done()
@@ -108,7 +110,7 @@ class ProtocolRun:
     def choose(self, step_id: str, now_ns: int, actor: Actor) -> StepEntered:
         if step_id not in self._ids:
             raise UserFacingError(
-                tr("The protocol has no step “{step}”.").format(step=step_id), tr("The step stays."),
+                tr("The protocol has no step “{step}”.").format(step=step_id), tr("The current step stays active."),
                 tr("Choose one in the list of steps."), severity="info",
             )  # fmt: skip
         if step_id != self._at:
@@ -120,8 +122,8 @@ class ProtocolRun:
         step, ticked = self._present(), self._ticked.get(self._at, ())
         if item not in step.tick:
             raise UserFacingError(
-                tr("The present step has no “{item}” to tick off.").format(item=item), tr("Nothing was ticked off."),
-                tr("Go to the step that it belongs to."), severity="info",
+                tr("The current step has no item “{item}”.").format(item=item), tr("No item was ticked off."),
+                tr("Go to the step that contains it."), severity="info",
             )  # fmt: skip
         if (item in ticked) == on:
             return None
@@ -215,19 +217,19 @@ class ProtocolRun:
 
 def _no_protocol() -> UserFacingError:
     return UserFacingError(
-        tr("This scenario has no protocol."), tr("There are no steps to go through."),
+        tr("This scenario has no protocol."), tr("There are no steps."),
         tr("Add steps to the scenario, or open one that has them."), severity="info",
     )  # fmt: skip
 
 
 def _not_begun() -> UserFacingError:
     return UserFacingError(
-        tr("No step is under way."), tr("Nothing was changed."), tr("Begin with the next step."), severity="info"
+        tr("No step is active."), tr("Nothing was changed."), tr("Start with the next step."), severity="info"
     )
 
 
 def _ended() -> UserFacingError:
     return UserFacingError(
-        tr("The protocol has ended."), tr("All its steps are behind."),
+        tr("The protocol has ended."), tr("All its steps are done."),
         tr("Go back to the last step, or choose one in the list of steps."), severity="info",
     )  # fmt: skip

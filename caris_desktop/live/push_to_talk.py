@@ -172,7 +172,7 @@ class PushToTalkVoice(QObject):
         if utterance is None:
             return
         if not self._began and not detail:
-            detail = QT_TR_NOOP("nothing was heard of it")
+            detail = QT_TR_NOOP("no speech was played")
         state: Literal["finished", "interrupted", "failed"] = "finished"
         if detail:
             state = "interrupted" if self._began else "failed"

@@ -92,16 +92,16 @@ class RemoteMicrophone(QObject):
                 self._settled()
         elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._told:
             if before.state != "failed":
-                self._show("failed", detail=QT_TR_NOOP("No sound comes from it."))
+                self._show("failed", detail=QT_TR_NOOP("It sends no sound."))
                 self._settled()
             if now_ns - self._unreachable_ns <= _SILENT_NS:
                 return
             self._told = True
             self._bus.problem(
                 "warning",
-                tr("No sound comes from a microphone that is open: {microphone}.").format(microphone=self._whose),
-                tr("Nothing that is said there is heard, recorded or written down until it is back."),
-                tr("Check its connection, and that the robot publishes its sound as the profile says."),
+                tr("An open microphone sends no sound: {microphone}.").format(microphone=self._whose),
+                tr("Speech there is not heard, recorded or transcribed until the microphone works again."),
+                tr("Check its connection, and check that the robot publishes its sound as specified in the profile."),
                 until="microphone",
                 cause="robot_sound",
             )

@@ -144,13 +144,13 @@ class ReplayConsole(QObject):
             cut = not session.closed_properly
             self._notify(
                 "warning",
-                tr("This session was cut off while it was recorded.")
+                tr("This session was interrupted while it was being recorded.")
                 if cut
-                else tr("A part of this session is missing."),
+                else tr("Part of this session is missing."),
                 " ".join(map(tr, told)),
-                tr("What is left is shown. What a repair found is kept in its folder 'recovered'.")
+                tr("The remaining data is shown. Data found by a repair is saved in the session's folder 'recovered'.")
                 if session.repairs
-                else tr("What is left is shown. If there is a copy of the session, take the files from there."),
+                else tr("The remaining data is shown. If there is a copy of the session, restore the files from it."),
             )
 
     def shutdown(self) -> None:
@@ -334,7 +334,7 @@ class ReplayConsole(QObject):
         self._notify(
             "info",
             tr("There is no live robot to stop."),
-            tr("This is a replay, and no console of yours runs here."),
+            tr("This is a replay, and no live console of yours is running on this computer."),
             "",
         )
 

@@ -46,7 +46,7 @@ def _meeting_place(folder: Path) -> Path:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     held = folder.lstat()
     if held.st_uid != os.getuid() or folder.is_symlink():
-        raise OSError(f"{folder} belongs to somebody else")
+        raise OSError(f"{folder} belongs to another user")
     if held.st_mode & 0o077:
         folder.chmod(0o700)
     return folder
@@ -269,7 +269,7 @@ class LiveRobots(QObject):
             if not any(self._unconfirmed.values()):
                 self._patience.stop()
             if message["did"] == "emergency_stop" and not self._present.get(name, {}).get("reached"):
-                self._report_not_done(tr("The live console cannot reach the robot now."), name)
+                self._report_not_done(tr("The live console cannot currently reach the robot."), name)
         else:
             self._present[name] = message
             self._show()
@@ -278,7 +278,7 @@ class LiveRobots(QObject):
         name = self._name_of(console)
         self._consoles.pop(name, None)
         if self._unconfirmed.pop(name, None):
-            self._report_not_done(tr("The live console ended before it answered."), name)
+            self._report_not_done(tr("The live console closed before it responded."), name)
         self._present.pop(name, None)
         self._show()
 
@@ -286,7 +286,7 @@ class LiveRobots(QObject):
         for name, orders in self._unconfirmed.items():
             if orders:
                 orders.clear()
-                self._report_not_done(tr("The live console does not answer."), name)
+                self._report_not_done(tr("The live console does not respond."), name)
 
     def _report_not_done(self, what: str, name: str) -> None:
         robot = self._present.get(name, {}).get("robot") or tr("Its robot")

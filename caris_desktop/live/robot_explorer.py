@@ -116,9 +116,9 @@ class LiveRobotExplorer(QObject):
             except Exception as error:
                 logger.exception("Looking at a robot failed")
                 result = UserFacingError(
-                    tr("Looking at the robot failed ({error}).").format(error=f"{type(error).__name__}: {error}"),
-                    tr("What it offers is not known; nothing was changed."),
-                    tr("See that rosbridge runs on it, and look again; the log has the details."),
+                    tr("Inspecting the robot failed ({error}).").format(error=f"{type(error).__name__}: {error}"),
+                    tr("The robot's interfaces are not known; nothing was changed."),
+                    tr("Check that rosbridge is running on the robot, and try again; the log has the details."),
                 )
             self._answered.emit(number, done, result)
 
@@ -134,7 +134,7 @@ def _read(name: str) -> RobotProfile:
         return load_profile(name)
     except ProfileError as error:
         raise UserFacingError(
-            tr("The profile cannot be used."), f"{error}", tr("Choose another, or what was found here.")
+            tr("The profile cannot be used."), f"{error}", tr("Choose another profile, or the interfaces found here.")
         ) from error
 
 
@@ -143,7 +143,7 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
     taken = {known.name for known in list_profiles()}
     if path.exists() or path.stem in taken:
         raise UserFacingError(
-            tr("There is a robot named {robot} already.").format(robot=path.stem),
+            tr("A robot named {robot} already exists.").format(robot=path.stem),
             tr("It was not overwritten."),
             tr("Choose another name."),
         )
@@ -153,6 +153,6 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
         accept_written_profile(profile, path)
     except (OSError, ProfileError) as error:
         raise UserFacingError(
-            tr("The robot was not saved."), f"{error}", tr("Choose another name, or free space on the disk.")
+            tr("The robot was not saved."), f"{error}", tr("Choose another name, or free some disk space.")
         ) from error
     return RobotChoice(path.stem, title, without_credentials(profile.address))

@@ -111,4 +111,4 @@ class Restarts:
     @property
     def advice(self) -> str:
         """Advice for the wizard."""
-        return tr("It failed too often: restart the program.") if self.exhausted else tr("It is being started again.")
+        return tr("It failed too often: restart the program.") if self.exhausted else tr("It is being restarted.")

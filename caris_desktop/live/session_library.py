@@ -149,7 +149,7 @@ class LiveSessionLibrary(QObject):
                     _log.exception("looking for sessions in %s", self._study)
                     self._looked.emit(
                         LibraryStatus(
-                            query, detail=tr("The sessions could not be looked through: {error}").format(error=error)
+                            query, detail=tr("The sessions could not be searched: {error}").format(error=error)
                         )
                     )
         finally:
@@ -190,9 +190,11 @@ class LiveSessionLibrary(QObject):
         _log.error("the replay of %s ended with %s: %s", replay.folder, replay.process.returncode, last_words)
         self._problem(
             "error",
-            tr("The replay of {name} has ended.").format(name=replay.folder.name),
-            last_words[-1][:_LAST_LINE_CHARACTERS] if last_words else tr("It did not say why; the log may tell."),
-            tr("The session that runs here is not touched by it."),
+            tr("The replay of {name} ended unexpectedly.").format(name=replay.folder.name),
+            last_words[-1][:_LAST_LINE_CHARACTERS]
+            if last_words
+            else tr("It did not report a reason; the log may have details."),
+            tr("The running session is not affected."),
         )
 
     # Export
@@ -247,7 +249,7 @@ class LiveSessionLibrary(QObject):
         exporter, self._exporter = self._exporter, None
         if exporter is None:
             return
-        self.export.set(replace(self.export.value, state="cancelled", detail=tr("What was finished before is kept.")))
+        self.export.set(replace(self.export.value, state="cancelled", detail=tr("Completed files remain.")))
         self._end(exporter)
 
     def _on_exporter_message(self, exporter: ChildProcess, message: Any) -> None:
@@ -307,7 +309,7 @@ def _begun_replay(folder: Path, command: Sequence[str]) -> _Replay:
         _log.exception("the replay of %s", folder)
         raise UserFacingError(
             tr("The replay did not open ({why}).").format(why=error.strerror),
-            tr("The session itself is unharmed, and the one that runs here is not touched by it."),
+            tr("The session itself is unharmed, and the running session is not affected."),
             tr("Try again; the log has the details."),
         ) from error
     return _Replay(folder, process, words)
@@ -344,6 +346,6 @@ def _search(index: StudyIndex, query: SessionQuery, *, updating: bool) -> Librar
     details = [tr(index.message)] if index.message else []
     if unreadable:
         names = ", ".join(session.folder.name for session in unreadable[:3])
-        told = tr("Cannot be read: {names} and others.") if len(unreadable) > 3 else tr("Cannot be read: {names}.")
+        told = tr("Unreadable: {names} and others.") if len(unreadable) > 3 else tr("Unreadable: {names}.")
         details.append(told.format(names=names))
     return LibraryStatus(query, sessions, hits, total, updating, " ".join(details), places)

@@ -90,7 +90,7 @@ def _read(path: Path) -> tuple[str, ...]:  # background thread
     except FileNotFoundError:
         return ()
     except (OSError, ValueError) as error:
-        raise UserFacingError(tr("What was said before could not be read."), str(error), "") from error
+        raise UserFacingError(tr("The speech history could not be read."), str(error), "") from error
     return tuple(sentence for sentence in sentences if isinstance(sentence, str))
 
 
@@ -99,7 +99,7 @@ def _write(path: Path, text: str) -> None:  # background thread
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode(), durable=False)
     except OSError as error:
-        raise UserFacingError(tr("What was said could not be kept."), str(error), "") from error
+        raise UserFacingError(tr("The speech history could not be saved."), str(error), "") from error
 
 
 def _notify(failure: UserFacingError) -> None:

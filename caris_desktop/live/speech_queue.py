@@ -23,9 +23,9 @@ from caris_desktop.robot.speaking_time import estimated_duration_s
 
 VoiceKind = VoiceOutput
 NO_VOICE: dict[VoiceKind, str] = {
-    "robot": QT_TR_NOOP("the robot has no voice now"),
-    "computer": QT_TR_NOOP("the computer has no voice now"),
-    "both": QT_TR_NOOP("neither the robot nor the computer has a voice now"),
+    "robot": QT_TR_NOOP("the robot's voice is not available"),
+    "computer": QT_TR_NOOP("the computer's voice is not available"),
+    "both": QT_TR_NOOP("neither the robot's nor the computer's voice is available"),
 }
 _OF_A_MODEL: tuple[UtteranceOrigin, ...] = ("assistant", "suggestion")
 _ENDS = ("finished", "interrupted", "failed")
@@ -121,7 +121,7 @@ class SpeechQueue(QObject):
         )
         self._publish(utterance, None)
         if gaps(text):
-            detail = f"nobody said what stands for {{{gaps(text)[0]}}}"
+            detail = f"no value was entered for {{{gaps(text)[0]}}}"
             self._publish(replace(utterance, stamp_ns=clock.now_ns(), state="failed", detail=detail), None)
             return utterance.utterance_id
         self._waiting.append(_Queued(utterance, text))

@@ -18,9 +18,9 @@ _BUSY_TIMEOUT_S = 2.0
 
 Verb = Literal["opened", "read", "written"]
 _CANNOT: dict[Verb, str] = {
-    "opened": QT_TR_NOOP("The study's people in {path} cannot be opened."),
-    "read": QT_TR_NOOP("The study's people in {path} cannot be read."),
-    "written": QT_TR_NOOP("The study's people in {path} cannot be written."),
+    "opened": QT_TR_NOOP("The people database {path} cannot be opened."),
+    "read": QT_TR_NOOP("The people database {path} cannot be read."),
+    "written": QT_TR_NOOP("The people database {path} cannot be written."),
 }
 
 
@@ -141,8 +141,8 @@ class PeopleDatabase:
             raise PeopleStoreError(
                 localized(
                     QT_TR_NOOP(
-                        "Another program is using {path}, so its log still holds what was deleted. "
-                        "Close that program and ask again."
+                        "Another program is using {path}, so its log still contains deleted data. Close that "
+                        "program and try again."
                     ),
                     path=self.path,
                 )
@@ -155,13 +155,13 @@ class PeopleDatabase:
         tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         if tables and application_id != _APPLICATION_ID:
             raise PeopleStoreError(
-                localized(QT_TR_NOOP("{path} is a database of another program and was left untouched."), path=self.path)
+                localized(QT_TR_NOOP("{path} is a database of another program and was left unchanged."), path=self.path)
             )
         if version > len(STEPS):
             raise PeopleStoreError(
                 localized(
                     QT_TR_NOOP(
-                        "{path} was written by a newer version of this program and was left untouched. "
+                        "{path} was written by a newer version of this program and was left unchanged. "
                         "Update the program."
                     ),
                     path=self.path,
@@ -225,8 +225,8 @@ class PeopleDatabase:
 def _damaged(path: Path) -> LocalizedText:
     return localized(
         QT_TR_NOOP(
-            "{path} is not a people database or is damaged; it was left untouched. "
-            "Move it away to start an empty one, or put a backup in its place."
+            "{path} is not a people database or is damaged; it was left unchanged. Move it elsewhere to "
+            "start with an empty one, or replace it with a backup."
         ),
         path=path,
     )
@@ -237,11 +237,11 @@ def _explanation(path: Path, verb: Verb, error: sqlite3.DatabaseError) -> Locali
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return _damaged(path)
     if code == sqlite3.SQLITE_FULL:
-        return joined((_cannot(path, verb), QT_TR_NOOP("The disk is full: make room on it.")))
+        return joined((_cannot(path, verb), QT_TR_NOOP("The disk is full: free some disk space.")))
     if code == sqlite3.SQLITE_BUSY:
-        return joined((_cannot(path, verb), QT_TR_NOOP("Another program is using them: close it.")))
+        return joined((_cannot(path, verb), QT_TR_NOOP("Another program is using the database: close that program.")))
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR):
-        return joined((_cannot(path, verb), QT_TR_NOOP("Choose a study folder that you may write to.")))
+        return joined((_cannot(path, verb), QT_TR_NOOP("Choose a study folder that is writable.")))
     return _for_this_reason(path, verb, error)
 
 
@@ -250,4 +250,4 @@ def _cannot(path: Path, verb: Verb) -> LocalizedText:
 
 
 def _for_this_reason(path: Path, verb: Verb, why: object) -> LocalizedText:
-    return joined((_cannot(path, verb), localized(QT_TR_NOOP("The system says: {why}."), why=why)))
+    return joined((_cannot(path, verb), localized(QT_TR_NOOP("The system reports: {why}."), why=why)))

@@ -155,9 +155,9 @@ class Decisions:
                 Problem(
                     now_ns,
                     "info",
-                    tr("Two people have the same name now."),
-                    tr("They stay two, with what is known of each."),
-                    tr("Merge them in the People panel if they are one person, or give one another name."),
+                    tr("Two people now have the same name."),
+                    tr("They remain two people, each with their own data."),
+                    tr("If they are one person, merge them in the People panel; otherwise rename one of them."),
                     cause=ANSWER,
                 )
             )
@@ -260,7 +260,7 @@ class Decisions:
                     "info",
                     tr("There is nothing to undo."),
                     tr("Nothing was changed."),
-                    tr("Forgetting is for good."),
+                    tr("Erasing a person is permanent."),
                     cause=ANSWER,
                 )
             ]
@@ -282,8 +282,8 @@ class Decisions:
                     now_ns,
                     "error",
                     tr(what),
-                    tr("The person is not forgotten yet."),
-                    tr("Ask again when that is mended."),
+                    tr("The person is not erased yet."),
+                    tr("Try again when the problem is fixed."),
                     cause=ANSWER,
                 )
             ]
@@ -350,9 +350,9 @@ def _here_already(now_ns: int) -> Problem:
     return Problem(
         now_ns,
         "info",
-        tr("That person is here already."),
-        tr("Nobody can be here twice, so nothing was changed."),
-        tr("Say of the other one that it is not them; or merge the two, if they are one person."),
+        tr("That person is already here."),
+        tr("The same person cannot be here twice, so nothing was changed."),
+        tr("Reject the identity of the other person, or merge the two if they are one person."),
         cause=ANSWER,
     )
 
@@ -361,8 +361,8 @@ def _unknown(now_ns: int) -> Problem:
     return Problem(
         now_ns,
         "warning",
-        tr("That person is not known any more."),
-        tr("Nothing was kept of what was asked."),
+        tr("That person is no longer known."),
+        tr("The request was not carried out."),
         tr("Choose a person from the People panel."),
         cause=ANSWER,
     )

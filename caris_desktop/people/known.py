@@ -344,8 +344,8 @@ class KnownPeople:
                 now_ns,
                 "error",
                 tr(self._problem),
-                tr("People are still followed, but their names are kept for this session only."),
-                tr("Choose another study folder, or repair this one, before the next session."),
+                tr("People are still tracked, but their names are stored for this session only."),
+                tr("Before the next session, choose another study folder or repair this one."),
             )
         ]
 

@@ -14,7 +14,7 @@ from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore, StoredPerson
 
 _LEAST_FREE_BYTES = 1 << 20
-_NOTHING_CHANGED = QT_TR_NOOP("Nobody was forgotten; nothing was changed.")
+_NOTHING_CHANGED = QT_TR_NOOP("No person was erased; nothing was changed.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
     except PeopleStoreError as error:
         raise UserFacingError(
             str(error),
-            QT_TR_NOOP("They are not yet erased from the study's database."),
+            QT_TR_NOOP("The person is not yet erased from the study's database."),
             _advice(database),
         ) from error
 
@@ -80,14 +80,16 @@ def rewrite_texts(database: Path, rewrite: Callable[[str, str], str]) -> None:
             store.rewrite_texts(rewrite)
     except PeopleStoreError as error:
         raise UserFacingError(
-            str(error), QT_TR_NOOP("What is kept of others may still name the person."), _advice(database)
+            str(error), QT_TR_NOOP("Data about other people may still name the person."), _advice(database)
         ) from error
 
 
 def _advice(database: Path) -> str:
     """Advice by free disk space, since SQLite reports a full disk in many ways."""
     full = shutil.disk_usage(database.parent).free < _LEAST_FREE_BYTES
-    return QT_TR_NOOP("The disk is full: make room on it, then ask again.") if full else QT_TR_NOOP("Then ask again.")
+    return (
+        QT_TR_NOOP("The disk is full: free some disk space, then try again.") if full else QT_TR_NOOP("Then try again.")
+    )
 
 
 def _id_of(store: PeopleStore, who: str) -> str | None:
@@ -100,10 +102,10 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
     roots = {store.ids_of(person.person_id)[0]: person for person in called}
     if len(roots) > 1:
         raise UserFacingError(
-            localized(QT_TR_NOOP("{count} people of this study are called {who}."), count=len(roots), who=who),
+            localized(QT_TR_NOOP("{count} people in this study are called {who}."), count=len(roots), who=who),
             _NOTHING_CHANGED,
             localized(
-                QT_TR_NOOP("Say which one by id: {ids}."),
+                QT_TR_NOOP("Specify one of them by id: {ids}."),
                 ids=joined((_described(root, person) for root, person in roots.items()), "; "),
             ),
         )

@@ -61,7 +61,8 @@ class AppearanceModel:
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, HEIGHT_PX, WIDTH_PX]:
             raise AppearanceError(
                 localized(
-                    QT_TR_NOOP("{name} is no re-identification model: its input is not 3 x 256 x 128."), name=path.name
+                    QT_TR_NOOP("{name} is not a re-identification model: its input is not 3 x 256 x 128."),
+                    name=path.name,
                 )
             )
         self._one_by_one = first.shape[0] == 1

@@ -54,7 +54,7 @@ class FaceModel:
             content, digest = read_checked(path)
         except OSError as error:
             raise FaceModelError(
-                localized(QT_TR_NOOP("The network for faces, {name}, cannot be read."), name=path.name)
+                localized(QT_TR_NOOP("The face recognition model {name} cannot be read."), name=path.name)
             ) from error
         except WrongChecksum as error:
             raise FaceModelError(str(error)) from error
@@ -68,14 +68,17 @@ class FaceModel:
         except Exception as error:  # onnxruntime raises undocumented types
             log.info("could not load %s", path, exc_info=True)
             raise FaceModelError(
-                localized(QT_TR_NOOP("The network for faces, {name}, could not be loaded."), name=path.name)
+                localized(QT_TR_NOOP("The face recognition model {name} could not be loaded."), name=path.name)
             ) from error
         self.name = f"{path.stem}-{digest[:8]}"
         first = self._session.get_inputs()[0]
         self._input = first.name
         if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
             raise FaceModelError(
-                localized(QT_TR_NOOP("{name} is no network for faces: its input is not 3 x 112 x 112."), name=path.name)
+                localized(
+                    QT_TR_NOOP("{name} is not a face recognition model: its input is not 3 x 112 x 112."),
+                    name=path.name,
+                )
             )
         self.embed(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 

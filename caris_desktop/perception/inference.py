@@ -214,11 +214,11 @@ def _weights_problem(error: WeightsError) -> Problem:
         "error",
         localized(QT_TR_NOOP("{error}."), error=error),
         localized(
-            QT_TR_NOOP("People are not recognised; everything else works. Searched: {places}."),
+            QT_TR_NOOP("People are not detected; everything else works. Searched: {places}."),
             places=joined(error.searched, "; "),
         )
         if error.searched
-        else QT_TR_NOOP("People are not recognised; everything else works."),
+        else QT_TR_NOOP("People are not detected; everything else works."),
         localized(QT_TR_NOOP("{advice}."), advice=error.advice),
         until="people",
     )
@@ -229,8 +229,8 @@ def _appearance_problem(trouble: str) -> Problem:
         clock.now_ns(),
         "warning",
         trouble,
-        QT_TR_NOOP("People are followed, but who comes back is not known again by how they look."),
-        QT_TR_NOOP("Replace or remove the file in the models folder; the log has the details."),
+        QT_TR_NOOP("People are tracked, but a person who returns is not recognised by appearance."),
+        QT_TR_NOOP("Replace or remove the file in the models folder; see the log for details."),
         until="people",
     )
 
@@ -241,10 +241,12 @@ def _away_problem(why: str) -> Problem:
         "warning",
         localized(QT_TR_NOOP("{why}."), why=why),
         QT_TR_NOOP(
-            "It looks for people in this computer's place: there are no boxes until it answers; everything else works."
+            "The server detects people instead of this computer: no boxes are shown until it responds. "
+            "Everything else works."
         ),
         QT_TR_NOOP(
-            "It is asked again every other second. See whether it runs, or remove perception.server from the scenario."
+            "The console tries again every two seconds. Check that the server is running, or remove "
+            "perception.server from the scenario."
         ),
         until="people",
     )
@@ -256,11 +258,13 @@ def _things_problem(perceiver: Perceiver) -> Problem:
         clock.now_ns(),
         "warning",
         localized(
-            QT_TR_NOOP("The detector does not know: {unknown_things}."),
+            QT_TR_NOOP("Classes unknown to the detector: {unknown_things}."),
             unknown_things=", ".join(perceiver.unknown_things),
         ),
-        QT_TR_NOOP("These things get no boxes and are not recorded; people do."),
-        localized(QT_TR_NOOP("Correct perception.classes in the scenario. The detector knows: {known}."), known=known),
+        QT_TR_NOOP("These objects get no boxes and are not recorded. People are detected as usual."),
+        localized(
+            QT_TR_NOOP("Correct perception.classes in the scenario. Classes of this detector: {known}."), known=known
+        ),
     )
 
 
@@ -270,9 +274,10 @@ def _faces_problem(trouble: str) -> Problem:
         "warning",
         trouble,
         QT_TR_NOOP(
-            "Nobody is known again by their face; by their clothes people are, as far as the scenario lets them."
+            "People are not recognised by their faces. They are still recognised by their clothes if the "
+            "scenario permits it."
         ),
-        QT_TR_NOOP("Replace or remove models/face.onnx in the study's folder, then start the program again."),
+        QT_TR_NOOP("Replace or remove models/face.onnx in the study folder, then restart the program."),
         until="people",
     )
 
@@ -282,8 +287,8 @@ def _start_problem() -> Problem:
         clock.now_ns(),
         "error",
         QT_TR_NOOP("The person detector could not be started."),
-        QT_TR_NOOP("People are not recognised; everything else works."),
-        QT_TR_NOOP("Run the set-up again; the log has the details."),
+        QT_TR_NOOP("People are not detected; everything else works."),
+        QT_TR_NOOP("Run the setup again; see the log for details."),
         until="people",
     )
 
@@ -293,7 +298,7 @@ def _processing_problem() -> Problem:
         clock.now_ns(),
         "error",
         QT_TR_NOOP("The person detector failed on several camera frames in a row."),
-        QT_TR_NOOP("People are not recognised any more; everything else works."),
-        QT_TR_NOOP("Restart the program; the log has the details."),
+        QT_TR_NOOP("People are no longer detected; everything else works."),
+        QT_TR_NOOP("Restart the program; see the log for details."),
         until="people",
     )

@@ -45,7 +45,7 @@ class VideoFile:
         if not path.exists():
             raise VideoFileError(f"The video {path} does not exist.")
         if not path.is_file():
-            raise VideoFileError(f"{path} is no file.")
+            raise VideoFileError(f"{path} is not a file.")
         try:
             self._container = av.open(str(path), options=FILM_OPTIONS)
         except self._errors as error:
@@ -54,7 +54,7 @@ class VideoFile:
         videos = [stream for stream in self._container.streams.video if stream.codec_context.name not in _LETTERS]
         if not videos:
             self._container.close()
-            raise VideoFileError(f"{path.name} has no video in it.")
+            raise VideoFileError(f"{path.name} contains no video.")
         self._stream: Any = videos[0]
         self._stream.thread_type = "AUTO"
         self.fps = float(self._stream.average_rate or _USUAL_FPS)
@@ -86,7 +86,7 @@ class VideoFile:
             count += 1
             yield stamp_s, np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
         if not count:
-            raise VideoFileError(f"{self._path.name} has no pictures in it.")
+            raise VideoFileError(f"{self._path.name} contains no frames.")
 
     def _frames(self) -> Iterator[Any]:
         in_a_row = 0
@@ -97,7 +97,7 @@ class VideoFile:
             except self._errors as error:
                 self.torn, in_a_row = self.torn + 1, in_a_row + 1
                 if in_a_row > _TORN_AT_MOST:
-                    raise VideoFileError(f"{self._path.name} breaks off: it is damaged.") from error
+                    raise VideoFileError(f"{self._path.name} is damaged or truncated.") from error
                 decoded = iter(self._container.decode(self._stream))
                 continue
             if frame is None:

@@ -201,9 +201,7 @@ def _check_form(path: Path) -> None:
     if not known:
         raise WeightsError(
             localized(
-                QT_TR_NOOP(
-                    "The configured detector {name} is not a .pt, .onnx or .tflite file, nor a folder for OpenVINO"
-                ),
+                QT_TR_NOOP("The configured detector {name} is not a .pt, .onnx or .tflite file or an OpenVINO folder"),
                 name=path.name,
             ),
             searched=(str(path),),
@@ -218,9 +216,11 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
     wanted = choice.sha256.strip().lower()
     if wanted and not _SHA256.fullmatch(wanted):
         raise WeightsError(
-            localized(QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256"), source=choice.source),
+            localized(
+                QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256 checksum"), source=choice.source
+            ),
             advice=localized(
-                QT_TR_NOOP("Write its 64 digits, as sha256sum prints them, into the scenario's perception.sha256")
+                QT_TR_NOOP("Enter the 64 digits that sha256sum prints as perception.sha256 in the scenario")
             ),
         )
     if _ADDRESS.match(choice.source):
@@ -234,26 +234,27 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
         raise WeightsError(
             localized(QT_TR_NOOP("The detector {name} cannot be read"), name=path.name),
             searched=(f"{path}: {error}",),
-            advice=QT_TR_NOOP("Correct the permissions of the file"),
+            advice=QT_TR_NOOP("Correct the file permissions"),
         ) from error
     if path.suffix.lower() == ".pt" and not wanted:
         raise WeightsError(
             localized(
                 QT_TR_NOOP(
-                    "The detector {name} is a .pt file, which can bring code, and the scenario does not say which it is"
+                    "The detector {name} is a .pt file, which can contain code, and the scenario does not "
+                    "give its checksum"
                 ),
                 name=path.name,
             ),
             searched=(str(path),),
             advice=localized(
-                QT_TR_NOOP("Have its maker confirm the file, and write perception.sha256: {found} into the scenario"),
+                QT_TR_NOOP("Have the author confirm the file, then add perception.sha256: {found} to the scenario"),
                 found=found,
             ),
         )
     if wanted and found != wanted:
         raise WeightsError(
             localized(
-                QT_TR_NOOP("The detector {name} is not the file that the scenario means: its checksum is another"),
+                QT_TR_NOOP("The detector {name} is not the file that the scenario expects: its checksum is different"),
                 name=path.name,
             ),
             searched=(
@@ -262,7 +263,9 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
                 ),
             ),
             advice=localized(
-                QT_TR_NOOP("Get the file anew from where the scenario's author has it, or correct perception.sha256")
+                QT_TR_NOOP(
+                    "Get the file again from the source that the scenario's author used, or correct perception.sha256"
+                )
             ),
         )
     return replace(_of_file(path), input_px=choice.input_px)
@@ -274,9 +277,9 @@ def _path_of(choice: DetectorChoice, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise WeightsError(
-            localized(QT_TR_NOOP("The detector {source} is outside of the scenario's folder"), source=choice.source),
+            localized(QT_TR_NOOP("The detector {source} is outside the scenario's folder"), source=choice.source),
             advice=localized(
-                QT_TR_NOOP("Name the whole path, or put the file beside the scenario or into a models folder")
+                QT_TR_NOOP("Enter the full path, or put the file next to the scenario or into a models folder")
             ),
         )
     places = [folder / path for folder in (*([choice.folder] if choice.folder else []), *folders)]
@@ -288,17 +291,17 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     if not sha256:
         raise WeightsError(
             localized(
-                QT_TR_NOOP("The detector {url} has no checksum, so nobody can tell whether the right file arrives"),
+                QT_TR_NOOP("The detector {url} has no checksum, so the downloaded file cannot be verified"),
                 url=url,
             ),
-            advice=QT_TR_NOOP("Write its SHA-256 into the scenario's perception.sha256"),
+            advice=QT_TR_NOOP("Enter its SHA-256 checksum as perception.sha256 in the scenario"),
         )
     if not re.fullmatch(r"[\w.-]+", name) or Path(name).suffix.lower() not in (".pt", ".onnx", ".tflite"):
         raise WeightsError(
             localized(
                 QT_TR_NOOP("The address {url} does not end in the name of a .pt, .onnx or .tflite file"), url=url
             ),
-            advice=QT_TR_NOOP("Name the file itself in the scenario's perception.model"),
+            advice=QT_TR_NOOP("Enter the address of the file itself as perception.model in the scenario"),
         )
     target = folder / "named" / f"{sha256[:16]}-{name}"
     if not target.is_file():
@@ -306,7 +309,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
             raise WeightsError(
                 localized(QT_TR_NOOP("The detector {name} is not on this computer yet"), name=name),
                 searched=(url,),
-                advice=QT_TR_NOOP("Start the console once with a connection to the internet"),
+                advice=QT_TR_NOOP("Start the console once with an internet connection"),
             )
         try:
             _download(url, target, sha256=sha256, at_most_bytes=_NAMED_AT_MOST_BYTES)
@@ -337,9 +340,11 @@ def _in_folder(folder: Path) -> Weights | None:
 
 def _why_nothing_in(folder: Path) -> str:
     if (folder / DOWNLOADED_NAME).is_file():
-        another = QT_TR_NOOP("its {name} is not the file that ultralytics publishes; name it as the detector to use it")
+        another = QT_TR_NOOP(
+            "its {name} is not the file published by ultralytics; to use it, configure it as the detector"
+        )
         return localized(another, name=DOWNLOADED_NAME)
-    why = QT_TR_NOOP("no YOLOv8 detector in it") if folder.is_dir() else QT_TR_NOOP("no such folder")
+    why = QT_TR_NOOP("no YOLOv8 detector found") if folder.is_dir() else QT_TR_NOOP("no such folder")
     return localized(why)
 
 

@@ -65,10 +65,12 @@ def add_csv_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plain-csv",
         action="store_true",
-        help="write cells of CSV files as they are, for programs; else an apostrophe stands before text that begins"
-        " like a formula, so that spreadsheets show it",
+        help=(
+            "write CSV cells unchanged, for programs; otherwise text that starts like a formula is preceded by "
+            "an apostrophe, so that spreadsheets show it"
+        ),
     )
-    parser.add_argument("--csv-bom", action="store_true", help="begin CSV files with the byte order mark of UTF-8")
+    parser.add_argument("--csv-bom", action="store_true", help="start CSV files with a UTF-8 byte order mark")
 
 
 def csv_style_of(args: argparse.Namespace) -> CsvStyle:

@@ -29,24 +29,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     width = max(len(fmt.name) for fmt in FORMATS)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "formats:\n" + "\n".join(f"  {fmt.name:<{width}}  {fmt.description}" for fmt in FORMATS)
-    parser.add_argument("session", type=Path, help="folder of a session, or of a study for all of its sessions")
+    parser.add_argument("session", type=Path, help="session folder, or study folder for all of its sessions")
     parser.add_argument(
         "--to",
         type=_formats,
         default=("csv",),
         metavar="FORMAT[,FORMAT...]",
-        help="what to write (default: csv); all: every format",
+        help="formats to write (default: csv); all: every format",
     )
     parser.add_argument("--licence", default="", metavar="SPDX", help="licence of the data, such as CC-BY-4.0")
     parser.add_argument(
         "--with-names",
         action="store_true",
-        help="who the wizards and coders were and where the robot is, in place of pseudonyms (W1, C1) and its profile",
+        help=(
+            "include the names of wizards and coders and the robot's address, instead of pseudonyms (W1, C1) and "
+            "the robot profile"
+        ),
     )
     add_csv_arguments(parser)
-    parser.add_argument("--verify", action="store_true", help="first compare the files with the session's checksums")
+    parser.add_argument("--verify", action="store_true", help="first verify the files against the session's checksums")
     parser.add_argument(
-        "out", type=Path, help="folder to make; of a study, each session gets a folder in it. Nothing is overwritten"
+        "out",
+        type=Path,
+        help="folder to create; for a study, each session gets its own subfolder. Nothing is overwritten",
     )
 
 
@@ -74,7 +79,10 @@ def run(args: argparse.Namespace) -> int:
             finished = export_all(request, line.show, on_written=count)
         except KeyboardInterrupt:
             line.clear()
-            print(f"Cancelled. {written} of {len(sessions)} exports are whole; nothing else was kept.", file=sys.stderr)
+            print(
+                f"Cancelled. {written} of {len(sessions)} exports are complete; nothing else was saved.",
+                file=sys.stderr,
+            )
             return _CANCELLED
     for sentence in (*finished.notices, *damaged, *finished.problems):
         print(sentence, file=sys.stderr)
@@ -82,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"Exported {args.session} to {args.out}")
     elif not one:
         whole = len(set(finished.written) & set(export_folders(request)))
-        together = "".join(f" and {path.name} of all" for path in finished.written if path.name in BY_FORMAT)
+        together = "".join(f" and {path.name} for all" for path in finished.written if path.name in BY_FORMAT)
         print(f"Exported {whole} of {len(sessions)} sessions{together} to {args.out}")
     return 1 if damaged or finished.problems else 0
 
@@ -109,9 +117,9 @@ def _verify(sessions: Sequence[Path]) -> list[str]:
         try:
             found += [f"{folder.name}: {problem}" for problem in verify_manifest(folder)]
         except FileNotFoundError:
-            found.append(f"{folder.name}: it has no checksums: it was not closed properly, or by an older version.")
+            found.append(f"{folder.name}: no checksums: the session was not closed properly, or by an older version.")
         except OSError as error:
-            found.append(f"{folder.name}: its checksums cannot be read: {error.strerror or error}.")
+            found.append(f"{folder.name}: the checksums cannot be read: {error.strerror or error}.")
         found += [f"{folder.name}: {loss}" for loss in _losses_since_closed(folder)]
     return found
 

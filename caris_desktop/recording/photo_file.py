@@ -21,7 +21,7 @@ PREVIEW_PX, THUMBNAIL_PX = 960, 200
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LONGEST_TEXT_BYTES = 100_000
-_NO_PICTURE = "it is no picture"
+_NO_PICTURE = "it is not an image"
 _HEAD = struct.Struct(">I4s")
 
 
@@ -103,18 +103,18 @@ def remove_all(folder: Path) -> None:
 def _chunks(png: bytes) -> list[tuple[bytes, bytes, bytes]]:
     """Type, content and raw bytes of each chunk."""
     if not png.startswith(_SIGNATURE):
-        raise PhotoFileError("it is no PNG file")
+        raise PhotoFileError("it is not a PNG file")
     chunks, at = [], len(_SIGNATURE)
     while at + _HEAD.size <= len(png):
         length, kind = _HEAD.unpack_from(png, at)
         end = at + _HEAD.size + length + 4
         if end > len(png):
-            raise PhotoFileError("it is cut short")
+            raise PhotoFileError("it is truncated")
         chunks.append((kind, png[at + _HEAD.size : end - 4], png[at:end]))
         at = end
         if kind == b"IEND":
             return chunks
-    raise PhotoFileError("it is cut short")
+    raise PhotoFileError("it is truncated")
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

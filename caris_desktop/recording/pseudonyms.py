@@ -243,7 +243,10 @@ def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
     data = {
         "format": _FORMAT,
         "format_version": _FORMAT_VERSION,
-        "note": "Whose pseudonym is which. Keep this file where the names of participants are kept, or delete it.",
+        "note": (
+            "Assignment of pseudonyms to names. Store this file where the names of participants are stored, or "
+            "delete it."
+        ),
         "wizards": pseudonyms.wizards,
         "coders": pseudonyms.coders,
     }

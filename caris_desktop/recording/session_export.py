@@ -98,18 +98,18 @@ FORMATS: tuple[ExportFormat, ...] = (
     _format(
         "eaf",
         QT_TR_NOOP("ELAN"),
-        QT_TR_NOOP("A project with media, tiers and controlled vocabularies; opens in ELAN by double click."),
+        QT_TR_NOOP("A project with media, tiers and controlled vocabularies; opens in ELAN with a double-click."),
     ),
     _format(
         "textgrid",
         QT_TR_NOOP("Praat TextGrid"),
-        QT_TR_NOOP("The tiers for Praat, by the session's time and by that of each sound file."),
+        QT_TR_NOOP("The tiers for Praat, in session time and in the time of each audio file."),
     ),
-    _format("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("What was said, as captions of the video.")),
+    _format("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("The transcript as captions for the video.")),
     _format("rosbag2", QT_TR_NOOP("ROS bags"), QT_TR_NOOP("Standard messages for ROS 2 (MCAP) and ROS 1.")),
     _format(
         "frames",
-        QT_TR_NOOP("Learning data"),
+        QT_TR_NOOP("Training data"),
         QT_TR_NOOP("Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
     ),
     _format(
@@ -120,13 +120,14 @@ FORMATS: tuple[ExportFormat, ...] = (
     _format(
         "html",
         QT_TR_NOOP("Report"),
-        QT_TR_NOOP("One page for people: time line, trajectory, talk time, transcript, problems."),
+        QT_TR_NOOP("One readable page: timeline, trajectory, talk time, transcript, problems."),
     ),
     _format(
         "methods",
         QT_TR_NOOP("Methods sheet"),
         QT_TR_NOOP(
-            "What a paper has to report of a Wizard-of-Oz study, filled from the log. One sheet for all sessions."
+            "The details that a paper on a Wizard-of-Oz study must report, filled in from the log. One sheet "
+            "for all sessions."
         ),
         of_study="write_methods_of_study",
     ),
@@ -213,7 +214,7 @@ def export_all(
     if unknown or not request.formats:
         return ExportFinished((), (_unknown_format(", ".join(unknown)),))
     if not request.folder_per_session and len(request.sessions) != 1:
-        return ExportFinished((), (QT_TR_NOOP("Several sessions need a folder each. Nothing was written."),))
+        return ExportFinished((), (QT_TR_NOOP("Each session needs its own folder. Nothing was written."),))
     remove_partial_exports(request.out)
     targets = export_folders(request)
     weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
@@ -246,7 +247,7 @@ def export_all(
             problems.append(_message_for(folder.name, error))
             left = len(request.sessions) - number - 1
             if left:
-                what = QT_TR_NOOP("%n further session(s) were not tried: the disk is full.", "", left)
+                what = QT_TR_NOOP("%n further session(s) were not exported: the disk is full.", "", left)
                 problems.append(what)
             break
         except ExportError as error:
@@ -314,8 +315,8 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
         raise ExportError(
             localized(
                 QT_TR_NOOP(
-                    "{path} is no session and no study: it holds neither a session.json nor sessions."
-                    " Nothing was written."
+                    "{path} is not a session or a study: it contains neither a session.json nor sessions. "
+                    "Nothing was written."
                 ),
                 path=path,
             )
@@ -433,8 +434,8 @@ def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out
         raise ExportError(
             localized(
                 QT_TR_NOOP(
-                    "It could not be written as {format} ({kind}: {error}). Nothing was kept of that; the"
-                    " session itself is unharmed."
+                    "The export as {format} failed ({kind}: {error}). Its partial files were deleted; the "
+                    "session itself is unchanged."
                 ),
                 format=fmt,
                 kind=type(error).__name__,
@@ -488,8 +489,8 @@ def _refuse_inside(out: Path, session_folder: Path) -> None:
         raise ExportError(
             localized(
                 QT_TR_NOOP(
-                    "{out} lies inside the recorded session. Nothing was written; choose a folder outside"
-                    " of it, or {new}."
+                    "{out} is inside the recorded session. Nothing was written; choose a folder outside the "
+                    "session, or {new}."
                 ),
                 out=out,
                 new=session_folder / "export-1",
@@ -500,10 +501,11 @@ def _refuse_inside(out: Path, session_folder: Path) -> None:
 def _failure(out: Path, error: OSError) -> ExportError:
     if no_room(error):
         full = QT_TR_NOOP(
-            "The export to {folder} failed: {why}. Nothing was kept of it. Free some room, or choose another disk."
+            "The export to {folder} failed: {why}. Its partial files were deleted. Free some disk space, or "
+            "choose another disk."
         )
         return _DiskFullError(localized(full, folder=out, why=error.strerror or error))
-    failed = QT_TR_NOOP("The export to {folder} failed: {why}. Nothing was kept of it.")
+    failed = QT_TR_NOOP("The export to {folder} failed: {why}. Its partial files were deleted.")
     return ExportError(localized(failed, folder=out, why=error.strerror or error))
 
 

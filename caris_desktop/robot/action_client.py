@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 FATE_TOLD_WITHIN_S = 5.0
 """How long a goal may be without news after a lost link, and after its return: actionlib lists for five seconds what is
 over, so who was away for longer does not learn of it any more."""
-FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and what became of it is not known")
+FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and the outcome is unknown")
 _REMEMBERED_GOALS = 20
 _ADOPTED_WITHIN_S = 2.0
 """A goal of ours turns up on the status topic within this time; what turns up later is somebody else's."""
@@ -47,7 +47,7 @@ _PROVEN_WITHIN_S = 0.3
 _ENDED_WITHOUT_REASON: dict[Ending, str] = {
     "reached": "",
     "cancelled": "",
-    "failed": QT_TR_NOOP("the robot gave up and does not say why"),
+    "failed": QT_TR_NOOP("the robot aborted without giving a reason"),
 }
 
 
@@ -224,7 +224,7 @@ class BridgedActionClient:
             except MessageError as error:
                 # Whatever the answer, the goal is over.
                 logger.info("%s: %s", self._name, error)
-                self._listener.goal_ended(wire_ids[0], "failed", QT_TR_NOOP("the robot's answer cannot be read"))
+                self._listener.goal_ended(wire_ids[0], "failed", QT_TR_NOOP("the robot's response cannot be read"))
                 return
             detail = result.detail or _ENDED_WITHOUT_REASON[result.ending]
             self._listener.goal_ended(wire_ids[0], result.ending, detail)

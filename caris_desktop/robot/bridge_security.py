@@ -54,28 +54,32 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
     except OtherCertificateError as error:
         raise SecurityError(
             localized(
-                QT_TR_NOOP("{host} has another certificate than the one that was confirmed. It was sent nothing."),
+                QT_TR_NOOP("The certificate of {host} is not the one that was confirmed. Nothing was sent."),
                 host=host,
             ),
             QT_TR_NOOP(
-                "If the robot got a new certificate, correct the fingerprint under Security ('certificate_sha256' in"
-                " the robot profile). If not, somebody else may be answering."
+                "If the robot got a new certificate, correct the fingerprint under Security "
+                "('certificate_sha256' in the robot profile). Otherwise, another computer may be "
+                "impersonating the robot."
             ),
         ) from error
     except ValueError as error:
         if fingerprint is None:
             raise
         raise SecurityError(
-            QT_TR_NOOP("The fingerprint of the robot's certificate is none of SHA-256."),
+            QT_TR_NOOP("The fingerprint of the robot's certificate is not a SHA-256 fingerprint."),
             QT_TR_NOOP(
-                "Correct it under Security ('certificate_sha256' in the robot profile): 64 digits, 0-9 and A-F."
+                "Correct the fingerprint under Security ('certificate_sha256' in the robot profile): 64 "
+                "digits, 0-9 and A-F."
             ),
         ) from error
     except OSError as error:
         if fingerprint is not None:
             raise
         # ssl.SSLError is an OSError with its own numbers.
-        reason = "no certificate is in it" if isinstance(error, ssl.SSLError) or not error.strerror else error.strerror
+        reason = (
+            "it contains no certificate" if isinstance(error, ssl.SSLError) or not error.strerror else error.strerror
+        )
         raise SecurityError(
             localized(
                 QT_TR_NOOP("The file with trusted certificates cannot be used: {ca_file} ({reason})."),
@@ -83,7 +87,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
                 reason=reason,
             ),
             QT_TR_NOOP(
-                "Correct the certificate file under Security ('ca_file' in the robot profile); it is a PEM file."
+                "Correct the certificate file under Security ('ca_file' in the robot profile); it must be a PEM file."
             ),
         ) from error
 
@@ -97,12 +101,14 @@ async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, po
     what, advice = why_refused(error, host, shown)
     advice = (
         *advice,
-        QT_TR_NOOP("If it is the robot's own, name its file under Security ('ca_file' in the robot profile)."),
+        QT_TR_NOOP(
+            "If the certificate is the robot's own, enter its file under Security ('ca_file' in the robot profile)."
+        ),
     )
     if shown is not None:
         confirm = QT_TR_NOOP(
-            "Or confirm its SHA-256 fingerprint there ('certificate_sha256'), if the robot itself has the same:"
-            " {fingerprint}"
+            "Or confirm its SHA-256 fingerprint there ('certificate_sha256') if the robot itself has the "
+            "same one: {fingerprint}"
         )
         advice = (*advice, localized(confirm, fingerprint=fingerprint_of(shown)))
     return SecurityError(joined(what), joined(advice))
@@ -131,10 +137,12 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
     if secret_is_missing(settings):
         raise SecurityError(
             localized(
-                QT_TR_NOOP("The robot demands a secret, and the environment variable {rosauth_secret_env} is not set."),
+                QT_TR_NOOP(
+                    "The robot requires a secret, but the environment variable {rosauth_secret_env} is not set."
+                ),
                 rosauth_secret_env=settings.rosauth_secret_env,
             ),
-            QT_TR_NOOP("Set it to the robot's rosauth secret before the console is started."),
+            QT_TR_NOOP("Set the variable to the robot's rosauth secret before starting the console."),
         )
     begin_s = int(time.time())
     end_s = begin_s + _AUTHORIZED_FOR_S
@@ -155,8 +163,8 @@ def auth_operation(settings: SecuritySettings, *, client: str, server: str) -> d
 def no_tls(address: str) -> tuple[str, str]:
     """Problem and advice for a server that does not answer TLS."""
     return (
-        localized(QT_TR_NOOP("What answers at {address} does not speak TLS."), address=address),
-        "If the robot's rosbridge is not secured, its address begins with ws:// instead of wss://.",
+        localized(QT_TR_NOOP("The server at {address} does not use TLS."), address=address),
+        "If the robot's rosbridge is not secured, use an address that starts with ws:// instead of wss://.",
     )
 
 
@@ -166,7 +174,9 @@ def explain_tls_failure(error: ssl.SSLError, name: str, address: str) -> tuple[s
         return no_tls(address)
     return (
         localized(
-            QT_TR_NOOP("No secured connection to {name} came about ({error})."), name=name, error=error.reason or error
+            QT_TR_NOOP("A secure connection to {name} could not be established ({error})."),
+            name=name,
+            error=error.reason or error,
         ),
         QT_TR_NOOP("Check the TLS settings of the robot's rosbridge (certfile, keyfile)."),
     )

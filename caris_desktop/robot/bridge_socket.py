@@ -51,7 +51,7 @@ class LargeAnswer:
     tail: bytes
 
     def __str__(self) -> str:
-        return f"its answer of {self.size_bytes / 2**20:.0f} MB is larger than is accepted"
+        return f"its response of {self.size_bytes / 2**20:.0f} MB is too large"
 
 
 class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy has no types
@@ -89,7 +89,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
             if not self._take_large_answer(payload):
                 factory.refuse(
                     localized(
-                        QT_TR_NOOP("a message of {payload} MB, larger than is accepted"),
+                        QT_TR_NOOP("a message of {payload} MB, which is too large"),
                         payload=f"{len(payload) / 2**20:.0f}",
                     )
                 )
@@ -195,12 +195,12 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
             return
         self.factory.not_answered(self)
         self.factory.run_safely(
-            errback, NoAnswer(localized(QT_TR_NOOP("no answer within {waited_s} s"), waited_s=f"{waited_s:g}"))
+            errback, NoAnswer(localized(QT_TR_NOOP("no response within {waited_s} s"), waited_s=f"{waited_s:g}"))
         )
 
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
-            raise TypeError("the topic is not a text")
+            raise TypeError("the topic is not a string")
         self.factory.take_publish(message["topic"], message["msg"], binary=self._binary)
 
     def _handle_service_response(self, message: Operation) -> None:
@@ -247,7 +247,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
         if whole is None:
             return
         if whole["op"] == "fragment":
-            raise ProtocolError("a fragment must not hold fragments")
+            raise ProtocolError("a fragment must not contain fragments")
         self._handle(whole)
 
 
@@ -348,7 +348,7 @@ class BridgeSocket:
         finally:
             admission, self._admission = self._admission, None
             if not admission.done() or admission.cancelled() or admission.exception() is not None:
-                wire.abort(QT_TR_NOOP("not admitted"))
+                wire.abort(QT_TR_NOOP("access denied"))
 
     def wire_received(self, payload: bytes) -> None:
         if self._admission is not None:
@@ -385,19 +385,20 @@ def _refusal(security: SecuritySettings) -> SecurityError:
     name = security.rosauth_secret_env
     if name is None:
         return SecurityError(
-            QT_TR_NOOP("The robot's rosbridge closes each connection at once."),
+            QT_TR_NOOP("The robot's rosbridge closes every connection immediately."),
             QT_TR_NOOP(
-                "If it demands a secret (rosauth), put the secret into an environment variable and name that under "
-                "Security ('rosauth_secret_env' in the robot profile). The log of rosbridge tells more."
+                "If rosbridge requires a secret (rosauth), put it into an environment variable and enter the "
+                "variable's name under Security ('rosauth_secret_env' in the robot profile). See the "
+                "rosbridge log for details."
             ),
         )
     return SecurityError(
         QT_TR_NOOP("The robot's rosbridge refused this console: the secret was not accepted."),
         localized(
             QT_TR_NOOP(
-                "Check that the environment variable {name} holds the robot's rosauth secret, that the "
-                "clocks of this computer and the robot differ by less than 5 s, and that rosauth runs on "
-                "the robot."
+                "Check that the environment variable {name} contains the robot's rosauth secret and that "
+                "rosauth is running on the robot. Also check that the clocks of this computer and the robot "
+                "differ by less than 5 s."
             ),
             name=name,
         ),

@@ -315,7 +315,7 @@ class Wire(asyncio.Protocol):
             plain, ended = self._tls.decrypt(data)
         except ssl.SSLError as error:
             self._fail_opening(error)
-            self.abort(localized(QT_TR_NOOP("the secured connection broke ({error})"), error=error.reason or error))
+            self.abort(localized(QT_TR_NOOP("the secure connection was lost ({error})"), error=error.reason or error))
             return
         if plain:
             self._take_bytes(plain)
@@ -399,13 +399,11 @@ class Wire(asyncio.Protocol):
             }
         silent_s = now_s - max(self._heard_s, self._owner.server_heard_s())
         if silent_s >= self._timings.dead_after_s:
-            self.give_up(localized(QT_TR_NOOP("nothing came from it for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
+            self.give_up(localized(QT_TR_NOOP("no data received for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
             return
         unanswered_s = self._unanswered_s(now_s)
         if unanswered_s >= self._timings.unanswered_dead_after_s:
-            self.give_up(
-                localized(QT_TR_NOOP("it did not answer for {unanswered_s} s"), unanswered_s=f"{unanswered_s:.1f}")
-            )
+            self.give_up(localized(QT_TR_NOOP("no response for {unanswered_s} s"), unanswered_s=f"{unanswered_s:.1f}"))
             return
         if not self._silent and (silent_s >= self._timings.trouble_after_s or self._unanswered(now_s)):
             self._silent = True
@@ -453,7 +451,7 @@ class Wire(asyncio.Protocol):
         self._over = True
         if self._watch is not None:
             self._watch.cancel()
-        reason = self._why_lost or QT_TR_NOOP("the connection broke off")
+        reason = self._why_lost or QT_TR_NOOP("the connection was lost")
         self._fail_opening(ConnectionError(reason))
         if not self.opened.cancelled():
             # There may be no waiter any more.
@@ -569,40 +567,43 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
         return explain_tls_failure(error, name, address)
     if isinstance(error, TimeoutError):
         return (
-            localized(QT_TR_NOOP("Nothing answers at {address}."), address=address),
-            QT_TR_NOOP("Check that the robot is on and in the same network, and that no firewall is in the way."),
+            localized(QT_TR_NOOP("No response from {address}."), address=address),
+            QT_TR_NOOP(
+                "Check that the robot is turned on and on the same network, and that no firewall blocks the connection."
+            ),
         )
     if isinstance(error, socket.gaierror):
         return (
-            localized(QT_TR_NOOP("No computer named {name} is known."), name=name),
+            localized(QT_TR_NOOP("The computer {name} cannot be found."), name=name),
             QT_TR_NOOP("Check the address, or use the robot's IP address."),
         )
     if isinstance(error, ConnectionRefusedError):
         return (
             localized(
-                QT_TR_NOOP("{name} is there, but no rosbridge listens at {address}."), name=name, address=address
+                QT_TR_NOOP("{name} is reachable, but no rosbridge is running at {address}."), name=name, address=address
             ),
             QT_TR_NOOP("Start rosbridge on the robot (rosbridge_websocket), or correct the port."),
         )
     if isinstance(error, InvalidURI):
         return (
-            localized(
-                QT_TR_NOOP("{address} is not an address that can be used: {msg}."), address=address, msg=error.msg
-            ),
+            localized(QT_TR_NOOP("{address} is not a valid address: {msg}."), address=address, msg=error.msg),
             QT_TR_NOOP("Correct the robot's address."),
         )
     if isinstance(error, InvalidStatus) and error.response.status_code >= _NOT_READY:
-        away = QT_TR_NOOP("What answers at {address} lets nobody in at the moment (HTTP {status}).")
-        advice = QT_TR_NOOP("Wait a moment; if it stays so, see that rosbridge runs on the robot.")
+        away = QT_TR_NOOP("The server at {address} does not accept connections at the moment (HTTP {status}).")
+        advice = QT_TR_NOOP("Wait a moment; if this continues, check that rosbridge is running on the robot.")
         return localized(away, address=address, status=error.response.status_code), advice
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             localized(
-                QT_TR_NOOP("What answers at {address} is not a rosbridge server ({error})."),
+                QT_TR_NOOP("The server at {address} is not a rosbridge server ({error})."),
                 address=address,
                 error=error,
             ),
-            "Check the port; rosbridge uses 9090 unless set otherwise. A secured one has an address with wss://.",
+            (
+                "Check the port; the default port of rosbridge is 9090. The address of a secured rosbridge "
+                "starts with wss://."
+            ),
         )
     return (
         localized(QT_TR_NOOP("{address} cannot be reached ({error})."), address=address, error=error),

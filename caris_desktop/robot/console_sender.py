@@ -81,7 +81,7 @@ class ConsoleSender:
                 numbered = heapq.merge(self._events, *self._values.values(), key=itemgetter(0))
                 batch = [value for _number, value in numbered]
                 batch += [
-                    Gap(now_ns(), stream, count, QT_TR_NOOP("the console did not keep up"))
+                    Gap(now_ns(), stream, count, QT_TR_NOOP("the console could not keep up"))
                     for stream, count in self._gaps.items()
                 ]
                 self._events.clear()

@@ -86,7 +86,7 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
             elif isinstance(value, (list, np.ndarray, bytes)):
                 value = value[step]
             else:
-                raise MessageError(f"there is no list that has an entry {step}")
+                raise MessageError(f"there is no list with an entry {step}")
         except (KeyError, IndexError) as error:
             raise MessageError(f"there is no field {step!r}") from error
     if isinstance(value, np.generic):
@@ -96,7 +96,7 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
     if value is None:
         return None
     if not isinstance(value, (int, float)):
-        raise MessageError("the field holds more than one value")
+        raise MessageError("the field contains more than one value")
     try:
         number = float(value) * scale
     except OverflowError:
@@ -190,7 +190,7 @@ class RobotControls:
         """Set the scenario's controls in addition to the profile's; equal ids replace these."""
         self._driving_permitted = driving_permitted
         if not driving_permitted:
-            self.cancel_goals(QT_TR_NOOP("the scenario does not drive"))
+            self.cancel_goals(QT_TR_NOOP("the scenario does not permit driving"))
         offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
         if offered == self._controls:
             # A repeated offer comes from a receiver that lost the values.
@@ -246,7 +246,7 @@ class RobotControls:
         """Emergency stop: cancel the robot's own activity, and send nothing that could move it."""
         self._held = held
         if held:
-            self.cancel_goals(QT_TR_NOOP("the emergency stop was set"))
+            self.cancel_goals(QT_TR_NOOP("the emergency stop was activated"))
 
     def cancel_goals(self, reason: str) -> None:
         """Cancel the goals of controls."""
@@ -284,9 +284,7 @@ class RobotControls:
         self._notify(command, "requested", "")
         control = self._controls.get(command.control)
         if control is None or control.effect is None:
-            self._notify(
-                command, "failed", QT_TR_NOOP("neither the robot's profile nor the scenario has such a control")
-            )
+            self._notify(command, "failed", QT_TR_NOOP("neither the robot profile nor the scenario has this control"))
             return
         if refusal := self._refusal(control):
             self._notify(command, "failed", refusal)
@@ -311,13 +309,13 @@ class RobotControls:
     def _refusal(self, control: RobotControl) -> str:
         """Reason why this control must not send anything now; empty if it may."""
         if self._sends_velocity(control):
-            return QT_TR_NOOP("it publishes velocities, and only driving may send those")
+            return QT_TR_NOOP("it publishes velocities, which only driving may send")
         if control.releases_stop:
-            return QT_TR_NOOP("it would release the emergency stop, and only the wizard's own release may do that")
+            return QT_TR_NOOP("it would release the emergency stop, which only the wizard may do")
         if control.is_held_by_stop and self._held:
-            return QT_TR_NOOP("the emergency stop is set")
+            return QT_TR_NOOP("the emergency stop is active")
         if control.is_motion and not self._driving_permitted:
-            return QT_TR_NOOP("the scenario does not permit driving, and this may move the robot")
+            return QT_TR_NOOP("the scenario does not permit driving, and this control may move the robot")
         if not self._ros.is_connected:
             return QT_TR_NOOP("the robot is not connected")
         return ""
@@ -333,7 +331,7 @@ class RobotControls:
             message = coerce_to_definition(content, definition, rounds=control.kind == "slider")
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
-            why = translation.localized(QT_TR_NOOP("nothing was sent, for {why}"), why=error)
+            why = translation.localized(QT_TR_NOOP("nothing was sent: {why}"), why=error)
             self._notify(command, "failed", why)
             return
         match effect:
@@ -364,7 +362,9 @@ class RobotControls:
         said = answer.get("message")
         detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
         self._notify(
-            command, "succeeded" if succeeded else "failed", detail or ("" if succeeded else QT_TR_NOOP("it refused"))
+            command,
+            "succeeded" if succeeded else "failed",
+            detail or ("" if succeeded else QT_TR_NOOP("the robot refused")),
         )
 
     def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
@@ -383,7 +383,7 @@ class RobotControls:
             del server.goals[wire_id]
             server.cancel(wire_id)
             late = translation.localized(
-                QT_TR_NOOP("the robot did not answer within {time} s"), time=f"{NO_ANSWER_S:g}"
+                QT_TR_NOOP("the robot did not respond within {time} s"), time=f"{NO_ANSWER_S:g}"
             )
             self._notify(goal.command, "failed", late)
 

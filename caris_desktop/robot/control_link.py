@@ -62,7 +62,7 @@ OLDEST_DRIVE_S = 0.25
 """No older command moves the robot, even if the console went on holding the lease."""
 GUARD_WATCHED_EVERY_S = 0.25
 HANDLING_WATCHED_EVERY_S = 0.1
-NOT_HANDLED = QT_TR_NOOP("its rosbridge reads what is sent, and does not carry it out")
+NOT_HANDLED = QT_TR_NOOP("its rosbridge receives commands but does not execute them")
 INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
 """Pauses before a robot that lacks something is asked again: nodes start one after another."""
 
@@ -263,11 +263,11 @@ class ControlLink:
             case link_commands.CancelGoal():
                 self._navigator.cancel(cancelled_by(command.actor), command.actor)
             case link_commands.SetInitialPose():
-                self._refused(QT_TR_NOOP("The robot was not told where it is"), self._maps.set_initial_pose(command))
+                self._refused(QT_TR_NOOP("The robot's pose was not set"), self._maps.set_initial_pose(command))
             case link_commands.RequestMap():
                 self._maps.request(command)
             case link_commands.MoveHead():
-                self._refused(QT_TR_NOOP("The head does not turn"), self._head.move(command))
+                self._refused(QT_TR_NOOP("The head was not turned"), self._head.move(command))
             case link_commands.OfferControls(controls=controls, driving_permitted=driving_permitted):
                 self._controls.offer(controls, driving_permitted=driving_permitted)
                 if self._control_goals_left and self._connected:
@@ -285,7 +285,9 @@ class ControlLink:
                         "silence", severity="info", cause=ANSWER,
                         what=QT_TR_NOOP("The robot's voice cannot be interrupted."),
                         meaning=QT_TR_NOOP("It finishes its sentence."),
-                        advice=QT_TR_NOOP("Name the robot's stop topic under 'speech' in its profile, if it has one."),
+                        advice=QT_TR_NOOP(
+                            "If the robot has a stop topic, enter it under 'speech' in the robot "
+                            "profile."),
                     )  # fmt: skip
             case link_commands.ListenToRobot() | link_commands.PlayOnRobot() | link_commands.CloseLink():
                 pass
@@ -315,16 +317,16 @@ class ControlLink:
         if command.target.moving:
             # Manual driving cancels navigation.
             who = localized(in_words(command.actor))
-            self._navigator.cancel(localized(QT_TR_NOOP("{who} drives"), who=who), command.actor)
+            self._navigator.cancel(localized(QT_TR_NOOP("{who} is driving"), who=who), command.actor)
         self._lease.drive(command.target, command.source, given_s)
 
     def _motion_refusal(self) -> str:
         if not self._connected:
             return QT_TR_NOOP("The robot is not connected")
         if self._lease.latched:
-            return QT_TR_NOOP("The emergency stop is set")
+            return QT_TR_NOOP("The emergency stop is active")
         if self._silent:
-            return QT_TR_NOOP("The link to the robot is in trouble")
+            return QT_TR_NOOP("The link to the robot is interrupted")
         return ""
 
     def _drive_refusal(self, command: link_commands.Drive, age_s: float) -> str:
@@ -332,9 +334,9 @@ class ControlLink:
         if refusal:
             return refusal
         if command.stamp_ns < self._drives_count_from_ns:
-            return QT_TR_NOOP("The link was lost meanwhile; press the key again")
+            return QT_TR_NOOP("The link was lost in the meantime; press the key again")
         if age_s > EXPIRY_S or self._came_too_late(command):
-            return QT_TR_NOOP("The command came too late; press the key again")
+            return QT_TR_NOOP("The command arrived too late; press the key again")
         return ""
 
     def _came_too_late(self, command: link_commands.Drive | link_commands.GoTo) -> bool:
@@ -343,12 +345,12 @@ class ControlLink:
     def _go_to(self, command: link_commands.GoTo) -> None:
         refusal = self._motion_refusal()
         if not refusal and self._came_too_late(command):
-            refusal = QT_TR_NOOP("The command came too late; give it again")
+            refusal = QT_TR_NOOP("The command arrived too late; send it again")
         if refusal:
             self._navigator.refuse(command, refusal)
             return
         if self._lease.end(self._loop.time()):
-            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot navigates"), command.actor, self._drive_id))
+            self._put(DriveEnded(now_ns(), QT_TR_NOOP("The robot is navigating"), command.actor, self._drive_id))
         self._stopping = False
         # First, so that it applies from the start; overrides speeds set by others.
         self._goal_speed.apply()
@@ -365,7 +367,7 @@ class ControlLink:
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.set_sent(ZERO_TWIST)
         if self._lease.take_expired():
-            reason = QT_TR_NOOP("The console stopped answering for a moment")
+            reason = QT_TR_NOOP("The console stopped responding for a moment")
             self._put(DriveEnded(now_ns(), reason, CONSOLE, self._drive_id))
         if self._timer is not None:
             self._timer.cancel()
@@ -381,7 +383,7 @@ class ControlLink:
         full = self._unread.full(self._loop.time())
         if leased.twist.moving and self._ros.unsent_bytes > 0:
             # What the network does not accept now would arrive late.
-            self._end_drive(QT_TR_NOOP("The network does not take the commands"))
+            self._end_drive(QT_TR_NOOP("The commands cannot be sent over the network"))
         elif full and leased.twist.moving:
             self._lease.set_sent(self._told)
         elif not full or self._told.moving:
@@ -467,10 +469,12 @@ class ControlLink:
                     Problem(
                         now_ns(),
                         "error",
-                        QT_TR_NOOP("The robot's rosbridge reads what this console sends and does not carry it out."),
                         QT_TR_NOOP(
-                            "Stop and driving did not reach the robot, so it may be moving. The console connects again"
-                            " and sends zero and a cancel first."
+                            "The robot's rosbridge receives commands from this console but does not execute them."
+                        ),
+                        QT_TR_NOOP(
+                            "Stop and drive commands did not reach the robot, so it may be moving. The "
+                            "console reconnects and first sends zero velocity and a cancel."
                         ),
                         QT_TR_NOOP("Watch the robot; use its own emergency stop if it moves."),
                         cause="not_handled",
@@ -483,8 +487,8 @@ class ControlLink:
                     Problem(
                         now_ns(),
                         "warning",
-                        QT_TR_NOOP("The robot's rosbridge does not show whether it carries out what is sent."),
-                        QT_TR_NOOP("If commands wait at the robot, this console notices it late or not at all."),
+                        QT_TR_NOOP("The robot's rosbridge does not show whether it executes commands."),
+                        QT_TR_NOOP("If commands are delayed at the robot, this console detects it late or not at all."),
                         localized(
                             QT_TR_NOOP("If rosbridge restricts topics (topics_glob), allow {topic} as well."),
                             topic=HANDLED_TOPIC,
@@ -506,7 +510,7 @@ class ControlLink:
         except Exception:
             # A failing guard must not stop the lease, and nothing is driven unchecked.
             logger.exception("The obstacle guard failed on %r", twist)
-            limit = GuardLimit(0.0, "blocked", detail=QT_TR_NOOP("the guard failed; its log tells why"))
+            limit = GuardLimit(0.0, "blocked", detail=QT_TR_NOOP("the obstacle guard failed; see the log for details"))
         self._report_guard(limit, now_s)
         return limit.fraction
 
@@ -619,10 +623,10 @@ class ControlLink:
         self._silent = True
         if self._lease.due_s() < float("inf"):
             # One zero was or is sent after the last velocity; it is repeated when the robot responds again.
-            self._end_drive(QT_TR_NOOP("The robot has not been heard for a moment"))
+            self._end_drive(QT_TR_NOOP("No response from the robot for a moment"))
             self._move()
             self._lease.forget()
-        self._report.changed("trouble", QT_TR_NOOP("The robot has not been heard for a moment"))
+        self._report.changed("trouble", QT_TR_NOOP("No response from the robot for a moment"))
 
     def link_heard(self) -> None:
         self._silent = False
@@ -720,11 +724,11 @@ class ControlLink:
             f"reading {title}",
             severity="warning",
             what=localized(
-                QT_TR_NOOP("{count} message(s) of the robot cannot be shown as {title}: {reason}."),
+                QT_TR_NOOP("{count} message(s) from the robot cannot be shown as {title}: {reason}."),
                 title=title,
                 reason=reason,
             ),
-            meaning=QT_TR_NOOP("What the Robot panel shows of it stays as it is."),
+            meaning=QT_TR_NOOP("The Robot panel continues to show the last value."),
             advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
         )
 
@@ -733,8 +737,8 @@ class ControlLink:
             Problem(
                 now_ns(),
                 "error",
-                QT_TR_NOOP("The robot did not confirm that it gave up its navigation goal."),
-                QT_TR_NOOP("It may still be moving by itself."),
+                QT_TR_NOOP("The robot did not confirm that it cancelled its navigation goal."),
+                QT_TR_NOOP("The robot may still be moving autonomously."),
                 QT_TR_NOOP("Watch the robot; use its emergency stop if it moves."),
             )
         )

@@ -164,7 +164,7 @@ async def explore_robot(
     async with _connected(address, security, timeout_s) as ros:
         try:
             async with asyncio.timeout(timeout_s):
-                tell(QT_TR_NOOP("Asking what the robot has"))
+                tell(QT_TR_NOOP("Querying the robot"))
                 offer = await take_offer(ros)
                 tell(QT_TR_NOOP("Listening for frames and joints"))
                 offer = await _with_what_is_heard(ros, offer)
@@ -236,7 +236,9 @@ async def check_streams(
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
             why = localized(
-                QT_TR_NOOP("{why} The streams of the profile are listened to; what else the robot has is not known."),
+                QT_TR_NOOP(
+                    "{why} Only the streams in the profile are checked; everything else on the robot is unknown."
+                ),
                 why=what_rosapi_said(error),
             )
             say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, why))
@@ -247,7 +249,7 @@ async def check_streams(
                     found=3 - profile.ros,
                     said=profile.ros,
                 ),
-                QT_TR_NOOP("Nothing of it can be listened to."),
+                QT_TR_NOOP("Its streams cannot be checked."),
                 localized(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
             )
         offset_ns = await _clock_offset_ns(ros)
@@ -270,7 +272,7 @@ async def check_streams(
             elif kind is None:
                 say(_absent(named))
             elif kind and not any(same_type(kind, wanted) for wanted in named.types):
-                carries = QT_TR_NOOP("It carries {kind}; {expected} was expected.")
+                carries = QT_TR_NOOP("Its type is {kind}; {expected} was expected.")
                 say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
@@ -303,11 +305,11 @@ async def _connected(
             async with asyncio.timeout(timeout_s):
                 what, advice = await probe.outcome
         except TimeoutError:
-            nothing = QT_TR_NOOP("Nothing answers at {address} within {seconds} s.")
+            nothing = QT_TR_NOOP("No response from {address} within {seconds} s.")
             what, advice = localized(nothing, address=without_credentials(address), seconds=f"{timeout_s:g}"), ""
         if what:
-            advice = advice or QT_TR_NOOP("Check the address, and that rosbridge runs on the robot.")
-            raise ExploreError(what, QT_TR_NOOP("The robot was not asked anything."), advice)
+            advice = advice or QT_TR_NOOP("Check the address, and that rosbridge is running on the robot.")
+            raise ExploreError(what, QT_TR_NOOP("The robot was not queried."), advice)
         try:
             yield ros
         except ExploreError as error:
@@ -322,13 +324,15 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
     if security is None or security.rosauth_secret_env is None:
         # A rosbridge with rosauth accepts every connection, and closes it at the first query.
         advice = QT_TR_NOOP(
-            "If it demands a secret (rosauth), name the environment variable that holds it under Security. "
-            "Else see that rosbridge still runs there, and look again."
+            "If the robot requires a secret (rosauth), enter the name of its environment variable under "
+            "Security. Otherwise, check that rosbridge is still running on the robot, and try again."
         )
     else:
-        advice = QT_TR_NOOP("See that rosbridge still runs there, and look again; its log on the robot tells more.")
+        advice = QT_TR_NOOP(
+            "Check that rosbridge is still running on the robot, and try again; see its log on the robot for details."
+        )
     return ExploreError(
-        QT_TR_NOOP("The robot closed the connection while it was asked what it has."),
+        QT_TR_NOOP("The robot closed the connection during the query."),
         QT_TR_NOOP("No mapping can be proposed."),
         advice,
     )
@@ -336,11 +340,11 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
 
 def _no_rosapi(error: Exception) -> ExploreError:
     return ExploreError(
-        localized(QT_TR_NOOP("The robot does not tell what it has: {why}"), why=what_rosapi_said(error)),
+        localized(QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=what_rosapi_said(error)),
         QT_TR_NOOP("No mapping can be proposed."),
         QT_TR_NOOP(
-            "Start the node 'rosapi' beside rosbridge (rosbridge_websocket.launch starts both), or write the profile "
-            "by hand."
+            "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
+            "write the profile by hand."
         ),
     )
 
@@ -505,9 +509,9 @@ class _StreamListener:
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
         if self._count == 0:
-            detail = QT_TR_NOOP("Nothing came.")
+            detail = QT_TR_NOOP("No message received.")
             if named.expected_hz is None:
-                detail = QT_TR_NOOP("Nothing came; it is sent only at times.")
+                detail = QT_TR_NOOP("No message received; this topic is only sent occasionally.")
             state: StreamState = "quiet" if named.expected_hz is None else "nothing"
             return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
         took_s = self._last_s - self._first_s
@@ -516,7 +520,7 @@ class _StreamListener:
         try:
             detail = self._describe(self._message)
         except (MessageError, ValueError) as error:
-            wrong = localized(QT_TR_NOOP("What comes cannot be used: {error}."), error=error)
+            wrong = localized(QT_TR_NOOP("The messages cannot be used: {error}."), error=error)
             return StreamCheck(named.field, named.label, named.topic, "wrong", rate_hz, age_s, wrong)
         state = "good"
         if named.expected_hz is not None and (rate_hz or 0.0) < named.expected_hz and age_s > 0.5 / named.expected_hz:
@@ -524,7 +528,7 @@ class _StreamListener:
         late_s = self._late_s(offset_ns)
         if late_s is not None and _OLD_S < late_s < _UNRELATED_S and named.expected_hz is not None:
             state = "slow"
-            late = localized(QT_TR_NOOP("It is {late} s old when it arrives."), late=f"{late_s:.1f}")
+            late = localized(QT_TR_NOOP("The latency is {late} s."), late=f"{late_s:.1f}")
             detail = joined((detail, late))
         return StreamCheck(named.field, named.label, named.topic, state, rate_hz, age_s, detail)
 
@@ -561,25 +565,25 @@ def _offered_checks(profile: RobotProfile, inventory: RobotInventory | None) -> 
         return
     for key, label, service in services_of(profile):
         there = inventory.has_service(service)
-        words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service of this name.")
+        words = _HAS_SERVICE if there else QT_TR_NOOP("The robot has no service with this name.")
         yield StreamCheck(key, label, service, "good" if there else "nothing", None, None, words)
     for service in map_services_of(profile):
         there = inventory.has_service(service)
-        words = _HAS_SERVICE if there else QT_TR_NOOP("Not now; it is there in one mode of the robot only.")
+        words = _HAS_SERVICE if there else QT_TR_NOOP("Not available now; only in one mode of the robot.")
         yield StreamCheck("maps", "Maps", service, "good" if there else "quiet", None, None, words)
     for key, label, action in actions_of(profile):
         yield _action_check(key, label, action, there=inventory.has_action(action))
 
 
 def _unknown(field: str, label: str, name: str) -> StreamCheck:
-    words = QT_TR_NOOP("Without rosapi it is not known whether the robot has it.")
+    words = QT_TR_NOOP("This cannot be checked without rosapi.")
     return StreamCheck(field, label, name, "quiet", None, None, words)
 
 
 def _absent(named: NamedTopic) -> StreamCheck:
     state: StreamState = "nothing" if named.needed else "quiet"
-    nobody = QT_TR_NOOP("Nothing on the robot listens to it.")
-    detail = QT_TR_NOOP("The robot has no topic of this name.") if named.published else nobody
+    nobody = QT_TR_NOOP("Nothing on the robot subscribes to it.")
+    detail = QT_TR_NOOP("The robot has no topic with this name.") if named.published else nobody
     return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
 
 
@@ -604,17 +608,17 @@ async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, br
     speakers = await _names(ros, "publishers", "Publishers", "publishers", topic=named.topic)
     if speakers and not listeners:
         return verdict(
-            "nothing", localized(QT_TR_NOOP("{who} publishes it, and nothing listens."), who=_short(speakers))
+            "nothing", localized(QT_TR_NOOP("Publishers: {who}. There are no subscribers."), who=_short(speakers))
         )
     if not listeners:
         # A topic with neither has nodes unknown to rosapi.
         return verdict("good", QT_TR_NOOP("The robot has this topic."))
     if bridge_told and not await _lets_through(ros, named.topic, kind, set(speakers)):
         refused = QT_TR_NOOP(
-            "{who} listens to it, but rosbridge does not publish it: its topics_glob does not let this topic through."
+            "Subscribers: {who}. But rosbridge does not publish it: its topics_glob does not allow this topic."
         )
         return verdict("wrong", localized(refused, who=_short(listeners)))
-    return verdict("good", localized(QT_TR_NOOP("{who} listens to it."), who=_short(listeners)))
+    return verdict("good", localized(QT_TR_NOOP("Subscribers: {who}."), who=_short(listeners)))
 
 
 async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set[str]) -> bool:
@@ -638,8 +642,10 @@ async def _lets_through(ros: RosbridgeClient, topic: str, kind: str, before: set
 
 def _action_check(key: str, label: str, action: str, *, there: bool | None) -> StreamCheck:
     if there is None:
-        return StreamCheck(key, label, action, "quiet", None, None, QT_TR_NOOP("The robot does not tell its actions."))
-    words = QT_TR_NOOP("The robot has this action.") if there else QT_TR_NOOP("The robot has no action of this name.")
+        return StreamCheck(
+            key, label, action, "quiet", None, None, QT_TR_NOOP("The robot does not report its actions.")
+        )
+    words = QT_TR_NOOP("The robot has this action.") if there else QT_TR_NOOP("The robot has no action with this name.")
     return StreamCheck(key, label, action, "good" if there else "nothing", None, None, words)
 
 
@@ -665,7 +671,7 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
         if control.reading is not None and named.field == f"controls.{control.id}.shows":
             path = control.reading.field
             return lambda message: localized(QT_TR_NOOP("Now {value}."), value=value_at(message, path))
-    return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("It comes."))
+    return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("Messages received."))
 
 
 def _joints(message: Any, wanted: tuple[str, str]) -> str:
@@ -673,7 +679,7 @@ def _joints(message: Any, wanted: tuple[str, str]) -> str:
     lacking = [joint for joint in wanted if joint not in known]
     # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
-        return QT_TR_NOOP("Both joints of the head are told.")
+        return QT_TR_NOOP("Both head joints are reported.")
     return localized(QT_TR_NOOP("Not in the last message: {joints}."), joints=", ".join(lacking))
 
 
@@ -693,13 +699,16 @@ def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
     if profile.laser.mounting is not None:
         upside_down = profile.laser.mounting == "upside_down"
         return (
-            QT_TR_NOOP("Mounted upside down, as the profile says: its beams are reversed.")
+            QT_TR_NOOP("Mounted upside down, as set in the profile: its beams are reversed.")
             if upside_down
-            else QT_TR_NOOP("Mounted upright, as the profile says.")
+            else QT_TR_NOOP("Mounted upright, as set in the profile.")
         )
     if pose is None:
         return localized(
-            QT_TR_NOOP("No transform leads from {base} to {frame}: it is taken to be upright where the profile says."),
+            QT_TR_NOOP(
+                "There is no transform from {base} to {frame}: the LIDAR is assumed to be upright at the "
+                "position set in the profile."
+            ),
             base=profile.frames.base,
             frame=repr(frame),
         )
@@ -709,7 +718,7 @@ def _mounting(message: Any, profile: RobotProfile, tree: TransformTree) -> str:
         case "upside_down":
             return QT_TR_NOOP("Mounted upside down: its beams are reversed.")
         case "tilted":
-            tilted = QT_TR_NOOP("the LIDAR is tilted by {degrees} degrees, so that it measures floor and ceiling")
+            tilted = QT_TR_NOOP("the LIDAR is tilted by {degrees} degrees, so it measures the floor and the ceiling")
             raise MessageError(localized(tilted, degrees=f"{math.degrees(pose.tilt_rad):.0f}"))
 
 
@@ -747,14 +756,14 @@ def _grid(message: Any) -> str:
 
 def _battery(message: Any) -> str:
     fraction = message_conversion.decode_battery_state(message, stamp_ns=0).charge_fraction
-    return QT_TR_NOOP("It does not tell its charge.") if fraction is None else f"{100 * fraction:.0f} %."
+    return QT_TR_NOOP("Its charge is not reported.") if fraction is None else f"{100 * fraction:.0f} %."
 
 
 def _odometry(message: Any) -> str:
     poseless: list[str] = []
 
     def reckoned(_twist: Twist2D) -> Pose2D:
-        poseless.append(QT_TR_NOOP("It tells no rotation (a zero quaternion): only its speed is used."))
+        poseless.append(QT_TR_NOOP("It reports no orientation (a zero quaternion): only its speed is used."))
         return Pose2D(0.0, 0.0, 0.0)
 
     twist = message_conversion.decode_odometry(message, stamp_ns=0, pose_of=reckoned).twist
@@ -772,7 +781,7 @@ def _pose(message: Any) -> str:
 def _transforms(message: Any) -> str:
     frames = sorted({each.child_frame for each in message_conversion.decode_tf_message(message)})
     if not frames:
-        return QT_TR_NOOP("It holds no frames.")
+        return QT_TR_NOOP("It contains no frames.")
     return localized(QT_TR_NOOP("Frames {frames}."), frames=_short(frames))
 
 
@@ -804,5 +813,5 @@ def value_at(message: Any, path: str) -> bool | float | str:
         except (LookupError, TypeError) as error:
             raise ValueError(localized(QT_TR_NOOP("the message has no {path}"), path=path)) from error
     if not isinstance(found, (bool, int, float, str)):
-        raise ValueError(localized(QT_TR_NOOP("{path} is not one value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
+        raise ValueError(localized(QT_TR_NOOP("{path} is not a single value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
     return found

@@ -18,7 +18,7 @@ from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.message_conversion import decode_bool, encode_bool
 
 logger = logging.getLogger(__name__)
-_REFUSED = QT_TR_NOOP("it refused")
+_REFUSED = QT_TR_NOOP("the robot refused")
 # A newly started rosbridge does not know the robot's services yet.
 TRIED_AGAIN_AFTER_S, OFTEN_WITHIN_S = 0.1, 3.0
 _LOOKED_FOR_EVERY_S = 2.0
@@ -109,10 +109,10 @@ class EmergencyStop:
                     Problem(
                         now_ns(),
                         "error",
-                        QT_TR_NOOP("The emergency stop did not reach the robot: it is not connected."),
+                        QT_TR_NOOP("The emergency stop did not reach the robot: the robot is not connected."),
                         QT_TR_NOOP(
-                            "It is set here and will be told to the robot when it is back; until then the robot"
-                            " decides."
+                            "It is active in this console and will be sent when the robot is connected "
+                            "again. Until then, the robot acts on its own."
                         ),
                         QT_TR_NOOP("Use the robot's own emergency stop."),
                         until="connected",
@@ -126,9 +126,9 @@ class EmergencyStop:
                 Problem(
                     now_ns(),
                     "warning",
-                    QT_TR_NOOP("The emergency stop was not cleared: the robot is not connected."),
-                    QT_TR_NOOP("It stays set."),
-                    QT_TR_NOOP("Clear it when the robot is connected again."),
+                    QT_TR_NOOP("The emergency stop was not released: the robot is not connected."),
+                    QT_TR_NOOP("It stays active."),
+                    QT_TR_NOOP("Release it when the robot is connected again."),
                     until="connected",
                     cause="emergency_stop",
                 )
@@ -229,11 +229,11 @@ class EmergencyStop:
                 now_ns(),
                 "error",
                 localized(
-                    QT_TR_NOOP("Nothing on the robot takes the emergency stop ({name} is not there)."), name=name
+                    QT_TR_NOOP("Nothing on the robot receives the emergency stop ({name} is missing)."), name=name
                 ),
                 QT_TR_NOOP(
-                    "It is set in this console, which sends no motion; the robot itself is not stopped. It is sent as"
-                    " soon as the robot offers it."
+                    "It is active in this console, which sends no drive commands; the robot itself is not "
+                    "stopped. It is sent as soon as the robot can receive it."
                 ),
                 QT_TR_NOOP("Use the robot's own emergency stop."),
                 until="released",
@@ -261,9 +261,9 @@ class EmergencyStop:
                 Problem(
                     now_ns(),
                     "warning",
-                    QT_TR_NOOP("The robot's own emergency stop is still set."),
-                    QT_TR_NOOP("The console sends no motion."),
-                    QT_TR_NOOP("Release it at the robot."),
+                    QT_TR_NOOP("The robot's own emergency stop is still active."),
+                    QT_TR_NOOP("The console sends no drive commands."),
+                    QT_TR_NOOP("Release it on the robot."),
                     until="released",
                     cause="emergency_stop",
                 )
@@ -279,7 +279,7 @@ class EmergencyStop:
                 if latched:
                     self._in_background(self._check_listeners(again=False))
             else:
-                self._report_result(latched=latched, reason=QT_TR_NOOP("it is not connected"))
+                self._report_result(latched=latched, reason=QT_TR_NOOP("the robot is not connected"))
             return
         wanted = interface.service or (interface.set_service if latched else interface.clear_service)
         # rosapi's list may be outdated: the stop service is called in any case.
@@ -326,13 +326,13 @@ class EmergencyStop:
             logger.warning("Emergency stop: %s", reason)
             refused, meaning = (
                 (
-                    QT_TR_NOOP("The robot did not set its emergency stop ({reason})."),
-                    QT_TR_NOOP("It is set in this console only; the console sends no motion."),
+                    QT_TR_NOOP("The robot did not activate its emergency stop ({reason})."),
+                    QT_TR_NOOP("It is active in this console only; the console sends no drive commands."),
                 )
                 if latched
                 else (
-                    QT_TR_NOOP("The robot did not clear its emergency stop ({reason})."),
-                    QT_TR_NOOP("It is still set; the console sends no motion."),
+                    QT_TR_NOOP("The robot did not release its emergency stop ({reason})."),
+                    QT_TR_NOOP("It is still active; the console sends no drive commands."),
                 )
             )
             self._emit(
@@ -343,7 +343,7 @@ class EmergencyStop:
                     meaning,
                     QT_TR_NOOP("Use the robot's own emergency stop.")
                     if latched
-                    else QT_TR_NOOP("Try again, or clear it at the robot."),
+                    else QT_TR_NOOP("Try again, or release it on the robot."),
                     until="released",
                     cause="emergency_stop",
                 )

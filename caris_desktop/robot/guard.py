@@ -44,7 +44,7 @@ _ODOMETRY_FRESH_S = 0.3
 _BINS = 720
 
 _STALE_WORDS = QT_TR_NOOP("no fresh scan from the LIDAR")
-_UNSEEN_WORDS = QT_TR_NOOP("the LIDAR does not see there")
+_UNSEEN_WORDS = QT_TR_NOOP("the LIDAR does not cover this direction")
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,13 +74,13 @@ class RobotHead:
     def move(self, command: MoveHead) -> str:
         """Turn the head; return the reason for a refusal, or an empty text."""
         if self._head is None:
-            return QT_TR_NOOP("this robot's profile names no head")
+            return QT_TR_NOOP("this robot's profile does not define a head")
         if not self._ros.is_connected:
             return QT_TR_NOOP("the robot is not connected")
         if self._held:
-            return QT_TR_NOOP("the emergency stop is set")
+            return QT_TR_NOOP("the emergency stop is active")
         if not (math.isfinite(command.pan_rad) and math.isfinite(command.tilt_rad)):
-            return QT_TR_NOOP("that is no direction")
+            return QT_TR_NOOP("the direction is invalid")
         self._next = replace(
             command,
             pan_rad=_clamped(command.pan_rad, self._head.pan_range_rad),

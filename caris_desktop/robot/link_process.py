@@ -27,7 +27,7 @@ _LAST_WORDS_S = 0.5
 _READ_BYTES = 64 * 1024
 
 UNREACHABLE_MEANING = QT_TR_NOOP(
-    "Driving, video and everything else of the robot is off. The console keeps trying to connect."
+    "Driving, video and all other robot functions are not available. The console keeps trying to connect."
 )
 
 
@@ -159,6 +159,6 @@ class LinkReporter:
             what=localized(
                 QT_TR_NOOP("The robot sent {count} message(s) that cannot be used: {detail}."), detail=detail[:200]
             ),
-            meaning=QT_TR_NOOP("They were ignored; everything else goes on."),
+            meaning=QT_TR_NOOP("They were ignored; everything else works."),
             advice=QT_TR_NOOP("If something stays empty, check the topic names and types in the robot profile."),
         )

@@ -289,9 +289,9 @@ class PoseTracker:
         alike = [known for known in self.tree.frames if known.rsplit("/", 1)[-1] == name.rsplit("/", 1)[-1] != ""]
         values = {"base": self._frames.base, "frame": repr(name)}
         if not alike or name in alike:
-            return localized(QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}"), **values)
+            return localized(QT_TR_NOOP("The robot has no transform from {base} to {frame}"), **values)
         return localized(
-            QT_TR_NOOP("The robot's transforms do not lead from {base} to {frame}; the robot has {alike}"),
+            QT_TR_NOOP("The robot has no transform from {base} to {frame}; similar frames: {alike}"),
             **values,
             alike=", ".join(sorted(alike)[:3]),
         )

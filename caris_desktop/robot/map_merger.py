@@ -47,7 +47,7 @@ class MapMerger:
         rows, columns = grid.cells.shape
         if update.x + width > columns or update.y + height > rows:
             raise MessageError(
-                f"an update of {width} x {height} cells at ({update.x}, {update.y}) does not lie within the map of "
+                f"an update of {width} x {height} cells at ({update.x}, {update.y}) is outside the map of "
                 f"{columns} x {rows}"
             )
         grid.cells[update.y : update.y + height, update.x : update.x + width] = update.cells

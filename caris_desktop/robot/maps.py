@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 # Large maps take time to write and read.
 MAP_WAIT_S = 60.0
 LONGEST_NAME = 100
-UNSURE = QT_TR_NOOP("The robot does not tell whether it found the map: look whether it shows the right one")
+UNSURE = QT_TR_NOOP("The robot does not report whether it found the map: check that it shows the right one")
 _NAME = re.compile(r"[\w][\w .-]*", re.UNICODE)
 _RESULT = re.compile(rb'"result"\s*:\s*([0-9]{1,3})\b')
 _PAUSED = "paused_new_measurements"
@@ -49,7 +49,7 @@ def map_name_refusal(name: str) -> str:
     if len(name) > LONGEST_NAME:
         return localized(QT_TR_NOOP("the name is longer than {most} characters"), most=LONGEST_NAME)
     if not _NAME.fullmatch(name) or ".." in name or name != name.strip():
-        return QT_TR_NOOP("a map's name is made of letters, digits, spaces, '-', '_' and single dots")
+        return QT_TR_NOOP("a map name can only contain letters, digits, spaces, '-', '_' and single dots")
     return ""
 
 
@@ -125,9 +125,9 @@ class RobotMaps:
         """Set the initial pose; return the reason for a refusal, or an empty text."""
         pose = command.pose_in_map
         if self._initial_pose is None:
-            return QT_TR_NOOP("this robot's profile names no topic for it")
+            return QT_TR_NOOP("this robot's profile does not define a topic for it")
         if not all(math.isfinite(value) for value in (pose.x_m, pose.y_m, pose.heading_rad)):
-            return QT_TR_NOOP("that is not a place in the map")
+            return QT_TR_NOOP("the position on the map is invalid")
         message = encode_initial_pose(
             self._dialect,
             pose,
@@ -158,7 +158,7 @@ class RobotMaps:
         if not self._ros.is_connected:
             return QT_TR_NOOP("the robot is not connected")
         if self._busy:
-            return QT_TR_NOOP("the robot is still busy with the map operation before")
+            return QT_TR_NOOP("the previous map operation is still running")
         able = {
             "save": offer.serialize or offer.save,
             "load": offer.deserialize or offer.load,

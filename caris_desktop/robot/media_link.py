@@ -166,7 +166,7 @@ class MediaLink:
                 image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
             )
         except MessageError as error:
-            problem = localized(QT_TR_NOOP("the data cannot be read as a picture: {why}"), why=error)
+            problem = localized(QT_TR_NOOP("the data cannot be read as an image: {why}"), why=error)
         except PictureError as error:
             problem = localized(QT_TR_NOOP("the last one {why}"), why=error)
         else:
@@ -178,11 +178,11 @@ class MediaLink:
             f"image {camera.name}",
             severity="warning",
             what=localized(
-                QT_TR_NOOP("{count} picture(s) of the camera {name} were dropped: {problem}."),
+                QT_TR_NOOP("{count} frame(s) from the camera {name} were dropped: {problem}."),
                 name=camera.name,
                 problem=problem,
             ),
-            meaning=QT_TR_NOOP("The video stands still or stutters."),
+            meaning=QT_TR_NOOP("The video freezes or stutters."),
             advice=localized(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
         )
 
@@ -214,11 +214,11 @@ class MediaLink:
                 clock.now_ns(),
                 "info",
                 localized(
-                    QT_TR_NOOP("The camera {name} sends its pictures uncompressed, about {mb_per_s} MB a second."),
+                    QT_TR_NOOP("The camera {name} sends uncompressed images, about {mb_per_s} MB per second."),
                     name=camera.name,
                     mb_per_s=f"{mb_per_s:.0f}",
                 ),
-                QT_TR_NOOP("Over a wireless link the picture may stutter, and everything else be late with it."),
+                QT_TR_NOOP("Over a wireless link, the video may stutter and delay everything else."),
                 localized(
                     QT_TR_NOOP("Compress them on the robot: {republish_advice}."),
                     republish_advice=republish_advice(camera.topic),
@@ -261,11 +261,9 @@ class MediaLink:
             self._report.problems.count(
                 "map update",
                 severity="warning",
-                what=localized(QT_TR_NOOP("{count} update(s) of the robot's map were refused: {error}."), error=error),
-                meaning=QT_TR_NOOP("The map may be older than the robot's own in some part."),
-                advice=QT_TR_NOOP(
-                    "It is right again with the next whole map. Check that both topics are of the same map."
-                ),
+                what=localized(QT_TR_NOOP("{count} update(s) of the robot's map were rejected: {error}."), error=error),
+                meaning=QT_TR_NOOP("Parts of the map may be out of date."),
+                advice=QT_TR_NOOP("The next complete map corrects it. Check that both topics belong to the same map."),
             )
             return
         if merged and self._map_due is None:

@@ -94,16 +94,16 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
         When it is not such an answer, or an empty one.
     """
     if not isinstance(typedefs, list) or not 0 < len(typedefs) <= _MOST_TYPEDEFS:
-        raise ValueError("rosapi tells no fields")
+        raise ValueError("rosapi reports no fields")
     told: dict[str, tuple[FieldType, ...]] = {}
     first: tuple[FieldType, ...] | None = None
     for typedef in typedefs:
         if not isinstance(typedef, dict) or not isinstance(typedef.get("type"), str):
-            raise TypeError("rosapi's answer is no list of types")
+            raise TypeError("rosapi's response is not a list of types")
         names, types, lengths = (typedef.get(key) for key in ("fieldnames", "fieldtypes", "fieldarraylen"))
         lists = [names, types, lengths]
         if not all(isinstance(items, list) and len(items) <= _MOST_FIELDS for items in lists):
-            raise ValueError(localized(QT_TR_NOOP("rosapi does not tell the fields of {type}"), type=typedef["type"]))
+            raise ValueError(localized(QT_TR_NOOP("rosapi does not report the fields of {type}"), type=typedef["type"]))
         fields = tuple(
             FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
             for name, kind, length in zip(*lists, strict=True)
@@ -143,18 +143,16 @@ def _message(
             )
         )
     if where.count(".") > _DEEPEST:
-        raise MessageMismatchError(localized(QT_TR_NOOP("{where} lies too deep"), where=_named(where)))
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} is nested too deeply"), where=_named(where)))
     by_name = {field.name: field for field in fields}
     sent = {}
     for name, item in value.items():
         field = by_name.get(name)
         inside = f"{where}.{name}" if where else str(name)
         if field is None:
-            allowed = ", ".join(sorted(by_name)[:12]) or QT_TR_NOOP("none at all")
+            allowed = ", ".join(sorted(by_name)[:12]) or QT_TR_NOOP("none")
             raise MessageMismatchError(
-                localized(
-                    QT_TR_NOOP("there is no field {field}; the robot knows {known}"), field=repr(inside), known=allowed
-                )
+                localized(QT_TR_NOOP("unknown field {field}; known fields: {known}"), field=repr(inside), known=allowed)
             )
         sent[name] = _field(item, field, definition, inside, rounds)
     return sent
@@ -210,7 +208,7 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
         if not isinstance(value, str):
             raise MessageMismatchError(
                 localized(
-                    QT_TR_NOOP("{where} must be a text, but it is {value}"),
+                    QT_TR_NOOP("{where} must be text, but it is {value}"),
                     where=_named(where),
                     value=_described(value),
                 )
@@ -278,7 +276,7 @@ def _time(value: Any, where: str) -> Any:
     # ROS 1's rosbridge replaces this word by the robot's time.
     if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
         raise MessageMismatchError(
-            localized(QT_TR_NOOP("{where} must be a time of whole seconds and nanoseconds"), where=_named(where))
+            localized(QT_TR_NOOP("{where} must be a time in whole seconds and nanoseconds"), where=_named(where))
         )
     return value
 
@@ -286,7 +284,7 @@ def _time(value: Any, where: str) -> Any:
 def _check_plain(value: Any, where: str, depth: int) -> None:
     """Check that the value can be encoded as JSON."""
     if depth > _DEEPEST:
-        raise MessageMismatchError(localized(QT_TR_NOOP("{where} lies too deep"), where=where))
+        raise MessageMismatchError(localized(QT_TR_NOOP("{where} is nested too deeply"), where=where))
     if isinstance(value, Mapping):
         for item in value.values():
             _check_plain(item, where, depth + 1)

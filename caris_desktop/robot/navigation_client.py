@@ -32,7 +32,7 @@ PROGRESS_EVERY_NS = 500_000_000
 # A newly advertised publisher reaches its subscribers with a delay.
 CANCEL_AGAIN_S = (0.3, 1.0)
 
-NO_NAVIGATION = QT_TR_NOOP("this robot's profile names no navigation")
+NO_NAVIGATION = QT_TR_NOOP("this robot's profile does not define navigation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class Navigator:
             self.refuse(command, NO_NAVIGATION)
             return
         if not all(math.isfinite(value) for value in (target_in_map.x_m, target_in_map.y_m, target_in_map.heading_rad)):
-            self.refuse(command, QT_TR_NOOP("the target is not a place in the map"))
+            self.refuse(command, QT_TR_NOOP("the target on the map is invalid"))
             return
         self._epoch = next(self._epochs)
         # Stamp zero: use the newest transforms, as the clocks may differ.
@@ -151,9 +151,13 @@ class Navigator:
             self._lost_wire_id = self._goal.wire_id
             if self._goal.cancelling is None:
                 self._goal = replace(
-                    self._goal, cancelling=QT_TR_NOOP("the link to the robot was lost"), cancelled_by=CONSOLE
+                    self._goal, cancelling=QT_TR_NOOP("the connection to the robot was lost"), cancelled_by=CONSOLE
                 )
-            self._notify(QT_TR_NOOP("the link to the robot was lost; the goal is cancelled when it is back"))
+            self._notify(
+                QT_TR_NOOP(
+                    "the link to the robot was lost; the goal will be cancelled when the robot is connected again"
+                )
+            )
             self._await_fate()
 
     def link_connected(self) -> None:
@@ -217,7 +221,7 @@ class Navigator:
         if self._goal is None or self._goal.wire_id != wire_id:
             return
         if ending == "cancelled" and self._goal.cancelling is None:
-            detail = detail or QT_TR_NOOP("the robot gave it up")
+            detail = detail or QT_TR_NOOP("the robot cancelled it")
         elif self._goal.cancelling is not None and ending != "reached":
             ending, detail = "cancelled", self._goal.cancelling
         self._end(ending, detail)
@@ -254,7 +258,7 @@ class Navigator:
         if self._fate is not None or self._goal.cancelling is not None:
             return
         self._server.give_up(self._goal.wire_id)
-        late = QT_TR_NOOP("the robot's navigation did not answer within {seconds} s")
+        late = QT_TR_NOOP("the robot's navigation did not respond within {seconds} s")
         self._end("failed", localized(late, seconds=f"{NO_ANSWER_S:g}"))
 
     def _await_fate(self) -> None:

@@ -109,10 +109,10 @@ class NavigationSpeed:
         kind = service_type_name(self._dialect, package, "Subscribers")
         try:
             listeners = (await self._ros.ask("/rosapi/subscribers", kind, {"topic": topic})).get("subscribers")
-            nobody = localized(QT_TR_NOOP("nothing listens to {topic}"), topic=topic)
+            nobody = localized(QT_TR_NOOP("nothing subscribes to {topic}"), topic=topic)
             reason = "" if isinstance(listeners, list) and listeners else nobody
         except ServiceCallError as error:
-            unknown = QT_TR_NOOP("it is not known whether anything listens to {topic}: {why}")
+            unknown = QT_TR_NOOP("the subscribers of {topic} are unknown: {why}")
             reason = localized(unknown, topic=topic, why=error)
         self._settle(limit_mps, reason, asked=asked)
 
@@ -123,7 +123,7 @@ class NavigationSpeed:
             self._settle(limit_mps, str(error), asked=asked)
             return
         fastest = max(now.values(), default=math.inf)
-        refused = localized(QT_TR_NOOP("{node} did not take {names}"), node=node, names=", ".join(self._parameters))
+        refused = localized(QT_TR_NOOP("{node} did not accept {names}"), node=node, names=", ".join(self._parameters))
         reason = "" if fastest <= limit_mps + _SAME_MPS else refused
         self._settle(limit_mps, reason, asked=asked)
 
@@ -146,19 +146,22 @@ class NavigationSpeed:
                 now_ns(),
                 "warning",
                 localized(
-                    QT_TR_NOOP("The robot's navigation could not be told how fast to drive: {reason}."), reason=reason
+                    QT_TR_NOOP("The speed limit could not be sent to the robot's navigation: {reason}."), reason=reason
                 ),
-                QT_TR_NOOP("To places and points on the map it drives as fast as it is set up to, whatever Drive says.")
+                QT_TR_NOOP(
+                    "When navigating, the robot drives at its own configured speed, regardless of the limit in Drive."
+                )
                 if own is None
                 else localized(
                     QT_TR_NOOP(
-                        "To places and points on the map it drives at up to {speed} m/s, as its profile says, whatever"
-                        " Drive says."
+                        "When navigating, the robot drives at up to {speed} m/s, as set in its profile, "
+                        "regardless of the limit in Drive."
                     ),
                     speed=f"{own:.2f}",
                 ),
                 QT_TR_NOOP(
-                    "Watch the robot; Esc stops it. Correct 'speed_limit' under 'navigation' in the robot profile."
+                    "Watch the robot; press Esc to stop it. Correct 'speed_limit' under 'navigation' in the "
+                    "robot profile."
                 ),
                 cause="robot_speed",
             )

@@ -207,7 +207,7 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
 
     if path.suffix != ".yaml" or not re.fullmatch(_NAME, path.stem):
         raise ProfileError(
-            tr("{name} cannot be the name of a profile. Use letters, digits, - and _, then .yaml.").format(
+            tr("{name} is not a valid profile name. Use letters, digits, - and _, then .yaml.").format(
                 name=repr(path.name)
             )
         )
@@ -215,7 +215,7 @@ def save_profile(profile: RobotProfile, path: Path) -> None:
     read_back = parse_profile(text, file_name=str(path), name=path.stem)
     if read_back != replace(profile, name=path.stem):
         raise ProfileError(
-            tr("The profile {title} holds something that a file cannot say; it was not saved.").format(
+            tr("The profile {title} contains values that cannot be written to a file; it was not saved.").format(
                 title=repr(profile.title)
             )
         )
@@ -253,7 +253,7 @@ def _profile_at_address(url: str) -> RobotProfile:
     ros = asked.pop("ros", ["1"])[-1]
     if asked or ros not in ("1", "2"):
         raise ProfileError(
-            tr("{url}: after the '?' of an address only ros=1 or ros=2 is understood.").format(url=repr(url))
+            tr("{url}: only ros=1 or ros=2 is allowed after the '?' of an address.").format(url=repr(url))
         )
     address = parts._replace(query="", fragment="").geturl()
     profile = read_profile(_robots_dir() / f"generic-ros{ros}.yaml")

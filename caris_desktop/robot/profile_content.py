@@ -62,7 +62,7 @@ def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
     }
     for path, (name, type_name) in uses.items():
         if name is not None and moves_or_releases(name, type_name, robot):
-            said = tr("{key}: {name} moves the robot or releases its stop, and speech may do neither.")
+            said = tr("{key}: {name} moves the robot or releases its emergency stop, which speech must not do.")
             yield ("speech", *path), said.format(key=name_of(("speech", *path)), name=name)
 
 
@@ -79,9 +79,9 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
         ca_file = Path(security.ca_file)
         if not ca_file.is_relative_to(folder):
             raise ProfileError(
-                tr("Copy the certificate file {ca_file} into {folder} first: a profile names it from there.").format(
-                    ca_file=ca_file, folder=folder
-                )
+                tr(
+                    "Copy the certificate file {ca_file} into {folder} first: the profile refers to it in that folder."
+                ).format(ca_file=ca_file, folder=folder)
             )
         security = replace(security, ca_file=ca_file.relative_to(folder).as_posix())
     said: dict[str, Any] = data_of(RobotProfile, replace(profile, security=security))
@@ -99,7 +99,9 @@ def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[
             return value
         name = value if value.startswith("/") else prefix + value
         if data["ros"] == 2 and (re.search(r"/[0-9]", name) or "__" in name):
-            said = tr("{key}: {name} is no name in ROS 2, where no part begins with a digit or holds two _ in a row.")
+            said = tr(
+                "{key}: {name} is not a valid ROS 2 name: no part may start with a digit or contain two _ in a row."
+            )
             wrong.append((path, said.format(key=name_of(path), name=repr(value))))
         return name
 
@@ -125,13 +127,13 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
     seen: set[str] = set()
     for index, camera in enumerate(data.get("cameras", ())):
         if camera["name"] in seen:
-            yield ("cameras", index, "name"), tr("two cameras are named {name}.").format(name=repr(camera["name"]))
+            yield ("cameras", index, "name"), tr("duplicate camera name {name}.").format(name=repr(camera["name"]))
         seen.add(camera["name"])
         path: KeyPath = ("cameras", index, "model", "on_head")
         if camera.get("model", {}).get("on_head") and "head" not in data:
             yield (
                 path,
-                tr("{key}: the profile names no head that the camera could turn with.").format(key=name_of(path)),
+                tr("{key}: a camera on the head also requires 'head' in the profile.").format(key=name_of(path)),
             )
     if "navigation" in data:
         yield from _navigation_problems(data["navigation"], data["ros"])
@@ -141,7 +143,7 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
             key = next(each for each in keys if each in speech[kind])
             yield (
                 ("speech", kind, key),
-                tr("'speech.{kind}.{key}' nowhere holds {value}, the text to say.").format(
+                tr("'speech.{kind}.{key}' does not contain {value}, the text to say.").format(
                     kind=kind, key=key, value=VALUE
                 ),
             )
@@ -151,12 +153,12 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
         if not lowest < highest:
             yield (
                 ("head", key),
-                tr("'head.{key}' is [{lowest}, {highest}]; the lower number comes first.").format(
+                tr("'head.{key}' is [{lowest}, {highest}]; the lower number must come first.").format(
                     key=key, lowest=lowest, highest=highest
                 ),
             )
     if head and head["pan_joint"] == head["tilt_joint"]:
-        yield ("head", "tilt_joint"), tr("'head.tilt_joint' is the pan joint too; they are two joints.")
+        yield ("head", "tilt_joint"), tr("'head.tilt_joint' is also the pan joint; use two different joints.")
     for index, problem in control_problems(data.get("controls", ()), lambda: data["velocity"]["topic"]):
         yield ("controls", index), problem
 
@@ -164,9 +166,9 @@ def _meaning_problems(data: Mapping[str, Any], folder: Path) -> Iterator[Problem
 def _certificate_problems(given: str, folder: Path) -> Iterator[Problem]:
     ca_file, path = (folder / given).resolve(), ("security", "ca_file")
     if Path(given).is_absolute() or not ca_file.is_relative_to(folder):
-        yield path, tr("'security.ca_file': the certificates must lie in the folder of the profile.")
+        yield path, tr("'security.ca_file': the certificate file must be in the folder of the profile.")
     elif not ca_file.is_file():
-        yield path, tr("'security.ca_file': there is no file {ca_file}.").format(ca_file=ca_file)
+        yield path, tr("'security.ca_file': the file {ca_file} does not exist.").format(ca_file=ca_file)
 
 
 def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Problem]:
@@ -174,21 +176,21 @@ def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Pr
     if navigation["kind"] != kind:
         yield (
             ("navigation", "kind"),
-            tr("'navigation.kind' is {found}; with ros: {ros} it is {kind}.").format(
+            tr("'navigation.kind' is {found}; with ros: {ros} it must be {kind}.").format(
                 found=repr(navigation["kind"]), ros=ros, kind=repr(kind)
             ),
         )
     if "speed_limit" in navigation:
         path: KeyPath = ("navigation", "speed_limit")
         if ("reconfigure" if ros == 1 else "topic") not in navigation["speed_limit"]:
-            wanted = tr("{key}: with ros: 1 it names reconfigure.") if ros == 1 else ""
-            wanted = wanted or tr("{key}: with ros: 2 it names a topic.")
+            wanted = tr("{key}: with ros: 1, reconfigure is required.") if ros == 1 else ""
+            wanted = wanted or tr("{key}: with ros: 2, a topic is required.")
             yield path, wanted.format(key=name_of(path))
         elif ros == 1 and "max_mps" not in navigation:
             # Otherwise a higher limit of the wizard would exceed the manufacturer's.
             yield (
                 path,
-                tr("{key} needs max_mps beside it: how fast the navigation is set up to drive.").format(
+                tr("{key} also requires max_mps: the speed that the navigation is configured for.").format(
                     key=name_of(path)
                 ),
             )
@@ -199,7 +201,7 @@ def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
     if not corners:
         return ""
     if len(set(corners)) != len(corners):
-        return tr("the same corner is listed twice; the outline closes by itself.")
+        return tr("duplicate corner; the outline closes automatically.")
     sides = list(zip(corners, [*corners[1:], corners[0]], strict=True))
     for first, (a, b) in enumerate(sides):
         for second in range(first + 1, len(sides)):
@@ -210,7 +212,7 @@ def polygon_mistake(corners: tuple[tuple[float, float], ...]) -> str:
         return tr("the corners lie on one line.")
     turns = sum(math.atan2(ax * by - ay * bx, ax * bx + ay * by) for (ax, ay), (bx, by) in sides)
     if abs(turns) < math.pi:
-        return tr("the outline must lie around the robot's centre [0, 0], around which it turns.")
+        return tr("the outline must enclose the robot's centre [0, 0], around which the robot turns.")
     return ""
 
 

@@ -23,7 +23,7 @@ class ProfileText:
         self.file_name = file_name
         if len(text) > MAX_BYTES:
             raise ProfileError(
-                tr("{file_name}: this is larger than 1 MB and no robot profile.").format(file_name=file_name)
+                tr("{file_name}: the file is larger than 1 MB and is not a robot profile.").format(file_name=file_name)
             )
         try:
             self._source = parse_yaml(text)
@@ -32,9 +32,7 @@ class ProfileText:
             raise ProfileError(f"{said.rstrip('.')}.") from error
         if not isinstance(self._source.data, dict):
             raise ProfileError(
-                tr("{file_name}: a robot profile is a list of 'name: value' lines; this file is not.").format(
-                    file_name=file_name
-                )
+                tr("{file_name}: a robot profile must be a list of 'name: value' lines.").format(file_name=file_name)
             )
         self.data: dict[str, Any] = self._source.data
 
@@ -46,8 +44,8 @@ class ProfileText:
             self.refuse([(("version",), wrong)])
         elif version > newest:
             newer = tr(
-                "this profile has version {version}, made for a newer CARIS Desktop; this one reads version {newest}. "
-                "Update the program or use an older profile."
+                "this profile has version {version}, made for a newer CARIS Desktop; this program reads "
+                "version {newest}. Update the program or use an older profile."
             )
             self.refuse([(("version",), newer.format(version=version, newest=newest))])
         else:

@@ -43,9 +43,7 @@ MOST_CAMERAS = 4
 
 _Throttle = Annotated[
     int,
-    FieldSpec(
-        "At most one message in this time; 0: as often as it comes.", unit="milliseconds", at_least=0, at_most=10_000
-    ),
+    FieldSpec("Minimum interval between messages; 0: every message.", unit="milliseconds", at_least=0, at_most=10_000),
 ]
 _Frame = Annotated[
     str, StoredAs(str, lambda frame: frame.lstrip("/"), str), FieldSpec(shortest=1, longest=200, quiet=True)
@@ -62,10 +60,10 @@ class ProfileError(ValueError):
 class TopicSource:
     """A topic to listen to."""
 
-    topic: Annotated[RosName, FieldSpec("Its name.")]
+    topic: Annotated[RosName, FieldSpec("Name of the panel.")]
     throttle_ms: Annotated[_Throttle, FieldSpec(quiet=True)] = 0
     latched: Annotated[bool, FieldSpec(
-        "Its last message is kept for who comes later: latched in ROS 1, transient local in ROS 2.", quiet=True,
+        "The last message is stored for later subscribers: latched in ROS 1, transient local in ROS 2.", quiet=True,
     )] = False  # fmt: skip
 
 
@@ -73,7 +71,7 @@ class TopicSource:
 class _LatchedKeys(TopicSource):
     """A topic whose last message is kept, unless the file says otherwise."""
 
-    latched: Annotated[bool, FieldSpec("As for other topics, but `true` where it is not given.", quiet=True)] = True
+    latched: Annotated[bool, FieldSpec("As for other topics, but `true` if not given.", quiet=True)] = True
 
     @classmethod
     def of(cls, source: TopicSource) -> "_LatchedKeys":
@@ -97,22 +95,23 @@ class VelocityTopic:
     """Where velocity commands go."""
 
     topic: Annotated[
-        RosName, FieldSpec("The base's own topic, or the wizard's input of a velocity multiplexer.", wanted=True)
+        RosName, FieldSpec("The base's own topic, or the wizard's input to a velocity multiplexer.", wanted=True)
     ] = "/cmd_vel"
     type: Annotated[
-        VelocityType, FieldSpec("The type in geometry_msgs; newer ROS 2 bases want TwistStamped.", quiet=True)
+        VelocityType, FieldSpec("The type in geometry_msgs; newer ROS 2 bases require TwistStamped.", quiet=True)
     ] = "Twist"
     frame_id: Annotated[str, FieldSpec("The frame in the header of a TwistStamped.", longest=200, quiet=True)] = (
         "base_link"
     )
     timeout_s: Annotated[float | None, FieldSpec(
-        "After how long without a command the base stops by itself; without it, or above 1 s, driving is half as fast.",
+        "Time without a command after which the base stops automatically; if not given, or above 1 s, "
+            "driving is half as fast.",
         unit="seconds", more_than=0, at_most=60,
     )] = None  # fmt: skip
     timeout_source: Annotated[str, FieldSpec(
-        "Where that is documented: a page, a file of the driver, or a test of your own.", shortest=1, longest=300,
+        "Source of the timeout: a web page, a file of the driver, or your own test.", shortest=1, longest=300,
         quiet=True, beside=("timeout_s",), needed=("timeout_s",),
-        needs="It says where that is documented.",
+        needs="It states where the timeout is documented.",
     )] = ""  # fmt: skip
 
 
@@ -130,22 +129,26 @@ class CameraTopic:
     """One camera."""
 
     name: Annotated[str, FieldSpec(
-        "How it is called in the window and in the recording.", longest=40, pattern="^[A-Za-z0-9_-]+$",
+        "Name in the window and in the recording.", longest=40, pattern="^[A-Za-z0-9_-]+$",
         allowed="letters, digits, - and _.",
     )]  # fmt: skip
-    topic: Annotated[RosName, FieldSpec("Where its pictures are.")]
-    throttle_ms: Annotated[_Throttle, FieldSpec("At most one picture in this time: 33 gives up to 30 a second.")] = 60
+    topic: Annotated[RosName, FieldSpec("Topic with the camera's images.")]
+    throttle_ms: Annotated[
+        _Throttle, FieldSpec("Minimum interval between images: 33 gives up to 30 images per second.")
+    ] = 60
     model: Annotated[CameraModel | None,
                      StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
-        "Where it is and what it sees; with it a click in the video finds its place on the floor.",
-        some_of=("horizontal_fov_deg", "fx_px"), needs="a camera's model has either horizontal_fov_deg or fx_px.",
+        "Position on the robot and field of view. With it, a click in the video is mapped to a place on the "
+            "floor.",
+        some_of=("horizontal_fov_deg", "fx_px"), needs="a camera's model requires either horizontal_fov_deg or fx_px.",
         order=3,
     )] = None  # fmt: skip
     info: Annotated[RosName | None, FieldSpec(
-        "A topic of sensor_msgs/CameraInfo, whose focal lengths replace those of `model`.", order=2,
+        "A topic with sensor_msgs/CameraInfo messages; their focal lengths replace those of `model`.", order=2,
     )] = None  # fmt: skip
     type: Annotated[PictureType, FieldSpec(
-        "What the topic carries, of sensor_msgs; `Image` is not compressed and too much for a wireless link.",
+        "The type of the topic, in sensor_msgs; `Image` is not compressed, which is too much for a wireless "
+            "link.",
         quiet=True, order=1,
     )] = "CompressedImage"  # fmt: skip
 
@@ -155,16 +158,19 @@ class SpeedLimitInterface:
     """How the navigation is told its top speed."""
 
     topic: Annotated[
-        RosName | None, FieldSpec("In ROS 2: nav2_msgs/SpeedLimit, which Nav2's controller server listens to.")
+        RosName | None,
+        FieldSpec("In ROS 2: the nav2_msgs/SpeedLimit topic to which Nav2's controller server subscribes."),
     ] = None
     reconfigure: Annotated[RosName | None, FieldSpec(
-        "In ROS 1: the node of the local planner whose dynamic_reconfigure sets the speed; needs `max_mps`.",
+        "In ROS 1: the node of the local planner, where dynamic_reconfigure sets the speed; requires "
+            "`max_mps`.",
         instead_of=("topic",),
     )] = None  # fmt: skip
     parameters: Annotated[
         tuple[Annotated[str, FieldSpec(pattern="^[A-Za-z][A-Za-z0-9_]*$", allowed="letters, digits and _.")], ...],
         FieldSpec(
-            "The parameters of that node, in m/s; they are set back to `max_mps` when the console leaves.", shortest=1,
+            "The parameters of that node, in m/s; they are reset to `max_mps` when the console "
+                "disconnects.", shortest=1,
             longest=8, quiet=True, beside=("reconfigure",),
     )] = ("max_vel_x", "max_vel_trans")  # fmt: skip
 
@@ -176,12 +182,13 @@ class NavigationServer:
     kind: Annotated[NavigationKind, FieldSpec("`move_base` in ROS 1 (actionlib), `navigate_to_pose` in ROS 2 (Nav2).")]
     name: Annotated[RosName, FieldSpec("The name of the action.")]
     max_mps: Annotated[float | None, FieldSpec(
-        "How fast the robot's navigation is set up to drive; it is never told more.", unit="metres a second",
+        "Speed that the robot's navigation is configured for; the console never sets a "
+            "higher limit.", unit="metres per second",
         more_than=0, at_most=5,
     )] = None  # fmt: skip
     speed_limit: Annotated[SpeedLimitInterface | None, FieldSpec(
-        "How it is told to drive no faster than Drive does.", some_of=("topic", "reconfigure"),
-        needs="a speed limit needs a topic (ROS 2) or reconfigure (ROS 1).",
+        "Interface that limits its speed to the speed of Drive.", some_of=("topic", "reconfigure"),
+        needs="a speed limit requires a topic (ROS 2) or reconfigure (ROS 1).",
     )] = None  # fmt: skip
 
 
@@ -190,13 +197,13 @@ class SpeechAction:
     """A speech action (actionlib in ROS 1); its result is the end of the sentence."""
 
     name: Annotated[RosName, FieldSpec("The name of the action.")]
-    type: Annotated[RosType, FieldSpec("Its type.")]
+    type: Annotated[RosType, FieldSpec("Its ROS type.")]
     goal: Annotated[Mapping[str, Any], FieldSpec("The goal; `$value` stands for the text.")]
 
 
 _AnswersAtEnd = Annotated[bool, FieldSpec(
-    "`true` where it answers when it has said it; `false` where it answers at once, so that the console estimates how "
-    "long a sentence takes.", quiet=True,
+    "`true` if it answers after speaking; `false` if it answers immediately, so that the console estimates the "
+    "duration of a sentence.", quiet=True,
 )]  # fmt: skip
 _WebAddress = Annotated[str, FieldSpec(
     longest=500, external="address", pattern="^https?://[^/@ ]+(/[^ ]*)?$",
@@ -206,13 +213,13 @@ _WebAddress = Annotated[str, FieldSpec(
 
 @dataclass(frozen=True, slots=True)
 class SpeechService:
-    """A service that speaks."""
+    """A speech service."""
 
     name: Annotated[RosName, FieldSpec("The name of the service.")]
-    type: Annotated[RosType, FieldSpec("Its type.")]
+    type: Annotated[RosType, FieldSpec("Its ROS type.")]
     request: Annotated[Mapping[str, Any], FieldSpec("The request; `$value` stands for the text.")]
     answers_at_end: _AnswersAtEnd = False
-    stop: Annotated[RosName | None, FieldSpec("A service of std_srvs/Trigger: be quiet.")] = None
+    stop: Annotated[RosName | None, FieldSpec("A std_srvs/Trigger service that stops the speech.")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,28 +229,29 @@ class SpeechWeb:
     url: Annotated[_WebAddress, FieldSpec("Its address; `$value` in it stands for the text.")]
     body: Annotated[Mapping[str, Any] | None, FieldSpec("The JSON to send; `$value` stands for the text.")] = None
     answers_at_end: _AnswersAtEnd = False
-    stop: Annotated[_WebAddress | None, FieldSpec("The address that makes it be quiet, by POST.")] = None
+    stop: Annotated[_WebAddress | None, FieldSpec("The address that stops the speech, by POST.")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class SpeechInterface:
     """The robot's own voice: a topic, an action, a service or a web interface."""
 
-    topic: Annotated[RosName | None, FieldSpec("std_msgs/String: what to say.")] = None
+    topic: Annotated[RosName | None, FieldSpec("std_msgs/String: the text to say.")] = None
     speaking: Annotated[RosName | None, FieldSpec(
-        "std_msgs/Bool: true while it speaks; without it the console estimates when a sentence begins and ends, where "
-        "nothing else tells. An action tells.",
+        "std_msgs/Bool: true while the robot speaks. Without it, the console estimates the start and end of "
+            "a sentence, unless an action reports them.",
     )] = None  # fmt: skip
-    stop: Annotated[RosName | None, FieldSpec("std_msgs/Empty: be quiet.", beside=("topic",))] = None
+    stop: Annotated[RosName | None, FieldSpec("std_msgs/Empty: stop the speech.", beside=("topic",))] = None
     action: Annotated[
-        SpeechAction | None, FieldSpec("An action that speaks; its result is the end.", instead_of=("topic",))
+        SpeechAction | None, FieldSpec("A speech action; its result is the end of the sentence.", instead_of=("topic",))
     ] = None
-    service: Annotated[SpeechService | None, FieldSpec("A service that speaks.", instead_of=("topic", "action"))] = None
+    service: Annotated[SpeechService | None, FieldSpec("A speech service.", instead_of=("topic", "action"))] = None
     web: Annotated[
-        SpeechWeb | None, FieldSpec("A web interface (HTTP) that speaks.", instead_of=("topic", "action", "service"))
+        SpeechWeb | None, FieldSpec("A speech web interface (HTTP).", instead_of=("topic", "action", "service"))
     ] = None
     says: Annotated[RosName | None, FieldSpec(
-        "std_msgs/String: what it says, told by the robot. What nobody asked it to say is recorded as the robot's own.",
+        "std_msgs/String: the text of its speech, reported by the robot. Unprompted speech is recorded as "
+            "the robot's own.",
     )] = None  # fmt: skip
 
 
@@ -251,7 +259,7 @@ class SpeechInterface:
 class AudioInterface:
     """The robot's microphone, and a loudspeaker that plays sound as it comes (audio_common_msgs)."""
 
-    topic: Annotated[RosName | None, FieldSpec("What its microphone hears.")] = None
+    topic: Annotated[RosName | None, FieldSpec("Audio from the robot's microphone.")] = None
     type: Annotated[Literal["AudioData", "AudioDataStamped"], FieldSpec(
         "The type of that topic, in audio_common_msgs.", quiet=True, beside=("topic",),
     )] = "AudioData"  # fmt: skip
@@ -259,19 +267,20 @@ class AudioInterface:
         "`wave` is plain samples (S16LE), without a head.", quiet=True, beside=("topic",),
     )] = "wave"  # fmt: skip
     rate_hz: Annotated[int, FieldSpec(
-        "Samples a second; of `mp3` the stream tells it.", unit="hertz", at_least=LEAST_RATE_HZ, at_most=MOST_RATE_HZ,
+        "Sample rate; for `mp3`, the stream contains it.", unit="hertz", at_least=LEAST_RATE_HZ, at_most=MOST_RATE_HZ,
     )] = 16_000  # fmt: skip
     channels: Annotated[int, FieldSpec(
-        "Of the microphone; of `mp3` the stream tells it.", at_least=1, at_most=MOST_CHANNELS, quiet=True,
+        "Number of channels of the microphone; for `mp3`, the stream "
+            "contains it.", at_least=1, at_most=MOST_CHANNELS, quiet=True,
         beside=("topic",),
     )] = 1  # fmt: skip
     info: Annotated[RosName | None, FieldSpec(
-        "A topic of audio_common_msgs/AudioInfo, which replaces format, rate and channels.", quiet=True,
+        "A topic with audio_common_msgs/AudioInfo messages, which replace format, rate and channels.", quiet=True,
         beside=("topic",),
     )] = None  # fmt: skip
     speaker: Annotated[RosName | None, FieldSpec(
-        "audio_common_msgs/AudioData to publish: plain samples of one channel at `rate_hz`, played as they come. "
-        "With it the wizard's own voice comes out of the robot.",
+        "audio_common_msgs/AudioData to publish: plain samples of one channel at `rate_hz`, played on "
+            "arrival. With it, the wizard's own voice is played through the robot.",
     )] = None  # fmt: skip
 
 
@@ -281,7 +290,7 @@ class EmergencyStopInterface:
 
     topic: Annotated[RosName | None, FieldSpec("std_msgs/Bool: true while the robot is stopped.")] = None
     inverted: Annotated[
-        bool, FieldSpec("`true` where that topic says false while it is stopped.", quiet=True, beside=("topic",))
+        bool, FieldSpec("`true` if that topic sends false while the robot is stopped.", quiet=True, beside=("topic",))
     ] = False
     service: Annotated[
         RosName | None, FieldSpec("std_srvs/SetBool, or another service with one bool: true stops, false releases.")
@@ -291,14 +300,14 @@ class EmergencyStopInterface:
         quiet=True, beside=("service",),
     )] = "data"  # fmt: skip
     service_stop_value: Annotated[bool, FieldSpec(
-        "`false` where true releases the robot, as for a service that switches the motors.", quiet=True,
+        "`false` if true releases the robot, as for a service that switches the motors.", quiet=True,
         beside=("service",),
     )] = True  # fmt: skip
     set_service: Annotated[
-        RosName | None, FieldSpec("Of two services, the one that stops.", instead_of=("service",))
+        RosName | None, FieldSpec("The service that stops, if there are two services.", instead_of=("service",))
     ] = None
     clear_service: Annotated[RosName | None, FieldSpec(
-        "The one that releases.", beside=("set_service",), needed=("set_service",),
+        "The service that releases.", beside=("set_service",), needed=("set_service",),
         needs="Without it the robot is never released.",
     )] = None  # fmt: skip
     service_type: Annotated[
@@ -308,7 +317,7 @@ class EmergencyStopInterface:
             lambda name: name.replace("/srv/", "/"),
             str,
         ),
-        FieldSpec("The type of these two.", quiet=True, beside=("set_service",)),
+        FieldSpec("The type of these two services.", quiet=True, beside=("set_service",)),
     ] = "std_srvs/Trigger"
     command_topic: Annotated[RosName | None, FieldSpec(
         "std_msgs/Bool to publish: true stops, false releases.", instead_of=("service", "set_service"),
@@ -327,20 +336,22 @@ class HeadInterface:
     kind: Annotated[Literal["joint_trajectory", "joint_angles"], FieldSpec(
         "trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed.",
     )]  # fmt: skip
-    topic: Annotated[RosName, FieldSpec("Where it is commanded.")]
-    pan_joint: Annotated[_Joint, FieldSpec("The joint that turns to the left and right.")]
-    tilt_joint: Annotated[_Joint, FieldSpec("The joint that looks down and up.")]
-    joint_states: Annotated[RosName, FieldSpec("sensor_msgs/JointState: how it is turned.")] = "/joint_states"
+    topic: Annotated[RosName, FieldSpec("The topic for head commands.")]
+    pan_joint: Annotated[_Joint, FieldSpec("The joint that pans left and right.")]
+    tilt_joint: Annotated[_Joint, FieldSpec("The joint that tilts down and up.")]
+    joint_states: Annotated[RosName, FieldSpec("sensor_msgs/JointState: the orientation of the head.")] = (
+        "/joint_states"
+    )
     pan_range_rad: Annotated[tuple[Radians, Radians], FieldSpec("Lowest and highest pan, left positive.")] = (-1.2, 1.2)
     tilt_range_rad: Annotated[tuple[Radians, Radians], FieldSpec("Lowest and highest tilt, down positive.")] = (
         -0.5,
         0.7,
     )
-    speed_radps: Annotated[
-        float, FieldSpec("How fast it turns.", unit="radians a second", at_least=0.05, at_most=10)
-    ] = 0.8
-    pan_sign: Annotated[_Sign, FieldSpec("-1 where the joint turns right for a positive angle.")] = 1
-    tilt_sign: Annotated[_Sign, FieldSpec("-1 where the joint looks up for a positive angle.")] = 1
+    speed_radps: Annotated[float, FieldSpec("Turning speed.", unit="radians per second", at_least=0.05, at_most=10)] = (
+        0.8
+    )
+    pan_sign: Annotated[_Sign, FieldSpec("-1 if the joint turns right for a positive angle.")] = 1
+    tilt_sign: Annotated[_Sign, FieldSpec("-1 if the joint tilts up for a positive angle.")] = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,13 +366,13 @@ class MapServices:
         RosName | None, FieldSpec("The node of Nav2's map saver (nav2_msgs/SaveMap, ROS 2), usually `/map_saver`.")
     ] = None
     folder: Annotated[str, FieldSpec(
-        "Where maps are kept on the robot.", longest=300, pattern="^(?!.*(^|/)\\.\\.(/|$))[^\\x00-\\x1f]*$",
-        allowed="a folder without .. in it.", quiet=True,
+        "Folder for maps on the robot.", longest=300, pattern="^(?!.*(^|/)\\.\\.(/|$))[^\\x00-\\x1f]*$",
+        allowed="a folder path without '..' in it.", quiet=True,
     )] = ""  # fmt: skip
 
 
-_Speed = Annotated[float, FieldSpec(unit="metres a second")]
-_Turn = Annotated[float, FieldSpec(unit="radians a second", more_than=0)]
+_Speed = Annotated[float, FieldSpec(unit="metres per second")]
+_Turn = Annotated[float, FieldSpec(unit="radians per second", more_than=0)]
 _Acceleration = Annotated[float, FieldSpec(unit="m/s²", more_than=0)]
 _TurnAcceleration = Annotated[float, FieldSpec(unit="rad/s²", more_than=0)]
 
@@ -370,10 +381,10 @@ _TurnAcceleration = Annotated[float, FieldSpec(unit="rad/s²", more_than=0)]
 class MotionLimits:
     """How fast and how suddenly the base may move."""
 
-    forward_mps: Annotated[_Speed, FieldSpec("Forwards.", more_than=0)] = 0.5
+    forward_mps: Annotated[_Speed, FieldSpec("Forward speed.", more_than=0)] = 0.5
     backward_mps: Annotated[_Speed, FieldSpec("Backwards.", at_least=0)] = 0.3
-    left_mps: Annotated[_Speed, FieldSpec("Sideways; 0: the base cannot.", at_least=0)] = 0.0
-    turn_radps: Annotated[_Turn, FieldSpec("Turning.")] = 1.0
+    left_mps: Annotated[_Speed, FieldSpec("Sideways; 0 if the base cannot move sideways.", at_least=0)] = 0.0
+    turn_radps: Annotated[_Turn, FieldSpec("Turning speed.")] = 1.0
     acceleration_mps2: Annotated[_Acceleration, FieldSpec("Getting faster.")] = 1.0
     deceleration_mps2: Annotated[_Acceleration, FieldSpec("Getting slower.")] = 2.0
     turn_acceleration_radps2: Annotated[_TurnAcceleration, FieldSpec("Turning faster.")] = 3.0
@@ -384,12 +395,12 @@ class MotionLimits:
 class GuardSettings:
     """How the obstacle guard keeps the footprint from touching what the LIDAR sees."""
 
-    on: Annotated[bool, FieldSpec("`false` only where the robot has a guard of its own.", quiet=True)] = True
+    on: Annotated[bool, FieldSpec("`false` only if the robot has its own obstacle guard.", quiet=True)] = True
     stop_distance_m: Annotated[
-        float, FieldSpec("What is left when it has stopped.", unit="metres", at_least=0, at_most=1, quiet=True)
+        float, FieldSpec("Distance to the obstacle after stopping.", unit="metres", at_least=0, at_most=1, quiet=True)
     ] = 0.12
     reaction_s: Annotated[float, FieldSpec(
-        "Sensor period, network and base together; a robot that brakes late needs more.", unit="seconds", at_least=0.05,
+        "Total delay of sensor, network and base; higher for a robot that brakes late.", unit="seconds", at_least=0.05,
         at_most=2, quiet=True,
     )] = 0.35  # fmt: skip
 
@@ -399,17 +410,18 @@ class SecuritySettings:
     """How the link is secured; the secrets themselves are never in a file."""
 
     ca_file: Annotated[str | None, FieldSpec(
-        "Certificates (PEM) to trust besides the system's, for `wss://`, in the folder of the profile.", shortest=1,
+        "File in the folder of the profile with certificates (PEM) to trust for `wss://`, in addition to the "
+            "system's.", shortest=1,
         longest=300, external="path",
     )] = None  # fmt: skip
     certificate_sha256: Annotated[str | None, FieldSpec(
-        "The fingerprint (SHA-256) of the robot's certificate, read on the robot itself: that certificate alone is"
-        " accepted for `wss://`, whatever its name, dates and signer.",
+        "The fingerprint (SHA-256) of the robot's certificate, read on the robot itself. Only this "
+            "certificate is accepted for `wss://`, regardless of its name, dates and issuer.",
         pattern="^([0-9A-Fa-f]{2}:?){31}[0-9A-Fa-f]{2}$",
         allowed="64 hexadecimal digits, with or without colons.", quiet=True,
     )] = None  # fmt: skip
     rosauth_secret_env: Annotated[str | None, FieldSpec(
-        "The environment variable that holds the secret of rosauth; the secret itself is never in a file.", longest=100,
+        "The environment variable with the rosauth secret; the secret itself is never stored in a file.", longest=100,
         external="variable",
         pattern="^[A-Za-z_][A-Za-z0-9_]*$", allowed="the name of an environment variable.",
     )] = None  # fmt: skip
@@ -433,10 +445,11 @@ _Corner = tuple[Offset, Offset]
 class FloorOutline:
     """The robot's outline on the floor: a circle, or corners around its centre, counter-clockwise."""
 
-    radius_m: Annotated[_Radius | None, FieldSpec("Of a round robot.")] = None
+    radius_m: Annotated[_Radius | None, FieldSpec("Radius of a round robot.")] = None
     polygon_m: Annotated[
         tuple[_Corner, ...], StoredAs(tuple[_Corner, ...], _counter_clockwise, lambda corners: corners), FieldSpec(
-            "At least three corners `[x, y]` around the point around which it turns, x forward, y left.",
+            "At least three corners `[x, y]` around the point around which the robot turns, x forward, y "
+                "left.",
             allowed="three corners or more.", shortest=3, longest=40, quiet=True, instead_of=("radius_m",),
     )] = ()  # fmt: skip
 
@@ -449,11 +462,11 @@ class LaserMount:
     """Where the LIDAR is, and which way up."""
 
     robot_from_laser: Annotated[Pose2D, StoredAs(PoseKeys, PoseKeys.pose, PoseKeys.of), FieldSpec(
-        "Its place in the robot frame, where tf does not tell it.",
+        "Its pose in the robot frame, if tf does not provide it.",
     )] = _AT_ORIGIN  # fmt: skip
     mounting: Annotated[Literal["upright", "upside_down"] | None, FieldSpec(
-        "Which way up it is mounted, where tf does not tell it or is wrong. An `upside_down` LIDAR counts its angles "
-        "clockwise as seen from above.",
+        "Mounting of the LIDAR, if tf does not provide it or is wrong. An `upside_down` LIDAR counts its "
+            "angles clockwise, seen from above.",
     )] = None  # fmt: skip
 
 
@@ -466,76 +479,78 @@ class RobotProfile:
 
     name: Annotated[str, Excluded()] = ""
     title: Annotated[
-        str, FieldSpec("How the robot is called in the window; the file's name if not given.", shortest=1, longest=80)
+        str, FieldSpec("Name of the robot in the window; the file name if not given.", shortest=1, longest=80)
     ] = ""
-    ros: Annotated[RosVersion, FieldSpec("The ROS version that it runs.", wanted=True)] = 1
+    ros: Annotated[RosVersion, FieldSpec("The ROS version of the robot.", wanted=True)] = 1
     address: Annotated[str, FieldSpec(
-        "Its rosbridge. `--robot` with an address replaces it.", longest=500, external="address",
+        "Address of its rosbridge. `--robot` with an address overrides it.", longest=500, external="address",
         pattern=r"^wss?://[^/?#@\s]+(/[^?#\s]*)?$", allowed="ws://HOST:PORT or wss://HOST:PORT, without a password.",
     )] = DEFAULT_ADDRESS  # fmt: skip
     security: Annotated[SecuritySettings, FieldSpec(quiet=True)] = field(default_factory=SecuritySettings)
     simulation_time: Annotated[
-        bool, FieldSpec("`true` where its clock is that of a simulator (`/clock`, `use_sim_time`).", quiet=True)
+        bool, FieldSpec("`true` if the robot uses simulation time (`/clock`, `use_sim_time`).", quiet=True)
     ] = False
     velocity: Annotated[VelocityTopic, FieldSpec(wanted=True)] = field(default_factory=VelocityTopic)
     command_rate_hz: Annotated[
-        float, FieldSpec("How often a velocity is sent while a key is held.", unit="hertz", at_least=5, at_most=100)
+        float, FieldSpec("Rate of velocity commands while a key is held.", unit="hertz", at_least=5, at_most=100)
     ] = 20.0
     limits: MotionLimits = field(default_factory=MotionLimits)
     guard: Annotated[GuardSettings, FieldSpec(quiet=True)] = field(default_factory=GuardSettings)
     footprint: Annotated[FloorOutline, FieldSpec(
         "The robot's outline on the floor.", some_of=("radius_m", "polygon_m"),
-        needs="a footprint has either radius_m or polygon_m.",
+        needs="a footprint requires either radius_m or polygon_m.",
     )] = field(default_factory=lambda: FloorOutline(0.25))  # fmt: skip
     scan: Annotated[
-        _Source, FieldSpec("sensor_msgs/LaserScan: the LIDAR, for map view and obstacle guard. 50 ms is enough.")
+        _Source,
+        FieldSpec("sensor_msgs/LaserScan: the LIDAR, for the map view and the obstacle guard. 50 ms is enough."),
     ] = None
-    odometry: Annotated[_Source, FieldSpec("nav_msgs/Odometry: speed and way by the wheels.")] = None
+    odometry: Annotated[_Source, FieldSpec("nav_msgs/Odometry: speed and path from the wheels.")] = None
     pose: Annotated[
         _Source,
-        FieldSpec("geometry_msgs/PoseWithCovarianceStamped: the pose in the map, used where `tf` does not tell it."),
+        FieldSpec("geometry_msgs/PoseWithCovarianceStamped: the pose in the map, used if `tf` does not provide it."),
     ] = None
     tf: Annotated[_Source, FieldSpec("tf2_msgs/TFMessage: transforms between the frames, usually `/tf`.")] = None
-    tf_static: Annotated[
-        _LatchedSource, FieldSpec("tf2_msgs/TFMessage: those that never change, usually `/tf_static`.")
-    ] = None
+    tf_static: Annotated[_LatchedSource, FieldSpec("tf2_msgs/TFMessage: static transforms, usually `/tf_static`.")] = (
+        None
+    )
     map: Annotated[_LatchedSource, FieldSpec("nav_msgs/OccupancyGrid: the map.")] = None
     map_updates: Annotated[_Source, FieldSpec("map_msgs/OccupancyGridUpdate: changed parts of the map.")] = None
-    path: Annotated[_Source, FieldSpec("nav_msgs/Path: the way that the navigation has planned.")] = None
+    path: Annotated[_Source, FieldSpec("nav_msgs/Path: the path planned by the navigation.")] = None
     battery: Annotated[_Source, FieldSpec("sensor_msgs/BatteryState: the charge.")] = None
     frames: Annotated[TransformFrames, FieldSpec(quiet=True)] = field(default_factory=TransformFrames)
     cameras: Annotated[
-        tuple[CameraTopic, ...], FieldSpec("The first one is shown first.", longest=MOST_CAMERAS, quiet=True)
+        tuple[CameraTopic, ...], FieldSpec("The first camera is shown first.", longest=MOST_CAMERAS, quiet=True)
     ] = ()
     navigation: NavigationServer | None = None
     initial_pose: Annotated[RosName | None, FieldSpec(
-        "geometry_msgs/PoseWithCovarianceStamped: where the localization is told where the robot is, usually "
-        "`/initialpose`.",
+        "geometry_msgs/PoseWithCovarianceStamped: the topic that sets the robot's pose for the localization, "
+            "usually `/initialpose`.",
     )] = None  # fmt: skip
     maps: Annotated[MapServices | None, FieldSpec(
         some_of=("slam_toolbox", "map_server", "map_saver", "folder"),
-        needs="maps has slam_toolbox, map_server or map_saver; one of these nodes is enough.",
+        needs="maps requires slam_toolbox, map_server or map_saver; one of these nodes is enough.",
     )] = None  # fmt: skip
     speech: Annotated[
         SpeechInterface | None,
         FieldSpec(
             some_of=("topic", "action", "service", "web", "says"),
-            needs="speech is a topic, an action, a service or a web interface.",
+            needs="speech requires a topic, an action, a service or a web interface.",
         ),
     ] = None
     audio: Annotated[
-        AudioInterface | None, FieldSpec(some_of=("topic", "speaker"), needs="audio has a topic, a speaker, or both.")
+        AudioInterface | None,
+        FieldSpec(some_of=("topic", "speaker"), needs="audio requires a topic, a speaker, or both."),
     ] = None
     emergency_stop: Annotated[EmergencyStopInterface | None, FieldSpec(
         some_of=("topic", "service", "set_service", "command_topic"),
-        needs="an emergency stop has a topic, a service, set_service with clear_service, or a command_topic.",
+        needs="an emergency stop requires a topic, a service, set_service with clear_service, or a command_topic.",
     )] = None  # fmt: skip
     head: HeadInterface | None = None
     controls: Annotated[tuple[CONTROL, ...], FieldSpec(
         "Buttons, toggles, sliders, choices, text fields and readouts of the Robot panel.", longest=100, quiet=True,
     )] = ()  # fmt: skip
     laser: Annotated[
-        LaserMount, FieldSpec("How the LIDAR is mounted, for robots whose tf does not tell it.", quiet=True)
+        LaserMount, FieldSpec("Mounting of the LIDAR, for robots that do not provide it in tf.", quiet=True)
     ] = field(default_factory=LaserMount)
 
     @property
@@ -589,7 +604,7 @@ class ProfileFile(RobotProfile):
     # Only in the file: a loaded profile has absolute names and one footprint.
     version: Annotated[Literal[1], FieldSpec("Version of this file format.", wanted=True, order=-1)] = PROFILE_VERSION
     namespace: Annotated[str, FieldSpec(
-        "Put before every name that does not begin with a slash.", longest=200,
+        "Prefix of every name that does not start with a slash.", longest=200,
         pattern="^/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*$", allowed="a name such as robot1.",
     )] = ""  # fmt: skip
     footprint_radius_m: Annotated[
@@ -644,5 +659,5 @@ def check_address(address: str) -> str:
     except ValueError:
         usable = False
     if not usable:
-        raise ProfileError(f"{address!r} is not a robot's address. An address looks like ws://192.168.1.20:9090.")
+        raise ProfileError(f"{address!r} is not a robot address. Example of an address: ws://192.168.1.20:9090.")
     return address

@@ -243,7 +243,7 @@ _TOPICS_FIRST = (
         ("amcl_pose", "pose", "robot_pose", "localization_pose"), ("initialpose", "initial", "set_pose", "gps"),
     ),
     _Kind("tf", QT_TR_NOOP("Transforms"), ("tf2_msgs/TFMessage", "tf/tfMessage"), ("tf",), ("tf_static",)),
-    _Kind("tf_static", QT_TR_NOOP("Fixed transforms"), ("tf2_msgs/TFMessage",), ("tf_static",), least=0.7),
+    _Kind("tf_static", QT_TR_NOOP("Static transforms"), ("tf2_msgs/TFMessage",), ("tf_static",), least=0.7),
     _Kind(
         "map", QT_TR_NOOP("Map"), ("nav_msgs/OccupancyGrid",), ("map",),
         ("costmap", "local", "global", "visibility", "keepout", "mask", "filter"), least=0.6,
@@ -253,7 +253,7 @@ _TOPICS_FIRST = (
         ("costmap", "local"), least=0.6,
     ),
     _Kind(
-        "path", QT_TR_NOOP("Planned way"), ("nav_msgs/Path",), ("plan", "global_plan", "received_global_plan", "path"),
+        "path", QT_TR_NOOP("Planned path"), ("nav_msgs/Path",), ("plan", "global_plan", "received_global_plan", "path"),
         ("local", "transformed", "trajectory", "odom", "history", "smoothed"),
     ),
     _Kind(
@@ -263,7 +263,7 @@ _TOPICS_FIRST = (
 )  # fmt: skip
 _TOPICS_AFTER = (
     _Kind(
-        "initial_pose", QT_TR_NOOP("Set the pose"), ("geometry_msgs/PoseWithCovarianceStamped",),
+        "initial_pose", QT_TR_NOOP("Initial pose"), ("geometry_msgs/PoseWithCovarianceStamped",),
         ("initialpose", "initial_pose"), least=0.7, published=False,
     ),
 )  # fmt: skip
@@ -278,11 +278,11 @@ _RAW_CAMERA = replace(
 )
 _SPEECH_TOPICS = (
     _Kind(
-        "speech.speaking", QT_TR_NOOP("Voice: is speaking"), ("std_msgs/Bool",),
+        "speech.speaking", QT_TR_NOOP("Voice: speaking"), ("std_msgs/Bool",),
         ("speaking", "is_speaking", "tts_active"), least=0.7,
     ),
     _Kind(
-        "speech.stop", QT_TR_NOOP("Voice: be quiet"), ("std_msgs/Empty",),
+        "speech.stop", QT_TR_NOOP("Voice: stop"), ("std_msgs/Empty",),
         ("stop", "tts_stop", "stop_speaking", "shut_up"), least=0.7, published=False, about=_SPEECH_WORDS,
     ),
 )  # fmt: skip
@@ -293,7 +293,7 @@ _SOUND_TOPICS = (
         ("audio", "audio_stamped", "audio_raw", "mic", "microphone"), ("speaker", "play", "tts", "out"),
     ),
     _Kind(
-        "audio.info", QT_TR_NOOP("Microphone: form"), ("audio_common_msgs/AudioInfo",), ("audio_info", "info"),
+        "audio.info", QT_TR_NOOP("Microphone: format"), ("audio_common_msgs/AudioInfo",), ("audio_info", "info"),
         least=0.6,
     ),
     _Kind(
@@ -356,7 +356,7 @@ class _Ranking:
             replace(
                 candidate,
                 confidence=_clipped(candidate.confidence - 0.3),
-                why=joined((candidate.why, QT_TR_NOOP("But it is not compressed: a heavy load."))),
+                why=joined((candidate.why, QT_TR_NOOP("But it is not compressed and needs much bandwidth."))),
             )
             for candidate in self.topics(_RAW_CAMERA)
         ]
@@ -368,9 +368,9 @@ class _Ranking:
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
-                certainty, why = 0.95, localized(QT_TR_NOOP("It is an action server of {type}."), type=found_type)
+                certainty, why = 0.95, localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type)
             elif not found_type and last in ("move_base", "navigate_to_pose"):
-                certainty, why = 0.75, QT_TR_NOOP("It is an action server of the usual name.")
+                certainty, why = 0.75, QT_TR_NOOP("It is an action server with the usual name.")
             else:
                 continue
             found.append(self._in_namespace(Candidate(action, found_type, certainty, why)))
@@ -380,14 +380,14 @@ class _Ranking:
         found = []
         for action, found_type in self._offer.actions.items():
             if any(same_type(found_type, known) for known, _ in _SPEECH_ACTIONS):
-                why = QT_TR_NOOP("It is a speech action, which tells when it has finished.")
+                why = QT_TR_NOOP("It is a speech action, which reports when it has finished.")
                 found.append(Candidate(action, found_type, 0.95, why))
         for topic, found_type in self._offer.topics.items():
             spoken = same_type(found_type, "std_msgs/String") and _SPEECH_WORDS.search(topic)
             if spoken and not _HEARING_WORDS.search(topic):
                 last = topic.rsplit("/", 1)[-1]
                 certainty = 0.8 if last in ("tts", "speech", "say") else 0.55
-                why = localized(QT_TR_NOOP("It takes text, and is named “{name}”."), name=last)
+                why = localized(QT_TR_NOOP("It accepts text and is named “{name}”."), name=last)
                 found.append(Candidate(topic, found_type, certainty, why))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
@@ -400,14 +400,14 @@ class _Ranking:
                 continue
             switch = _SWITCH_WORDS.search(service)
             if any(same_type(found_type, known) for known, _field in _STOP_SERVICES):
-                why = QT_TR_NOOP("It is a service of {type} with a name of its kind.")
+                why = QT_TR_NOOP("It is a service of type {type} with a matching name.")
                 if switch:
-                    why = QT_TR_NOOP("It is a service of {type} that switches the motors: false stops.")
+                    why = QT_TR_NOOP("It is a service of type {type} that switches the motors: false stops.")
                 found.append(Candidate(service, found_type, 0.7 if switch else 0.9, localized(why, type=found_type)))
             elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
                 release = _release_of(service, services)
                 if release is not None:
-                    why = QT_TR_NOOP("They are two services of {type}: one stops, the other releases.")
+                    why = QT_TR_NOOP("They are two services of type {type}: one stops, the other releases.")
                     found.append(Candidate(f"{service} | {release}", found_type, 0.7, localized(why, type=found_type)))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
@@ -419,7 +419,7 @@ class _Ranking:
             if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
                 continue
             if joints is None:
-                why = QT_TR_NOOP("Its type fits, but no head joints were heard among the joint states.")
+                why = QT_TR_NOOP("Its type matches, but the joint states contain no head joints.")
                 found.append(Candidate(topic, found_type, 0.3, why))
             else:
                 why = QT_TR_NOOP("It moves joints, and {pan} and {tilt} exist.")
@@ -438,26 +438,26 @@ class _Ranking:
     def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
         words = [word for word in topic.lower().split("/") if word]
         last = words[-1] if words else ""
-        reasons: list[str] = [localized(QT_TR_NOOP("It carries {type}."), type=found_type)]
+        reasons: list[str] = [localized(QT_TR_NOOP("Its type is {type}."), type=found_type)]
         if last in kind.names:
             certainty = 0.95 - 0.03 * kind.names.index(last)
             reasons.append(localized(QT_TR_NOOP("It is named “{name}”."), name=last))
         elif any(name in last for name in kind.names):
             certainty = 0.65
             held = next(name for name in kind.names if name in last)
-            reasons.append(localized(QT_TR_NOOP("Its name holds “{word}”."), word=held))
+            reasons.append(localized(QT_TR_NOOP("Its name contains “{word}”."), word=held))
         else:
             certainty = 0.45
         doubts = [word for word in kind.against if _has_word(words, word)]
         if doubts:
             certainty -= 0.4
-            reasons.append(localized(QT_TR_NOOP("But “{word}” speaks against it."), word=doubts[0]))
+            reasons.append(localized(QT_TR_NOOP("But “{word}” in its name makes it unlikely."), word=doubts[0]))
         # A short name is the robot's own; long ones belong to components.
         certainty -= 0.02 * max(0, len(words) - 1)
         count = (self._offer.publishers if kind.published else self._offer.subscribers).get(topic)
         if count == 0 and kind.published:
             certainty -= 0.25
-            reasons.append(QT_TR_NOOP("But nothing publishes it now."))
+            reasons.append(QT_TR_NOOP("But nothing currently publishes it."))
         elif count:
             certainty += 0.03
         return self._in_namespace(Candidate(topic, found_type, _clipped(certainty), joined(reasons)))
@@ -482,7 +482,7 @@ def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float
     if best is not None:
         why = best.why
     elif candidates:
-        why = localized(QT_TR_NOOP("{count} of this type, none with a name that fits."), count=len(candidates))
+        why = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
     else:
         why = QT_TR_NOOP("The robot offers nothing of this kind.")
     return FieldProposal(key, label, best.value if best else "", tuple(candidates), why)
@@ -523,25 +523,27 @@ def _namespaces(offer: RobotOffer) -> tuple[str, ...]:
 def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
     values = {proposal.field: proposal.value for proposal in fields}
     slow = QT_TR_NOOP(
-        "Speeds begin slow, at {speed} m/s. Set “limits” and “footprint” in the file to those of the robot."
+        "The speed limit starts low, at {speed} m/s. Set “limits” and “footprint” in the file to the robot's values."
     )
     yield localized(slow, speed=CAUTIOUS.forward_mps)
     if not values.get("velocity"):
-        yield QT_TR_NOOP("Nothing was found to drive with; choose the topic by hand if the robot listens to one.")
+        yield QT_TR_NOOP("No topic for driving was found; choose it manually if the robot subscribes to one.")
     if _runs_on_simulation_time(offer):
         yield QT_TR_NOOP("The robot publishes /clock, so its time is that of a simulator.")
     if values.get("cameras.0"):
         yield QT_TR_NOOP(
-            "Where the camera is cannot be asked: add “model” to it, and clicks in the video find the floor."
+            "The position of the camera cannot be queried: add “model” to the camera so that clicks in the "
+            "video find the floor."
         )
     for index in range(MOST_CAMERAS):
         topic = values.get(f"cameras.{index}", "")
         if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
-            heavy = QT_TR_NOOP("{topic} is not compressed, too much for a wireless link. Better, {advice}.")
+            heavy = QT_TR_NOOP("{topic} is not compressed, which is too much for a wireless link. Better: {advice}.")
             yield localized(heavy, topic=topic, advice=republish_advice(topic))
     if values.get("velocity") and _has_multiplexer(offer):
         yield QT_TR_NOOP(
-            "There is a velocity multiplexer: drive through an input for a person, so that navigation gives way."
+            "There is a velocity multiplexer: drive through an input for manual control, so that driving "
+            "overrides navigation."
         )
 
 

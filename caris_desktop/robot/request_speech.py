@@ -205,7 +205,7 @@ class RequestSpeech:
                     already = False
                     await self._quiet.wait()
         except TimeoutError:
-            raise NotSaidError("the robot did not report that it finished") from None
+            raise NotSaidError("the robot did not report that it finished speaking") from None
         report_utterance(self._emit, command, "finished", estimated=already)
 
     async def _begun(self, answer: "asyncio.Future[Any]") -> None:
@@ -218,7 +218,7 @@ class RequestSpeech:
                     answer.result()
                 await started
         except TimeoutError:
-            raise NotSaidError("the robot did not report that it speaks") from None
+            raise NotSaidError("the robot did not report that it started speaking") from None
         finally:
             self._start_due = None
             started.cancel()
@@ -314,8 +314,8 @@ class WebSpeaker:
                 self._client.stream(method, url, timeout=within_s, **content) as response,
             ):
                 if not response.is_success:
-                    raise NotSaidError(f"the robot's web interface answers {response.status_code}")
+                    raise NotSaidError(f"the robot's web interface responded with {response.status_code}")
         except (TimeoutError, httpx.TimeoutException):
-            raise NotSaidError("the robot's web interface does not answer") from None
+            raise NotSaidError("the robot's web interface does not respond") from None
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise NotSaidError(f"the robot's web interface cannot be reached ({error})") from error

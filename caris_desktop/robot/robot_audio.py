@@ -104,10 +104,10 @@ class RobotSound:
             self._problems.count(
                 "sound",
                 severity="warning",
-                what=localized(QT_TR_NOOP("{count} piece(s) of the robot's sound were dropped: {error}."), error=error),
-                meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
+                what=localized(QT_TR_NOOP("{count} chunk(s) of the robot's audio were dropped: {error}."), error=error),
+                meaning=QT_TR_NOOP("Speech during this time is neither heard nor recorded."),
                 advice=localized(
-                    QT_TR_NOOP("Check 'audio' in the robot profile against what the robot publishes on {topic}."),
+                    QT_TR_NOOP("Compare 'audio' in the robot profile with what the robot publishes on {topic}."),
                     topic=self._told.topic,
                 ),
             )
@@ -122,11 +122,11 @@ class RobotSound:
                 "missing sound",
                 severity="info",
                 what=localized(
-                    QT_TR_NOOP("The robot's sound broke off for {missing_ns} s ({count} time(s) lately)."),
+                    QT_TR_NOOP("The robot's audio was interrupted for {missing_ns} s ({count} time(s) recently)."),
                     missing_ns=f"{missing_ns / 1000000000.0:.1f}",
                 ),
-                meaning=QT_TR_NOOP("What was said then is neither heard nor recorded."),
-                advice=QT_TR_NOOP("If it happens often, look at the robot's network."),
+                meaning=QT_TR_NOOP("Speech during this time is neither heard nor recorded."),
+                advice=QT_TR_NOOP("If this happens often, check the robot's network."),
             )
         self._put(AudioChunk(stamp_ns, ROBOT_MICROPHONE, rate_hz, samples))
 
@@ -178,5 +178,5 @@ class Mp3Stream:
                     for plain in self._resampler.resample(frame):
                         parts.append(plain.to_ndarray().reshape(-1, channels))
         except (self._error, ValueError) as error:
-            raise MessageError("it is no mp3 stream") from error
+            raise MessageError("it is not an mp3 stream") from error
         return (np.concatenate(parts), rate_hz) if parts else (np.zeros((0, 1), np.int16), 1)

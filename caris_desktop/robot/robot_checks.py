@@ -99,7 +99,7 @@ def what_rosapi_said(error: Exception) -> str:
     """Sentence on a failed query: no answer, or rosbridge's own text."""
     said = error.said.strip() if isinstance(error, ServiceCallError) else ""
     if not said:
-        return QT_TR_NOOP("rosapi does not answer.")
+        return QT_TR_NOOP("rosapi does not respond.")
     words = said if len(said) <= _SAID_AT_MOST else f"{said[:_SAID_AT_MOST]}…"
     return localized(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 
@@ -151,11 +151,11 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
                 words = (
                     QT_TR_NOOP("the robot has no topic {topic}.")
                     if named.published
-                    else QT_TR_NOOP("nothing on the robot listens to {topic}.")
+                    else QT_TR_NOOP("nothing on the robot subscribes to {topic}.")
                 )
                 lacks(named.field, named.label, localized(words, topic=named.topic))
         elif kind and not any(same_type(kind, one) for one in named.types):
-            carries = QT_TR_NOOP("{topic} carries {kind}, but {wanted} was expected.")
+            carries = QT_TR_NOOP("{topic} has the type {kind}, but {wanted} was expected.")
             lacks(named.field, named.label, localized(carries, topic=named.topic, kind=kind, wanted=wanted))
     for field, label, action in actions_of(profile):
         if inventory.has_action(action) is False:
@@ -166,7 +166,10 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
     if useless:
         sentences.append(
             localized(
-                QT_TR_NOOP("Without effect in the Robot panel, because the robot lacks what they use: {useless}."),
+                QT_TR_NOOP(
+                    "Controls in the Robot panel without effect, because the robot lacks the interfaces that "
+                    "they use: {useless}."
+                ),
                 useless=", ".join(useless),
             )
         )
@@ -182,18 +185,16 @@ def problem_of_missing(missing: Sequence[str]) -> Problem:
     return Problem(
         now_ns(),
         "warning",
-        localized(QT_TR_NOOP("The robot lacks something that its profile names: {missing}"), missing=joined(missing)),
-        QT_TR_NOOP("What is missing stays empty or does nothing."),
-        QT_TR_NOOP("Start it on the robot, or correct the names in the robot profile."),
+        localized(QT_TR_NOOP("The robot does not match its profile: {missing}"), missing=joined(missing)),
+        QT_TR_NOOP("The missing parts stay empty or have no effect."),
+        QT_TR_NOOP("Start the missing parts on the robot, or correct the names in the robot profile."),
         cause="robot_lacks",
     )
 
 
 def nothing_is_missing() -> Problem:
     """End of the Problem of :func:`problem_of_missing`."""
-    return Problem(
-        now_ns(), "info", QT_TR_NOOP("The robot has all that its profile names now."), "", "", cause="robot_lacks"
-    )
+    return Problem(now_ns(), "info", QT_TR_NOOP("The robot now matches its profile."), "", "", cause="robot_lacks")
 
 
 def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
@@ -203,13 +204,13 @@ def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
     kind = inventory.topics.get(named.topic)
     if named.types == ("sensor_msgs/Image",):
         compressed = same_type(kind or "", "sensor_msgs/CompressedImage")
-        told = localized(QT_TR_NOOP("{topic} is compressed: leave out 'type: Image'."), topic=named.topic)
+        told = localized(QT_TR_NOOP("{topic} is compressed: remove 'type: Image'."), topic=named.topic)
         return told if compressed else ""
     raw = named.topic if kind is not None else named.topic.removesuffix("/compressed")
     if not same_type(inventory.topics.get(raw, ""), "sensor_msgs/Image"):
         return ""
     return localized(
-        QT_TR_NOOP("{topic} is there uncompressed only. Write 'type: Image' for it; better, {advice}."),
+        QT_TR_NOOP("{topic} is only available uncompressed. Add 'type: Image' or, better, {advice}."),
         topic=raw,
         advice=republish_advice(raw),
     )
@@ -233,7 +234,7 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
         ("odometry", QT_TR_NOOP("Odometry"), profile.odometry, "nav_msgs/Odometry", 5.0, True),
         ("pose", QT_TR_NOOP("Pose"), profile.pose, "geometry_msgs/PoseWithCovarianceStamped", None, profile.tf is None),
         ("tf", QT_TR_NOOP("Transforms"), profile.tf, "tf2_msgs/TFMessage", 5.0, False),
-        ("tf_static", QT_TR_NOOP("Fixed transforms"), profile.tf_static, "tf2_msgs/TFMessage", None, False),
+        ("tf_static", QT_TR_NOOP("Static transforms"), profile.tf_static, "tf2_msgs/TFMessage", None, False),
         ("map", QT_TR_NOOP("Map"), profile.map, "nav_msgs/OccupancyGrid", None, True),
         ("map_updates", QT_TR_NOOP("Map updates"), profile.map_updates, "map_msgs/OccupancyGridUpdate", None, False),
         ("path", QT_TR_NOOP("Path"), profile.path, "nav_msgs/Path", None, False),
@@ -250,12 +251,12 @@ def named_in(profile: RobotProfile) -> Iterator[NamedTopic]:
             f"cameras.{index}", label, camera.topic, (f"sensor_msgs/{camera.type}",), expected_hz=_LEAST_PICTURES_HZ
         )
         if camera.info is not None:
-            lens = localized(QT_TR_NOOP("Camera {name}: lens"), name=camera.name)
+            lens = localized(QT_TR_NOOP("Camera {name}: calibration"), name=camera.name)
             yield NamedTopic(f"cameras.{index}.info", lens, camera.info, ("sensor_msgs/CameraInfo",), needed=False)
     if profile.initial_pose is not None:
         kinds = ("geometry_msgs/PoseWithCovarianceStamped",)
         yield NamedTopic(
-            "initial_pose", QT_TR_NOOP("Setting the pose"), profile.initial_pose, kinds, published=False, needed=False
+            "initial_pose", QT_TR_NOOP("Initial pose"), profile.initial_pose, kinds, published=False, needed=False
         )
     yield from _voice_and_stop(profile)
     yield from _sound(profile)
@@ -281,13 +282,11 @@ def _voice_and_stop(profile: RobotProfile) -> Iterator[NamedTopic]:
     if speech is not None and speech.topic is not None:
         yield NamedTopic("speech", QT_TR_NOOP("Speech"), speech.topic, ("std_msgs/String",), published=False)
     if speech is not None and speech.speaking is not None:
-        yield NamedTopic("speech.speaking", QT_TR_NOOP("Speech: is speaking"), speech.speaking, ("std_msgs/Bool",))
+        yield NamedTopic("speech.speaking", QT_TR_NOOP("Speech: speaking"), speech.speaking, ("std_msgs/Bool",))
     if speech is not None and speech.stop is not None:
-        yield NamedTopic(
-            "speech.stop", QT_TR_NOOP("Speech: be quiet"), speech.stop, ("std_msgs/Empty",), published=False
-        )
+        yield NamedTopic("speech.stop", QT_TR_NOOP("Speech: stop"), speech.stop, ("std_msgs/Empty",), published=False)
     if speech is not None and speech.says is not None:
-        yield NamedTopic("speech.says", QT_TR_NOOP("Speech: what it says"), speech.says, ("std_msgs/String",))
+        yield NamedTopic("speech.says", QT_TR_NOOP("Speech: spoken text"), speech.says, ("std_msgs/String",))
     if stop is not None and stop.topic is not None:
         yield NamedTopic("emergency_stop.topic", QT_TR_NOOP("Emergency stop"), stop.topic, ("std_msgs/Bool",))
     if stop is not None and stop.command_topic is not None:
@@ -305,7 +304,7 @@ def _sound(profile: RobotProfile) -> Iterator[NamedTopic]:
         yield NamedTopic("audio", QT_TR_NOOP("Microphone"), audio.topic, (f"audio_common_msgs/{audio.type}",))
     if audio.info is not None:
         yield NamedTopic(
-            "audio.info", QT_TR_NOOP("Microphone: form"), audio.info, ("audio_common_msgs/AudioInfo",), needed=False
+            "audio.info", QT_TR_NOOP("Microphone: format"), audio.info, ("audio_common_msgs/AudioInfo",), needed=False
         )
     if audio.speaker is not None:
         yield NamedTopic(
@@ -324,7 +323,7 @@ def services_of(profile: RobotProfile) -> Iterator[tuple[str, str, str]]:
     if profile.speech is not None and profile.speech.service is not None:
         yield "speech.service", QT_TR_NOOP("Speech"), profile.speech.service.name
         if profile.speech.service.stop is not None:
-            yield "speech.service.stop", QT_TR_NOOP("Speech: be quiet"), profile.speech.service.stop
+            yield "speech.service.stop", QT_TR_NOOP("Speech: stop"), profile.speech.service.stop
     for control in profile.controls:
         if isinstance(control.effect, CallService):
             yield f"controls.{control.id}", _label_of(control), control.effect.service
@@ -353,7 +352,7 @@ def in_dialect(dialect: Dialect, kind: str) -> str:
 
 def _texts(value: Any) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise ServiceCallError("rosapi answered with something that is not a list of names")
+        raise ServiceCallError("rosapi's response is not a list of names")
     return value
 
 
@@ -376,7 +375,7 @@ class LinkProbe:
 
     def link_lost(self, reason: str) -> None:
         self.broke_off = True
-        self._settle(f"The connection was lost at once: {reason}.", "")
+        self._settle(f"The connection was lost immediately: {reason}.", "")
 
     def link_silent(self) -> None: ...
 
@@ -411,11 +410,11 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
             silent = await _silent_streams(ros, profile)
             if silent:
                 silent.append(
-                    f"What else the robot lacks is not known: {what_rosapi_said(error)} Start rosapi beside rosbridge."
+                    f"Other missing parts are unknown: {what_rosapi_said(error)} Start rosapi in addition to rosbridge."
                 )
             return silent
     except TimeoutError:
-        return [f"Nothing answers at {without_credentials(address)} within {timeout_s:g} s."]
+        return [f"No response from {without_credentials(address)} within {timeout_s:g} s."]
     finally:
         await ros.aclose(_GOODBYE_S)
 
@@ -439,7 +438,7 @@ async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[s
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_LISTENED_S):
                 await all_heard.wait()
-    nothing = QT_TR_NOOP("{label}: nothing comes on {topic}.")
+    nothing = QT_TR_NOOP("{label}: no messages on {topic}.")
     return [
         localized(nothing, label=localized(named.label), topic=named.topic) for named in wanted if named.topic in silent
     ]
@@ -470,7 +469,8 @@ async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) ->
         if isinstance(value, dict) and value.get("bool_value") is False
     ]
     advice = QT_TR_NOOP(
-        "Its rosbridge handles what one connection sends one after another: {parameters} false. This console uses"
-        " further connections for goals and calls; other programs that drive the robot need true."
+        "Its rosbridge handles the requests of one connection one at a time (false: {parameters}). This "
+        "console uses additional connections for goals and calls. Other programs that drive the robot need "
+        "true."
     )
     return localized(advice, parameters=", ".join(off)) if off else ""

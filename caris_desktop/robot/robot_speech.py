@@ -98,7 +98,7 @@ class ActionVoice:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
-            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the link to the robot was lost"))
+            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the connection to the robot was lost"))
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -114,7 +114,8 @@ class ActionVoice:
         if wire_id == self._wire_id and not self._waiting[0].started:
             # The robot is saying something else first.
             self._wait(
-                LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks"))
+                LONGEST_UTTERANCE_S,
+                lambda: self._give_up(QT_TR_NOOP("the robot did not report that it started speaking")),
             )
 
     def goal_active(self, wire_id: str) -> None:
@@ -126,7 +127,9 @@ class ActionVoice:
         elif not self._adrift:
             return
         self._adrift = False
-        self._wait(LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it finished")))
+        self._wait(
+            LONGEST_UTTERANCE_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it finished speaking"))
+        )
 
     def _reckon_active(self, wire_id: str) -> None:
         self._reckoned = True
@@ -152,7 +155,9 @@ class ActionVoice:
         if self._wire_id is None:
             self._end_all("failed", QT_TR_NOOP("the robot is not connected"))
         elif self._dialect is Dialect.ROS1:
-            self._wait(STARTS_WITHIN_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it speaks")))
+            self._wait(
+                STARTS_WITHIN_S, lambda: self._give_up(QT_TR_NOOP("the robot did not report that it started speaking"))
+            )
         else:
             # rosbridge does not report acceptance of a goal, and answers when it was refused.
             wire_id = self._wire_id
@@ -225,7 +230,7 @@ class TopicVoice:
         """Request speech now, or after the present utterance."""
         utterance = _Utterance(command)
         if self._say is None:
-            self._notify(utterance, "failed", QT_TR_NOOP("this robot's profile names no voice"))
+            self._notify(utterance, "failed", QT_TR_NOOP("this robot's profile does not define a voice"))
         elif not self._say.publish(encode_string(command.text)):
             self._notify(utterance, "failed", QT_TR_NOOP("the robot is not connected"))
         else:
@@ -266,13 +271,19 @@ class TopicVoice:
             return
         if speaking and self._adrift and self._waiting[0].started:
             self._adrift = False
-            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
+            self._wait(
+                LONGEST_UTTERANCE_S,
+                lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished speaking")),
+            )
         elif speaking and not self._waiting[0].started:
-            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
+            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished speaking"))
         elif speaking and self._in_one_breath:
             # The previous utterance ended, and this is the requested one.
             self._in_one_breath = False
-            self._wait(LONGEST_UTTERANCE_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished")))
+            self._wait(
+                LONGEST_UTTERANCE_S,
+                lambda: self._fail(QT_TR_NOOP("the robot did not report that it finished speaking")),
+            )
         elif not speaking and self._in_one_breath:
             self._wait(STARTED_UNTOLD_S, self._finish)
         elif not speaking and self._waiting[0].started:
@@ -285,9 +296,11 @@ class TopicVoice:
         if self._robot_speaks:
             # The requested text follows immediately, or after the present utterance.
             self._in_one_breath = True
-            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished"))
+            self._start(LONGEST_UTTERANCE_S, QT_TR_NOOP("the robot did not report that it finished speaking"))
         elif self._follows_topic:
-            self._wait(STARTS_WITHIN_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it speaks")))
+            self._wait(
+                STARTS_WITHIN_S, lambda: self._fail(QT_TR_NOOP("the robot did not report that it started speaking"))
+            )
         else:
             self._start(0.0, "")
             asked = self._waiting[0].asked

@@ -165,7 +165,7 @@ class Sensors:
                 return scan
             if scan.frame_id:
                 self._complain_of_frame(
-                    scan.frame_id, QT_TR_NOOP("The LIDAR is shown where the profile says that it is mounted.")
+                    scan.frame_id, QT_TR_NOOP("The LIDAR is shown at the mounting position set in the profile.")
                 )
             return scan.mounted(mount.robot_from_laser, upside_down=mount.mounting == "upside_down")
         mounting = mount.mounting or lidar_mounting(robot_from_laser)
@@ -191,12 +191,12 @@ class Sensors:
                 frame=repr(frame[:100]),
             ),
             meaning=QT_TR_NOOP(
-                "A tilted LIDAR measures floor and ceiling. The obstacle guard sees nothing, the robot drives slowly, "
-                "and the map shows no scan."
+                "A tilted LIDAR measures the floor and the ceiling. The obstacle guard has no data, the "
+                "robot drives slowly, and the map shows no scan."
             ),
             advice=QT_TR_NOOP(
-                "Mount it level, or correct its transform. If it is level already, write 'mounting: upright' or "
-                "'mounting: upside_down' under 'laser' in the robot profile."
+                "Mount the LIDAR level, or correct its transform. If it is already level, enter 'mounting: "
+                "upright' or 'mounting: upside_down' under 'laser' in the robot profile."
             ),
         )
 
@@ -215,9 +215,11 @@ class Sensors:
         self._report.problems.count(
             "odometry without pose",
             severity="warning",
-            what=QT_TR_NOOP("The robot's odometry tells no rotation (a zero quaternion), so its pose is not used."),
-            meaning=QT_TR_NOOP("Its speed is used; its way is reckoned from that, and is less exact."),
-            advice=QT_TR_NOOP("Have the robot's base driver fill in the orientation of its odometry."),
+            what=QT_TR_NOOP(
+                "The robot's odometry reports no orientation (a zero quaternion), so its pose is not used."
+            ),
+            meaning=QT_TR_NOOP("The robot's path is estimated from its speed and is less accurate."),
+            advice=QT_TR_NOOP("Set up the robot's base driver to report the orientation in its odometry."),
         )
         before = self._odometry
         if before is None:
@@ -238,8 +240,8 @@ class Sensors:
                 child=repr(child[:100]),
                 why=why,
             ),
-            meaning=QT_TR_NOOP("What hangs from it has no place; the robot's other transforms are used."),
-            advice=QT_TR_NOOP("Correct the node that publishes it on the robot."),
+            meaning=QT_TR_NOOP("Frames attached to it have no position; the robot's other transforms are used."),
+            advice=QT_TR_NOOP("Correct the node on the robot that publishes this transform."),
         )
 
     def _take_pose(self, message: Any) -> None:
@@ -286,18 +288,18 @@ class Sensors:
                 now_ns(),
                 "warning",
                 localized(
-                    QT_TR_NOOP("The robot does not tell where it is: its transforms do not lead from {map} to {base}."),
+                    QT_TR_NOOP("The robot does not report its position: it has no transform from {map} to {base}."),
                     map=f"{frames.map!r}",
                     base=f"{frames.base!r}",
                 ),
                 QT_TR_NOOP(
-                    "It is shown by its odometry where it sends no map, and not at all on one; goals and places cannot"
-                    " be used, and the distance to goals is not known."
+                    "Without a map, the robot is shown by its odometry; on a map, it is not shown. Goals and "
+                    "places cannot be used, and the distance to goals is unknown."
                 ),
                 localized(
                     QT_TR_NOOP(
-                        "Set where it is on the map. If that does not help, compare 'frames' in the robot "
-                        "profile with the robot's own: {frames}."
+                        "Set the robot's pose on the map. If that does not help, compare 'frames' in the "
+                        "robot profile with the robot's own frames: {frames}."
                     ),
                     frames=", ".join(sorted(self._poses.tree.frames)[:8]),
                 ),

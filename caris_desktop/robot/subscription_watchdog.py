@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 
 FIRST_LOOK_S = 3.0
 LONGEST_PAUSE_S = 60.0
-_ENCODINGS = {"cbor": "the compact form (CBOR)", "none": "plain text (JSON)"}
+_ENCODINGS = {"cbor": "compact encoding (CBOR)", "none": "plain text (JSON)"}
 
 
 # Messages that the server sent before it read the new encoding.
@@ -171,12 +171,12 @@ class SubscriptionWatchdog:
                 now_ns(),
                 "info",
                 localized(
-                    QT_TR_NOOP("The robot sent nothing on {name} in {before}; in {now} it does."),
+                    QT_TR_NOOP("The robot sent nothing on {name} in {before}, but it does in {now}."),
                     name=name,
                     before=_ENCODINGS[before],
                     now=_ENCODINGS[encoding],
                 ),
-                QT_TR_NOOP("It is received now. What it told before is missing."),
-                QT_TR_NOOP("There is nothing to do; the log of rosbridge on the robot may tell why."),
+                QT_TR_NOOP("Messages are now received. Earlier messages are missing."),
+                QT_TR_NOOP("No action is needed; the rosbridge log on the robot may show the reason."),
             )
         )

@@ -485,7 +485,7 @@ class RosbridgeFactory:
             else:
                 for socket in sockets:
                     socket.take_protocol()
-                    socket.abort(QT_TR_NOOP("the other connection broke off"))
+                    socket.abort(QT_TR_NOOP("the other connection was lost"))
             at_once, self._at_once = self._at_once, False
             await asyncio.sleep(0.0 if at_once else delay_s)
 
@@ -499,7 +499,7 @@ class RosbridgeFactory:
                 task.cancel()
             await asyncio.gather(*opening, return_exceptions=True)
             for socket in sockets:
-                socket.abort(QT_TR_NOOP("the other connection did not come about"))
+                socket.abort(QT_TR_NOOP("the other connection could not be established"))
             raise
 
     def _begin(self) -> None:
@@ -546,7 +546,7 @@ class RosbridgeFactory:
         else:
             socket = self._free_socket(urgent=service in self.urgent_services)
         if socket is None:
-            under_way = QT_TR_NOOP("the robot has not answered {count} others yet")
+            under_way = QT_TR_NOOP("the robot has not yet responded to {count} other requests")
             self.run_safely(fail, NoAnswer(localized(under_way, count=len(self._calls))))
         elif socket.protocol is not None:
             send(socket.protocol)
@@ -579,7 +579,7 @@ class RosbridgeFactory:
         return socket
 
     async def _open_for_calls(self, socket: BridgeSocket) -> None:
-        why = QT_TR_NOOP("the link to the robot was lost")
+        why = QT_TR_NOOP("the connection to the robot was lost")
         try:
             await socket.open(ask_first=self._ask_first)
         except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
@@ -710,14 +710,14 @@ class RosbridgeFactory:
         if self._stopping and self._protocols() != [protocol]:
             # Data sent over the others still arrives.
             socket.take_protocol()
-            protocol.fail_everything(NoAnswer(QT_TR_NOOP("the link to the robot was lost")))
+            protocol.fail_everything(NoAnswer(QT_TR_NOOP("the connection to the robot was lost")))
         elif self._is_main(socket) or protocol.has_goal() or self._stopping:
             self._link_lost(socket, protocol, reason)
         else:
             socket.take_protocol()
             self._forget_socket(socket)
             # Often the first of a link that is lost as a whole, which is then reported.
-            lost = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
+            lost = NoAnswer(QT_TR_NOOP("the connection to the robot was lost"))
             self.manager.loop.call_later(_LINK_LOST_WITHIN_S, protocol.fail_everything, lost)
 
     def _link_lost(self, ended: BridgeSocket, protocol: RosbridgeProtocol, reason: str) -> None:
@@ -745,7 +745,7 @@ class RosbridgeFactory:
         wires = [*self._left_open, *(each.wire for each in protocols)]
         self._left_open = [wire for wire in wires if wire.left_open]
         self._established.clear()
-        why = NoAnswer(QT_TR_NOOP("the link to the robot was lost"))
+        why = NoAnswer(QT_TR_NOOP("the connection to the robot was lost"))
         for each in protocols:
             each.fail_everything(why)
         for socket in (*calls, *([questions] if questions is not None else [])):

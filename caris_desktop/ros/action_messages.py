@@ -257,7 +257,7 @@ def _uuid_of(goal_id: Message, what: str) -> bytes:
         try:
             return bytes(uuid)
         except (TypeError, ValueError) as error:
-            raise MessageError(f"{what}.uuid must hold bytes") from error
+            raise MessageError(f"{what}.uuid must contain bytes") from error
     return blob(goal_id, "uuid", what, most=_UUID_BYTES)
 
 

@@ -52,14 +52,14 @@ def decode_audio_info(message: Any) -> AudioForm:
     info = message_of(message, "AudioInfo")
     coding = text(info, "coding_format", "AudioInfo", most=40).lower()
     if coding not in ("wave", "mp3"):
-        raise MessageError(f"sound coded as '{coding}' is not read; wave and mp3 are")
+        raise MessageError(f"audio encoded as '{coding}' is not supported; wave and mp3 are")
     sample_format = text(info, "sample_format", "AudioInfo", most=40)
     if coding == "wave" and sample_format.upper() != "S16LE":
-        raise MessageError(f"samples of the form '{sample_format}' are not read; S16LE is")
+        raise MessageError(f"samples in the format '{sample_format}' are not supported; S16LE is")
     rate_hz = count(info, "sample_rate", "AudioInfo", most=MOST_RATE_HZ)
     channels = count(info, "channels", "AudioInfo", most=MOST_CHANNELS)
     if rate_hz < LEAST_RATE_HZ or not channels:
-        raise MessageError(f"sound of {rate_hz} samples a second and {channels} channels")
+        raise MessageError(f"audio with {rate_hz} samples per second and {channels} channels")
     return AudioForm("wave" if coding == "wave" else "mp3", rate_hz, channels)
 
 
@@ -77,5 +77,5 @@ def encode_audio_info(form: AudioForm, *, bitrate: int = 0) -> Message:
 def samples_of(content: bytes, channels: int) -> NDArray[np.int16]:
     """S16LE as int16, shape (samples, channels). Raises MessageError for incomplete samples."""
     if len(content) % (2 * channels):
-        raise MessageError(f"{len(content)} bytes of sound are no whole samples of {channels} channel(s)")
+        raise MessageError(f"{len(content)} bytes of audio are not complete samples of {channels} channel(s)")
     return np.frombuffer(content, "<i2").astype(np.int16).reshape(-1, channels)

@@ -61,7 +61,7 @@ def decode_time(value: Any) -> int | None:
                 seconds, nanoseconds = value[seconds_key], value.get(nanoseconds_key, 0)
                 if _is_count(seconds) and _is_count(nanoseconds):
                     return int(seconds) * _NS_PER_S + int(nanoseconds) or None
-    raise ValueError("a time is an object with secs and nsecs, or sec and nanosec, as whole numbers")
+    raise ValueError("a time must be an object with secs and nsecs, or sec and nanosec, as integers")
 
 
 def _is_count(value: Any) -> bool:

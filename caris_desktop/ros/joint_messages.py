@@ -82,7 +82,7 @@ def decode_joint_trajectory(message: Any) -> tuple[dict[str, float], float]:
     last = f"{what}.points[{len(points) - 1}]"
     positions = floats(points[-1], "positions", last, most=MAX_JOINTS)
     if len(positions) != len(names) or not np.isfinite(positions).all():
-        raise MessageError(f"{last}.positions must hold one number for each of the {len(names)} joints")
+        raise MessageError(f"{last}.positions must contain one number for each of the {len(names)} joints")
     try:
         duration_ns = decode_time(points[-1].get("time_from_start", encode_time(Dialect.ROS1, 0))) or 0
     except ValueError as error:
@@ -110,7 +110,7 @@ def decode_joint_angles_with_speed(message: Any) -> tuple[dict[str, float], floa
     names = _names(angles, "joint_names", what)
     positions = floats(angles, "joint_angles", what, most=MAX_JOINTS)
     if len(positions) != len(names) or not np.isfinite(positions).all():
-        raise MessageError(f"{what}.joint_angles must hold one number for each of the {len(names)} joints")
+        raise MessageError(f"{what}.joint_angles must contain one number for each of the {len(names)} joints")
     return dict(zip(names, positions.tolist(), strict=True)), number(angles, "speed", what)
 
 

@@ -14,7 +14,7 @@ _LOADING_FAILED = {
     1: "the robot has no such map",
     2: "the map's data cannot be read",
     3: "the map's description cannot be read",
-    255: "the robot does not say why",
+    255: "the robot gave no reason",
 }
 _SERIALIZING_FAILED = {1: "the robot has no map yet", 255: "the file cannot be written"}
 
@@ -55,15 +55,15 @@ def serialize_failure(answer: Any) -> str:
     """Reason of a failed slam_toolbox/SerializePoseGraph; empty on success. Old versions return nothing."""
     result = message_of(answer, "SerializePoseGraph").get("result", 0)
     code = count({"result": result}, "result", "SerializePoseGraph", most=255)
-    return "" if code == 0 else _SERIALIZING_FAILED.get(code, f"the robot answers with error {code}")
+    return "" if code == 0 else _SERIALIZING_FAILED.get(code, f"the robot responded with error {code}")
 
 
 def load_failure(answer: Any) -> str:
     """Reason of a failed LoadMap; empty on success."""
     code = count(message_of(answer, "LoadMap"), "result", "LoadMap", most=255)
-    return "" if code == 0 else _LOADING_FAILED.get(code, f"the robot answers with error {code}")
+    return "" if code == 0 else _LOADING_FAILED.get(code, f"the robot responded with error {code}")
 
 
 def save_failure(answer: Any) -> str:
     """Reason of a failed nav2_msgs/SaveMap; empty on success."""
-    return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot does not say why"
+    return "" if truth(message_of(answer, "SaveMap"), "result", "SaveMap") else "the robot gave no reason"

@@ -348,7 +348,7 @@ def decode_compressed_image(message: Any) -> CompressedImage:
     if "compresseddepth" in encoding.lower():
         # Twelve bytes of parameters before a PNG of distances, which no image decoder accepts.
         raise MessageError(
-            QT_TR_NOOP("it is a depth image (compressedDepth), which is not shown: name a color picture")
+            QT_TR_NOOP("it is a depth image (compressedDepth), which cannot be shown: use a colour image")
         )
     return CompressedImage(
         encoding=encoding,
@@ -375,7 +375,7 @@ def decode_camera_info(message: Any) -> Lens | None:
     name = "K" if "K" in info else "k"
     intrinsic = floats(info, name, "CameraInfo", most=9)
     if len(intrinsic) != 9 or not np.isfinite(intrinsic).all():
-        raise MessageError(f"CameraInfo.{name} must hold nine numbers")
+        raise MessageError(f"CameraInfo.{name} must contain nine numbers")
     fx_px, fy_px = float(intrinsic[0]), float(intrinsic[4])
     width_px = count(info, "width", "CameraInfo", most=MAX_IMAGE_SIDE_PX)
     height_px = count(info, "height", "CameraInfo", most=MAX_IMAGE_SIDE_PX)

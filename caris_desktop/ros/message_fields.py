@@ -58,7 +58,7 @@ def count(message: Message, name: str, what: str, *, most: int) -> int:
     if isinstance(value, np.integer):
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise MessageError(f"{what}.{name} must be a whole number, but it is {_kind(value)}")
+        raise MessageError(f"{what}.{name} must be an integer, but it is {_kind(value)}")
     if not 0 <= value <= most:
         raise MessageError(f"{what}.{name} must be between 0 and {most}")
     return value
@@ -68,7 +68,7 @@ def text(message: Message, name: str, what: str, *, most: int = MAX_TEXT_CHARS) 
     """Text of at most ``most`` characters."""
     value = field(message, name, what)
     if not isinstance(value, str):
-        raise MessageError(f"{what}.{name} must be a text, but it is {_kind(value)}")
+        raise MessageError(f"{what}.{name} must be a string, but it is {_kind(value)}")
     if len(value) > most:
         raise MessageError(f"{what}.{name} is longer than {most} characters")
     return value
@@ -109,12 +109,12 @@ def floats(message: Message, name: str, what: str, *, most: int) -> NDArray[np.f
             return value.astype(np.float32)
     cleaned = [math.inf if item is None else item for item in value]
     if not all(type(item) in (int, float) for item in cleaned):
-        raise MessageError(f"{where} must hold numbers only")
+        raise MessageError(f"{where} must contain only numbers")
     try:
         with np.errstate(over="ignore"):
             return np.array(cleaned, dtype=np.float64).astype(np.float32)
     except (OverflowError, ValueError) as error:
-        raise MessageError(f"{where} holds a number that is too large") from error
+        raise MessageError(f"{where} contains a number that is too large") from error
 
 
 def floats_or_empty(message: Message, name: str, what: str, *, most: int) -> NDArray[np.float32]:
@@ -133,11 +133,11 @@ def int8s(message: Message, name: str, what: str, *, most: int) -> NDArray[np.in
         try:
             value = np.array(value) if value else np.zeros(0, dtype=np.int8)
         except (OverflowError, ValueError) as error:
-            raise MessageError(f"{where} must hold whole numbers only") from error
+            raise MessageError(f"{where} must contain only integers") from error
     if value.ndim != 1 or value.dtype.kind not in "iu":
-        raise MessageError(f"{where} must hold whole numbers only")
+        raise MessageError(f"{where} must contain only integers")
     if value.dtype != np.int8 and value.size and (value.min() < -128 or value.max() > 127):
-        raise MessageError(f"{where} must hold numbers between -128 and 127")
+        raise MessageError(f"{where} must contain numbers between -128 and 127")
     cells: NDArray[np.int8] = value.astype(np.int8)
     return cells
 
@@ -156,7 +156,7 @@ def blob(message: Message, name: str, what: str, *, most: int) -> bytes:
     if isinstance(value, np.ndarray) and value.dtype.itemsize == 1 and value.nbytes <= most:
         return value.tobytes()
     if not isinstance(value, bytes):
-        raise MessageError(f"{where} must be base64 text or bytes, but it is {_kind(value)}")
+        raise MessageError(f"{where} must be a base64 string or bytes, but it is {_kind(value)}")
     if len(value) > most:
         raise MessageError(f"{where} is larger than {most} bytes")
     return value
@@ -198,7 +198,7 @@ def decode_rotation(quaternion: Message, what: str) -> tuple[float, float, float
     x, y, z, w = (number(quaternion, axis, what) for axis in "xyzw")
     longest = max(abs(x), abs(y), abs(z), abs(w))
     if longest < 1e-9:
-        raise MessageError(f"{what} is the zero quaternion, which is no rotation")
+        raise MessageError(f"{what} is the zero quaternion, which is not a rotation")
     x, y, z, w = x / longest, y / longest, z / longest, w / longest
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     return x / norm, y / norm, z / norm, w / norm
@@ -259,5 +259,5 @@ def _check_length(value: Any, where: str, most: int) -> None:
 def _kind(value: Any) -> str:
     if value is None:
         return "null"
-    names = {bool: "a truth value", int: "a number", float: "a number", str: "a text", list: "a list"}
+    names = {bool: "a Boolean", int: "a number", float: "a number", str: "a text", list: "a list"}
     return names.get(type(value), "an object" if isinstance(value, dict) else type(value).__name__)

@@ -71,7 +71,7 @@ def decode_image(message: Any) -> RawImage:
             # Two colours of a YUV pattern require an even width, which OpenCV checks.
             pixels = cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, f"COLOR_{layout.conversion}"))
     except cv2.error as error:
-        raise MessageError(f"a picture that cannot be converted ({encoding[:20]})") from error
+        raise MessageError(f"an image that cannot be converted ({encoding[:20]})") from error
     return RawImage(np.ascontiguousarray(pixels, np.uint8), stamp_of(image, "Image"))
 
 
@@ -86,8 +86,8 @@ def republish_advice(raw_topic: str) -> str:
     """Advice for compressed images from the robot."""
     return localized(
         QT_TR_NOOP(
-            "run 'image_transport republish raw compressed' for {raw_topic} on it, or install the "
-            "plugin for compressed pictures there, and name {raw_topic}/compressed in the profile"
+            "run 'image_transport republish raw compressed' for {raw_topic} on the robot, or install the "
+            "plugin for compressed images there, and use {raw_topic}/compressed in the profile"
         ),
         raw_topic=raw_topic,
     )
@@ -106,7 +106,7 @@ def _layout_of(encoding: str) -> _Layout:
     if dtype is not None and colours in _COLOURS:
         channels, conversion = _COLOURS[colours]
         return _Layout(dtype, channels, conversion)
-    raise MessageError(f"pictures encoded as '{encoding[:40]}' are not read")
+    raise MessageError(f"images encoded as '{encoding[:40]}' are not supported")
 
 
 def _pixels(image: Message, layout: _Layout) -> NDArray[Any]:
@@ -114,7 +114,7 @@ def _pixels(image: Message, layout: _Layout) -> NDArray[Any]:
     width, height = (count(image, name, "Image", most=MAX_IMAGE_SIDE_PX) for name in ("width", "height"))
     step = count(image, "step", "Image", most=2**31)
     if not width or not height or width * height > MOST_PIXELS:
-        raise MessageError(f"a picture of {width} x {height} pixels")
+        raise MessageError(f"an image of {width} x {height} pixels")
     data = np.frombuffer(blob(image, "data", "Image", most=16 * MOST_PIXELS), np.uint8)
     row_bytes = width * layout.channels * layout.dtype.itemsize
     if step < row_bytes:

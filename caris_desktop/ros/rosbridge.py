@@ -169,7 +169,7 @@ class FragmentAssembler:
         expected, pieces = self._pending.setdefault(key, (total, {}))
         if expected != total or (number in pieces and pieces[number] != data):
             self._drop(key)
-            raise ProtocolError("the fragment contradicts an earlier one of the same message")
+            raise ProtocolError("the fragment is inconsistent with an earlier one of the same message")
         if number not in pieces:
             pieces[number] = data
             self._held_bytes += len(data)
@@ -204,7 +204,7 @@ def fragments_of(text: str, *, message_id: str | int, size: int) -> list[dict[st
     rosbridge 0.11.17 and ROS 2's: three pieces may be 3.35.
     """
     if size < 1:
-        raise ValueError("a fragment holds at least one character")
+        raise ValueError("a fragment must contain at least one character")
     return [
         {
             "op": "fragment",
@@ -251,7 +251,7 @@ def _operation(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ProtocolError("the message is not an object")
     if not isinstance(value.get("op"), str):
-        raise ProtocolError("the message has no 'op' that says what it is")
+        raise ProtocolError("the message has no 'op' that states its type")
     return value
 
 
@@ -269,29 +269,29 @@ def _fragment_parts(fragment: dict[str, Any]) -> tuple[str | int, int, float, st
     key, number, total, data = (fragment.get(name) for name in ("id", "num", "total", "data"))
     # rosbridge gives all topic messages the number 0.
     if not isinstance(key, (str, int)) or isinstance(key, bool) or not isinstance(data, str):
-        raise ProtocolError("a fragment needs a text or a number as 'id' and a text 'data'")
+        raise ProtocolError("a fragment requires a string or a number as 'id' and a string 'data'")
     if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
-        raise ProtocolError("a fragment needs a number 'num'")
+        raise ProtocolError("a fragment requires a number 'num'")
     if isinstance(total, bool) or not isinstance(total, (int, float)) or not 0 < total <= _MAX_FRAGMENTS:
         raise ProtocolError(f"a fragment's 'total' must be between 1 and {_MAX_FRAGMENTS}")
     if not 0 <= number < math.ceil(total) or number != int(number):
-        raise ProtocolError(f"fragment {number} of {total} cannot be")
+        raise ProtocolError(f"fragment {number} of {total} is not possible")
     return key, int(number), float(total), data
 
 
 def _typed_array(tag: Any, immutable: bool = False) -> Any:
     dtype = _DTYPE_OF_TAG.get(tag.tag)
     if dtype is None:
-        raise ValueError(f"tag {tag.tag} has no meaning in rosbridge")
+        raise ValueError(f"tag {tag.tag} is not supported by rosbridge")
     if not isinstance(tag.value, bytes):
-        raise TypeError(f"the typed array with tag {tag.tag} holds no bytes")
+        raise TypeError(f"the typed array with tag {tag.tag} contains no bytes")
     array = np.frombuffer(tag.value, dtype=dtype)
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
 def _refuse(number: int) -> Callable[..., Any]:
     def refuse(*_: Any) -> Any:
-        raise ValueError(f"tag {number} has no meaning in rosbridge")
+        raise ValueError(f"tag {number} is not supported by rosbridge")
 
     return refuse
 
@@ -308,7 +308,7 @@ def _encode_numpy(encoder: Any, value: Any) -> None:
     elif isinstance(value, np.generic):
         encoder.encode(value.item())
     else:
-        raise TypeError(f"{type(value).__name__} has no form in rosbridge")
+        raise TypeError(f"{type(value).__name__} cannot be encoded for rosbridge")
 
 
 def _plain(value: Any, maps: list[str], mark: str) -> Any:

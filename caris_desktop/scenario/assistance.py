@@ -22,23 +22,23 @@ class AssistanceSettings:
 
     replies: Annotated[
         AssistanceLevel,
-        FieldSpec("Replies to what participants say, from the language model. With `act` the first of them is said."),
+        FieldSpec("Replies to participants, from the language model. With `act`, the first reply is said."),
     ] = "suggest"
     fillers: Annotated[
         AssistanceLevel,
-        FieldSpec("The filler where no reply has come in time: `suggest` points at its key, `act` says it."),
+        FieldSpec("The filler when no reply arrives in time: `suggest` highlights its key, `act` says it."),
     ] = "off"
     actions: Annotated[
         AssistanceLevel,
         FieldSpec(
-            "What the robot could do next, from the language model: places, gestures, controls, photos. With `act` "
-            "what moves nothing is done."
+            "Next actions of the robot, from the language model: places, gestures, controls, photos. With "
+            "`act`, actions without motion are carried out."
         ),
     ] = "off"
     countdown_s: Annotated[
         float,
         FieldSpec(
-            "How long the wizard has to stop what is done by itself.",
+            "Time for the wizard to stop an automatic action.",
             title="Countdown",
             unit="seconds",
             at_least=1,
@@ -48,7 +48,7 @@ class AssistanceSettings:
     filler_after_s: Annotated[
         float,
         FieldSpec(
-            "How long after a participant's last word a reply is late.",
+            "Time after a participant's last word from which a reply is late.",
             title="A reply is late after",
             unit="seconds",
             at_least=0.5,

@@ -13,10 +13,10 @@ MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."
 
 @dataclass(frozen=True, slots=True)
 class NamedText:
-    """A text that is chosen by its name."""
+    """A text that is selected by its name."""
 
-    name: Annotated[str, FieldSpec("How the wizard finds it.", shortest=1, longest=40)]
-    text: Annotated[str, FieldSpec("What it says.", prose=True, longest=TEXT_CHARACTERS)]
+    name: Annotated[str, FieldSpec("Name shown to the wizard.", shortest=1, longest=40)]
+    text: Annotated[str, FieldSpec("The text itself.", prose=True, longest=TEXT_CHARACTERS)]
 
 
 AssistantPeople = Literal["numbers", "names", "history"]
@@ -24,44 +24,47 @@ AssistantPeople = Literal["numbers", "names", "history"]
 
 @dataclass(frozen=True, slots=True)
 class AssistantSettings:
-    """How the language model is asked."""
+    """Settings of the language model."""
 
     model: Annotated[
         str,
         FieldSpec(
-            "The model of this program, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
+            "The built-in model, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
             pattern=MODEL_PATTERN,
             allowed=MODEL_ALLOWED,
             external="language_model",
         ),
     ] = "embedded"
     system_prompt: Annotated[
-        str, FieldSpec("What the model is told before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
+        str, FieldSpec("Instructions to the model before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
     ] = ""
     max_tokens: Annotated[
-        int, FieldSpec("The longest answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
+        int, FieldSpec("Maximum length of an answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
     ] = 96
     temperature: Annotated[
-        float, FieldSpec("0: always the likeliest word; more: more varied.", at_least=0, at_most=2)
+        float, FieldSpec("0: always the most likely word; higher: more varied.", at_least=0, at_most=2)
     ] = 0.4
     people: Annotated[
         AssistantPeople,
         FieldSpec(
-            "What the model is told of who is here: `person 3`; their names; or with their names also group, tags, "
-            "note and what there was before. Names go to the model's computer, and never into the recording.",
-            title="What it is told of people",
+            "Information for the model about the people present: `person 3`; their names; or their names "
+            "with group, tags, note and history. Names are sent to the model's computer, and never saved in "
+            "the recording.",
+            title="Information about people",
             quiet=True,
         ),
     ] = "numbers"
     pictures: Annotated[
         bool,
-        FieldSpec("Pictures may be given to the model with a question. `embedded` sees none.", quiet=True),
+        FieldSpec(
+            "Pictures may be sent to the model with a question. `embedded` does not accept pictures.", quiet=True
+        ),
     ] = False
     models: Annotated[
         tuple[Annotated[str, FieldSpec(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")], ...],
         FieldSpec(
-            "Further models that the wizard may choose, beside that of this program and those that Ollama and an "
-            "OpenAI-compatible server on this computer list.",
+            "Further models that the wizard may choose, in addition to the built-in one and those listed by "
+            "Ollama and an OpenAI-compatible server on this computer.",
             title="Further models",
             longest=20,
             unique=True,
@@ -71,24 +74,28 @@ class AssistantSettings:
     roles: Annotated[
         tuple[NamedText, ...],
         FieldSpec(
-            "What the model may be for the wizard, one at a time: told after `system_prompt`.", longest=20, quiet=True
+            "Roles of the model that the wizard can choose, one at a time; sent after `system_prompt`.",
+            longest=20,
+            quiet=True,
         ),
     ] = ()
     styles: Annotated[
         tuple[NamedText, ...],
-        FieldSpec("How it may answer, one at a time: told after the role.", longest=20, quiet=True),
+        FieldSpec(
+            "Styles of the answers that the wizard can choose, one at a time; sent after the role.",
+            longest=20,
+            quiet=True,
+        ),
     ] = ()
     templates: Annotated[
         tuple[NamedText, ...],
         FieldSpec(
-            "Prepared questions for the field; `{said}` in one is what the participant said last.",
+            "Prepared questions for the field; `{said}` stands for the participant's last utterance.",
             longest=20,
             quiet=True,
         ),
     ] = ()
     notes: Annotated[
         str,
-        FieldSpec(
-            "What the model is told as notes, which the wizard can change.", prose=True, longest=4000, quiet=True
-        ),
+        FieldSpec("Notes for the model, which the wizard can change.", prose=True, longest=4000, quiet=True),
     ] = ""

@@ -31,9 +31,9 @@ REPLACED = "replaced"
 """The folder, beside the user's own files, of those that an imported one took the place of."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _THERE_ALREADY: dict[PartKind, str] = {
-    "scenario": QT_TR_NOOP("There is a scenario called '{name}' already. Choose another name."),
-    "robot": QT_TR_NOOP("There is a robot called '{name}' already. Choose another name."),
-    "face": QT_TR_NOOP("There is a face called '{name}' already. Choose another name."),
+    "scenario": QT_TR_NOOP("A scenario named '{name}' already exists. Choose another name."),
+    "robot": QT_TR_NOOP("A robot named '{name}' already exists. Choose another name."),
+    "face": QT_TR_NOOP("A face named '{name}' already exists. Choose another name."),
 }
 _ABOUT = "about.json"
 _PART = re.compile(r"(scenario|robot|face)/([A-Za-z0-9][A-Za-z0-9_-]{0,59})\.yaml")
@@ -132,15 +132,13 @@ def read_bundle(path: Path) -> Bundle:
             tr("{name} cannot be read: {why}.").format(name=path.name, why=error.strerror or error)
         ) from error
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
-        raise BundleError(
-            tr("{name} is no file with a scenario, or it was damaged on its way.").format(name=path.name)
-        ) from error
+        raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name)) from error
     _check_version(texts.pop(_ABOUT, ""), path)
     parts = [BundledFile(*_kind_and_name(name), text) for name, text in texts.items()]
     scenarios = [part for part in parts if part.kind == "scenario"]
     if len(scenarios) != 1:
         raise BundleError(
-            tr("{name} has {scenarios} scenarios in it. Allowed: one.").format(name=path.name, scenarios=len(scenarios))
+            tr("{name} contains {scenarios} scenarios. Allowed: one.").format(name=path.name, scenarios=len(scenarios))
         )
     try:
         parse_scenario(scenarios[0].text, path=Path(f"{scenarios[0].name}.yaml"))
@@ -181,7 +179,7 @@ def unpack(
             return _free(part, known)
         if choice.new_name and not NAME.fullmatch(choice.new_name):
             raise BundleError(
-                tr("'{name}' cannot be a name. Allowed: letters, digits, - and _.").format(name=choice.new_name)
+                tr("'{name}' is not a valid name. Allowed: letters, digits, - and _.").format(name=choice.new_name)
             )
         if choice.new_name and known(part.kind, choice.new_name) is not None:
             raise BundleError(tr(_THERE_ALREADY[part.kind]).format(name=choice.new_name))
@@ -235,18 +233,21 @@ def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
     entries = archive.infolist()
     if len(entries) > MOST_PARTS:
         raise BundleError(
-            tr("There are {entries} files in it. Allowed: {most}.").format(entries=len(entries), most=MOST_PARTS)
+            tr("The scenario file contains {entries} files. Allowed: {most}.").format(
+                entries=len(entries), most=MOST_PARTS
+            )
         )
     seen: set[str] = set()
     for entry in entries:
         if entry.filename != _ABOUT and not _PART.fullmatch(entry.filename):
             raise BundleError(
-                tr("There is '{filename}' in it. Allowed: scenario/NAME.yaml, robot/NAME.yaml, face/NAME.yaml.").format(
-                    filename=entry.filename
-                )
+                tr(
+                    "The scenario file contains '{filename}'. Allowed: scenario/NAME.yaml, robot/NAME.yaml, "
+                    "face/NAME.yaml."
+                ).format(filename=entry.filename)
             )
         if entry.filename.casefold() in seen:
-            raise BundleError(tr("'{filename}' is in it twice.").format(filename=entry.filename))
+            raise BundleError(tr("The scenario file contains '{filename}' twice.").format(filename=entry.filename))
         seen.add(entry.filename.casefold())
         with archive.open(entry) as file:
             raw = file.read(MAX_FILE_BYTES + 1)  # the declared size is untrusted
@@ -265,10 +266,10 @@ def _check_version(about: str, path: Path) -> None:
     except ValueError:
         said = None
     if not isinstance(said, dict) or said.get("format") != "caris-scenario":
-        raise BundleError(tr("{name} is no file with a scenario, or it was damaged on its way.").format(name=path.name))
+        raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name))
     if said.get("version") != BUNDLE_VERSION:
         raise BundleError(
-            tr("{name} was written by another version of this program. Update it to read the file.").format(
+            tr("{name} was written by another version of this program. Update the program to read the file.").format(
                 name=path.name
             )
         )

@@ -12,10 +12,10 @@ CheckTitle = Annotated[str, FieldSpec(shortest=1, longest=80)]
 class ManualCheck:
     """A check with what to do about it."""
 
-    check: Annotated[CheckTitle, FieldSpec("What has to be so, as the wizard reads it.")]
-    advice: Annotated[str, FieldSpec("What to do where it is not so.", longest=300, quiet=True)] = ""
+    check: Annotated[CheckTitle, FieldSpec("Condition to check, as shown to the wizard.")]
+    advice: Annotated[str, FieldSpec("What to do if the condition is not met.", longest=300, quiet=True)] = ""
     needed: Annotated[
-        bool, FieldSpec("`false`: a recording that begins without it does not ask about it first.", quiet=True)
+        bool, FieldSpec("`false`: a recording starts without asking, even if this check is not ticked.", quiet=True)
     ] = True
 
 

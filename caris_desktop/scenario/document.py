@@ -516,7 +516,7 @@ def _read(text: str, last: dict[str, Any] | None = None) -> _State:
     try:
         source = parse_yaml(text)
         path: KeyPath = ()
-        line, message = 1, "a scenario is a list of 'key: value' lines, found something else."
+        line, message = 1, "a scenario must be a list of 'key: value' lines, found something else."
         if isinstance(source.data, dict):
             path = ("version",)
             line = source.line_of(path)
@@ -544,12 +544,12 @@ def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | 
     item = item_of(form.kind)
     if groups:
         if not isinstance(data, dict):
-            return path, "a group of 'key: value' lines must stand here."
+            return path, "a group of 'key: value' lines is expected here."
         forms = {key.name: key.form for key in keys_of(selected_group(groups, data) or groups[0])}
         inside = [(forms[name], value, name) for name, value in data.items() if name in forms]
     elif item is not None:
         if not isinstance(data, list):
-            return path, "a list must stand here."
+            return path, "a list is expected here."
         inside = [(item, value, number) for number, value in enumerate(data)]
     else:
         return None

@@ -17,32 +17,32 @@ KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES)
 
 @dataclass(frozen=True, slots=True)
 class Gesture:
-    """A gesture by the name that the wizard reads."""
+    """A gesture with the name shown to the wizard."""
 
-    title: Annotated[str, FieldSpec("What the wizard reads.", shortest=1, longest=40)]
+    title: Annotated[str, FieldSpec("Text shown to the wizard.", shortest=1, longest=40)]
     does: Annotated[
         str,
         FieldSpec(
-            "`nod`, `look` to turn the head to whom the robot speaks to, or a control of the Robot panel by its id.",
+            "`nod`, `look` to turn the head to the person addressed, or the id of a control of the Robot panel.",
             knows="gestures",
             shortest=1,
             longest=80,
         ),
     ]
-    key: Annotated[str, own_key("A key of its own, instead of the one that it has by its place.")] = ""
+    key: Annotated[str, own_key("Its own key, instead of the default key for its position.")] = ""
 
 
 def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:
     """Duplicate keys, including those ``of_phrases``; paths are relative to their list."""
     gestures = tuple(gestures)
-    by_place = tr("the key {key} is already that of the gesture '{title}' by its place.")
-    its_own = tr("the key {key} is already that of the gesture '{title}'.")
+    by_place = tr("the key {key} is already assigned to the gesture '{title}' by its position.")
+    its_own = tr("the key {key} is already assigned to the gesture '{title}'.")
     taken = {
         key: by_place.format(key=key, title=gesture.title)
         for key, gesture in zip(KEYS_BY_PLACE, gestures, strict=False)
         if not gesture.key
     }
-    taken |= {key: tr("the key {key} already says a phrase.").format(key=key) for key in of_phrases}
+    taken |= {key: tr("the key {key} is already assigned to a phrase.").format(key=key) for key in of_phrases}
     for index, gesture in enumerate(gestures):
         if gesture.key and gesture.key in taken:
             yield (index, "key"), taken[gesture.key]

@@ -40,7 +40,7 @@ def layout_from_data(node: dict[str, Any]) -> LayoutNode:
 def checked_layout(node: Any) -> LayoutNode:
     """As :func:`layout_from_data`, for unvalidated data. Raises ValueError."""
     for _path, problem in problems(LayoutNode, node, ("layout",)):
-        raise ValueError(tr("not an arrangement of panels: {problem}").format(problem=problem[:200]))
+        raise ValueError(tr("invalid panel layout: {problem}").format(problem=problem[:200]))
     return layout_from_data(node)
 
 
@@ -62,7 +62,7 @@ def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iter
     panels += [((*path, "tabs", index), panel) for index, panel in enumerate(node.get("tabs", []))]
     for place, panel in panels:
         if panel in seen:
-            yield place, tr("the panel '{panel}' is placed twice. Allowed: each panel once.").format(panel=panel)
+            yield place, tr("duplicate panel '{panel}'. Allowed: each panel once.").format(panel=panel)
         seen.add(panel)
     if "current" in node and node["current"] not in node["tabs"]:
         yield (

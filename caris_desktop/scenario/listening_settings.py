@@ -15,20 +15,22 @@ class ListeningSettings:
     language: Annotated[
         str,
         FieldSpec(
-            "What is spoken, as two or three letters; empty: the model finds out by itself, if it knows several.",
+            "Spoken language, as two or three letters; if empty, the model detects it automatically, if it "
+            "knows several.",
             pattern="^([a-z]{2,3})?$",
             allowed="a code such as en, es, fr or de.",
         ),
     ] = "en"
     engine: Annotated[
         Literal["local", "server"],
-        FieldSpec("`local`: this computer; `server`: one that takes OpenAI's requests for transcriptions.", quiet=True),
+        FieldSpec("`local`: this computer; `server`: a server that accepts OpenAI transcription requests.", quiet=True),
     ] = "local"
     model: Annotated[
         str,
         FieldSpec(
-            "The recogniser: a faster-whisper folder by its path, beside the scenario or in a models folder, or the "
-            "`https://` address of one as a .zip; the usual one if empty. With `server`, the name of its model.",
+            "The recogniser: a faster-whisper folder. Give its path, its name next to the scenario or in a "
+            "models folder, or the `https://` address of one as a .zip; the default one if empty. With "
+            "`server`, the name of its model.",
             longest=1000,
             external="model",
             quiet=True,
@@ -37,7 +39,7 @@ class ListeningSettings:
     sha256: Annotated[
         str,
         FieldSpec(
-            "The checksum of the folder's model.bin, or of the .zip, without which no address is used.",
+            "Checksum of the folder's model.bin, or of the .zip; required for an address.",
             title="Checksum (SHA-256)",
             pattern="^([0-9a-fA-F]{64})?$",
             allowed="the 64 digits that sha256sum prints.",
@@ -47,9 +49,9 @@ class ListeningSettings:
     server: Annotated[
         str,
         FieldSpec(
-            "With `engine: server`: its address. Its key, if it wants one, is CARIS_TRANSCRIPTION_KEY in the "
-            "environment, for the server in CARIS_TRANSCRIPTION_SERVER, or CARIS_TRANSCRIPTION_KEY@HOST in the "
-            "system's keyring.",
+            "With `engine: server`: its address. Its key, if required, is CARIS_TRANSCRIPTION_KEY in the "
+            "environment, for the server in CARIS_TRANSCRIPTION_SERVER, or CARIS_TRANSCRIPTION_KEY@HOST in "
+            "the system's keyring.",
             pattern="^(https?://.+)?$",
             external="address",
             allowed="https://HOST/v1, or http://HOST:PORT/v1 on this computer.",
@@ -60,14 +62,15 @@ class ListeningSettings:
     silence_at_least_s: Annotated[
         float,
         FieldSpec(
-            "Nobody's turn is over before they have been silent for this long, however sure the console is.",
+            "A turn never ends before this much silence, however certain the console is.",
             title="Shortest silence", unit="seconds", at_least=0.2, at_most=3, quiet=True,
         ),
     ] = 0.3  # fmt: skip
     silence_at_most_s: Annotated[
         float,
         FieldSpec(
-            "After this long everybody's turn is over; between the two it is learnt from each participant's pauses.",
+            "A turn always ends after this much silence. Between the two limits, the console learns from "
+                "each participant's pauses.",
             title="Longest silence", unit="seconds", at_least=0.5, at_most=10, quiet=True,
         ),
     ] = 3.0  # fmt: skip

@@ -4,7 +4,7 @@ from caris_desktop.domain.schema_fields import FieldSpec
 
 _OF_TEXT_FIELDS = "ACVXYZ"
 _PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"
-_ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, as Ctrl+G; not the keys with which text is edited."
+_ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, such as Ctrl+G; not the keys for editing text."
 
 
 def own_key(meaning: str) -> FieldSpec:

@@ -14,13 +14,19 @@ class MapSettings:
 
     follow: Annotated[
         bool,
-        FieldSpec("The robot stays in the middle, from near; else the whole map is shown.", title="Follows the robot"),
+        FieldSpec(
+            "The robot stays in the centre, zoomed in; otherwise the whole map is shown.", title="Follows the robot"
+        ),
     ] = False
     up: Annotated[
         Literal["north", "robot"],
-        FieldSpec("What is up: north, or where the robot looks: then the map turns with it.", title="Up is"),
+        FieldSpec(
+            "Direction that points up: north, or the robot's heading. With the heading, the map rotates with the "
+            "robot.",
+            title="Up is",
+        ),
     ] = "north"
-    trail: Annotated[bool, FieldSpec("Where the robot has driven is drawn.", title="Shows where it has driven")] = True
+    trail: Annotated[bool, FieldSpec("The robot's driven path is drawn.", title="Shows the driven path")] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +36,7 @@ class VideoSettings:
     camera: Annotated[
         str,
         FieldSpec(
-            "The name of the camera that is on show, as soon as it is there; the first one if not given.",
+            "Name of the camera to show, as soon as it is available; the first one if not given.",
             longest=40,
         ),
     ] = ""
@@ -42,7 +48,7 @@ class DriveSettings:
 
     first: Annotated[
         Literal["arrows", "stick", "head"],
-        FieldSpec("What is shown where there is not room for all three.", title="Shown first"),
+        FieldSpec("Control to show if there is not enough room for all three.", title="Shown first"),
     ] = "arrows"
 
 
@@ -52,7 +58,7 @@ class LogSettings:
 
     shows: Annotated[
         Literal["everything", "said", "moved", "people", "session", "problems"],
-        FieldSpec("Which kind of events is listed."),
+        FieldSpec("Kind of events to list."),
     ] = "everything"
 
 
@@ -62,7 +68,7 @@ class QuestionSettings:
 
     left_out: Annotated[
         tuple[PromptPart, ...],
-        FieldSpec("What does not go along with a question, unless the wizard adds it.", longest=6, unique=True),
+        FieldSpec("Context that is not sent with a question, unless the wizard adds it.", longest=6, unique=True),
     ] = ()
 
 

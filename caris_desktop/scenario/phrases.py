@@ -19,13 +19,13 @@ Sentence = Annotated[str, FieldSpec(shortest=1, longest=500)]
 class Phrase:
     """A sentence with what goes along with it."""
 
-    say: Annotated[Sentence, FieldSpec("What is said.", title="Sentence")]
-    key: Annotated[str, own_key("A key of its own, which works whatever group is on show.")] = ""
+    say: Annotated[Sentence, FieldSpec("Text that the robot says.", title="Sentence")]
+    key: Annotated[str, own_key("Its own key, which works whichever group is selected.")] = ""
     gesture: Annotated[
         str,
         FieldSpec(
-            "What the robot does as it begins: a control of the Robot panel by its id, `nod`, or `look` to turn the "
-            "head to whom it is said to.",
+            "Action of the robot when the sentence starts: the id of a control of the Robot panel, `nod`, or "
+            "`look` to turn the head to the person addressed.",
             knows="gestures",
             longest=80,
             quiet=True,
@@ -34,7 +34,7 @@ class Phrase:
     face: Annotated[
         str,
         FieldSpec(
-            "The expression that the robot's face takes as it begins.", knows="expressions", longest=40, quiet=True
+            "Expression of the robot's face when the sentence starts.", knows="expressions", longest=40, quiet=True
         ),
     ] = ""
 
@@ -44,12 +44,15 @@ class PhraseGroup:
     """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
 
     group: Annotated[
-        str, FieldSpec("By which the wizard chooses it, with F10.", title="Title of the group", shortest=1, longest=40)
+        str,
+        FieldSpec(
+            "Title by which the wizard selects the group, with F10.", title="Title of the group", shortest=1, longest=40
+        ),
     ]
     phrases: Annotated[
         tuple[Sentence | Phrase, ...],
         FieldSpec(
-            "What is on F1 to F8 while it is chosen, in this order.",
+            "Sentences on F1 to F8 while the group is selected, in this order.",
             title="Sentences",
             shortest=1,
             longest=KEYS_OF_A_GROUP,
@@ -110,14 +113,16 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
     for index in loose[KEYS_OF_A_GROUP : KEYS_OF_A_GROUP + 1]:
         yield (
             (index,),
-            tr("more than {most} phrases stand in no group: there are keys for {most}.").format(most=KEYS_OF_A_GROUP),
+            tr("more than {most} phrases without a group: there are only keys for {most}.").format(
+                most=KEYS_OF_A_GROUP
+            ),
         )
     titles: set[str] = set()
     said_by: dict[str, str] = {}
     for index, entry in enumerate(entries):
         if isinstance(entry, PhraseGroup):
             if entry.group.casefold() in titles:
-                yield (index, "group"), tr("the group '{group}' is there twice.").format(group=entry.group)
+                yield (index, "group"), tr("duplicate group '{group}'.").format(group=entry.group)
             titles.add(entry.group.casefold())
             inside: list[tuple[tuple[int | str, ...], str | Phrase]] = [
                 ((index, "phrases", place), phrase) for place, phrase in enumerate(entry.phrases)
@@ -127,6 +132,6 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
         for path, phrase in inside:
             if isinstance(phrase, Phrase) and phrase.key:
                 if phrase.key in said_by:
-                    taken = tr("the key {key} already says '{phrase}'.")
+                    taken = tr("the key {key} is already assigned to '{phrase}'.")
                     yield (*path, "key"), taken.format(key=phrase.key, phrase=said_by[phrase.key])
                 said_by.setdefault(phrase.key, phrase.say)

@@ -21,14 +21,14 @@ _Title = Annotated[str, FieldSpec(shortest=1, longest=60)]
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """What the participant may do, and the step with which it goes on then."""
+    """A possible action of the participant, and the step that follows."""
 
-    title: Annotated[_Title, FieldSpec("What the participant does; the words on its button.")]
+    title: Annotated[_Title, FieldSpec("Action of the participant; the text of its button.")]
     to: Annotated[
         str,
         FieldSpec(
-            "The step that follows, by its title or its id.",
-            title="Goes on with",
+            "The step that follows, by title or id.",
+            title="Next step",
             refers=("protocol", "steps", "title"),
             shortest=1,
             longest=60,
@@ -40,11 +40,11 @@ class Branch:
 class ProtocolStep:
     """One step of the protocol."""
 
-    title: Annotated[_Title, FieldSpec("What it is called in the window, in the record and in every table.")]
+    title: Annotated[_Title, FieldSpec("Title in the window, in the recording and in every table.")]
     id: Annotated[
         str,
         FieldSpec(
-            "A short name that stays when the title changes; made from the title if not given.",
+            "Short name that stays the same when the title changes; derived from the title if not given.",
             pattern="^([a-z0-9][a-z0-9_-]*)?$",
             allowed="lower-case letters, digits, - and _.",
             longest=40,
@@ -54,18 +54,22 @@ class ProtocolStep:
     say: Annotated[
         str,
         FieldSpec(
-            "What the robot says in it, with one key. A sentence of `phrases` has its gesture and face along.",
+            "Sentence that the robot says in this step, with one key. A sentence of `phrases` includes its "
+            "gesture and face.",
             longest=500,
             quiet=True,
         ),
     ] = ""
     go_to: Annotated[
-        str, FieldSpec("The one of the `places` that belongs to it.", refers=("places", "name"), longest=80, quiet=True)
+        str,
+        FieldSpec(
+            "The one of the `places` that belongs to the step.", refers=("places", "name"), longest=80, quiet=True
+        ),
     ] = ""
     minutes: Annotated[
         float,
         FieldSpec(
-            "How long it is expected to take; 0.5 is half a minute, 0 as long as it takes.",
+            "Expected duration; 0.5 is half a minute, 0 means no expected duration.",
             unit="minutes",
             at_least=0,
             at_most=600,
@@ -74,16 +78,18 @@ class ProtocolStep:
     ] = 0.0
     tick: Annotated[
         tuple[Annotated[str, FieldSpec(shortest=1, longest=80)], ...],
-        FieldSpec("What the wizard ticks off in it.", title="To tick off", longest=12, unique=True, quiet=True),
+        FieldSpec(
+            "Items that the wizard ticks off in this step.", title="To tick off", longest=12, unique=True, quiet=True
+        ),
     ] = ()
     branches: Annotated[
         tuple[Branch, ...],
-        FieldSpec("Where it goes on instead, by what the participant does.", longest=MOST_BRANCHES, quiet=True),
+        FieldSpec("Alternative next steps, depending on what the participant does.", longest=MOST_BRANCHES, quiet=True),
     ] = ()
     then: Annotated[
         str,
         FieldSpec(
-            "The step that comes next, by its title or its id, or `end`; if not given, the one below.",
+            "The step that follows, by title or id, or `end`; if not given, the step below.",
             refers=("protocol", "steps", "title"),
             else_one_of=(END,),
             longest=60,
@@ -104,12 +110,12 @@ class ProtocolStep:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolSettings:
-    """The steps of the study, in order. The wizard may go to any of them at any time, and what they did is recorded."""
+    """The steps of the study, in order. The wizard may go to any step at any time, and the steps taken are recorded."""
 
-    steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, the first first.", longest=60)] = ()
+    steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, in order.", longest=60)] = ()
     begins: Annotated[
         Literal["with_recording", "by_hand"],
-        FieldSpec("The first step begins as a recording does, or when the wizard goes on to it.", quiet=True),
+        FieldSpec("The first step starts with the recording, or when the wizard goes to it.", quiet=True),
     ] = "with_recording"
 
 
@@ -138,7 +144,7 @@ def protocol_problems(settings: ProtocolSettings, places: Sequence[str]) -> Iter
             key = "id" if step.id else "title"
             yield (
                 ("steps", index, key),
-                tr("the step '{step}' is there twice: give one of both an id of its own.").format(step=step.step_id),
+                tr("duplicate step id '{step}': give one of them a different id.").format(step=step.step_id),
             )
         seen.add(step.step_id)
         if step.go_to and step.go_to not in places:
@@ -151,7 +157,7 @@ def protocol_problems(settings: ProtocolSettings, places: Sequence[str]) -> Iter
         for number, branch in enumerate(step.branches):
             path = ("steps", index, "branches", number)
             if branch.title.casefold() in titles:
-                twice = tr("the branch '{title}' is there twice in one step.")
+                twice = tr("duplicate branch '{title}' in one step.")
                 yield (*path, "title"), twice.format(title=branch.title)
             titles.add(branch.title.casefold())
             if step_named(steps, branch.to) is None:

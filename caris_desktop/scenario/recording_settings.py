@@ -17,28 +17,28 @@ _ErrorName = Annotated[str, FieldSpec(shortest=1, longest=40)]
 class ErrorKind:
     """A kind of wizard error with what is meant by it."""
 
-    kind: Annotated[_ErrorName, FieldSpec("What is recorded, and stands on its button.")]
-    meaning: Annotated[str, FieldSpec("What is meant by it, for whoever marks it.", longest=200)] = ""
+    kind: Annotated[_ErrorName, FieldSpec("Word that is recorded and shown on its button.")]
+    meaning: Annotated[str, FieldSpec("Meaning, for the person who marks it.", longest=200)] = ""
 
 
 ErrorEntry = _ErrorName | ErrorKind
 USUAL_ERRORS = (
-    ErrorKind(QT_TR_NOOP("slip"), QT_TR_NOOP("You did what you did not mean to do: a wrong key, a wrong phrase.")),
+    ErrorKind(QT_TR_NOOP("slip"), QT_TR_NOOP("You did something unintended: a wrong key, a wrong phrase.")),
     ErrorKind(QT_TR_NOOP("late"), QT_TR_NOOP("You did the right thing too late.")),
-    ErrorKind(QT_TR_NOOP("wrong branch"), QT_TR_NOOP("You went on with the wrong step or answer.")),
+    ErrorKind(QT_TR_NOOP("wrong branch"), QT_TR_NOOP("You continued with the wrong step or answer.")),
 )
 """The recorded words stay English; what is shown of them is translated."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """What recordings of this scenario need."""
+    """Recording settings of this scenario."""
 
     labels: Annotated[
         tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...],
         FieldSpec(
-            "Labels of marks, on Shift+F1 to Shift+F8 in this order.",
-            title="Labels of marks",
+            "Mark labels, on Shift+F1 to Shift+F8 in this order.",
+            title="Mark labels",
             longest=8,
             unique=True,
             quiet=True,
@@ -47,8 +47,8 @@ class RecordingSettings:
     errors: Annotated[
         tuple[ErrorEntry, ...],
         FieldSpec(
-            "Kinds of wizard error, offered on F, G, H, R, U and X in this order when one is marked: plain, or with "
-            "what is meant. If not given: slip, late, wrong branch.",
+            "Kinds of wizard error, offered on F, G, H, R, U and X in this order when an error is marked: "
+            "plain, or with a meaning. If not given: slip, late, wrong branch.",
             title="Kinds of wizard error",
             longest=len(ERROR_KEYS),
             unique=True,
@@ -58,8 +58,8 @@ class RecordingSettings:
     lsl: Annotated[
         bool,
         FieldSpec(
-            "Marks with their labels, and the steps of the protocol, also go out on a Lab Streaming Layer outlet, for "
-            "anybody on the network.",
+            "Marks with their labels, and the steps of the protocol, are also sent to a Lab Streaming Layer "
+            "outlet, for anybody on the network.",
             title="Send marks to the lab's network (LSL)",
             external="network",
             quiet=True,
@@ -68,9 +68,9 @@ class RecordingSettings:
     lsl_words: Annotated[
         bool,
         FieldSpec(
-            "With `lsl`: all events go out, with every word that was said and written. Anybody on the network can hear "
-            "them.",
-            title="Send every word, too",
+            "With `lsl`: all events are sent, with every spoken and written word. Anybody on the network can "
+            "read them.",
+            title="Send every word too",
             external="network",
             quiet=True,
         ),

@@ -109,9 +109,9 @@ def save_text(
     """
     if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
         told = (
-            tr("{path} was changed by somebody else meanwhile. It was left as it is.")
+            tr("{path} was changed elsewhere in the meantime. It was not overwritten.")
             if replaces
-            else tr("{path} is there already. It was left as it is.")
+            else tr("{path} already exists. It was not overwritten.")
         )
         raise OtherFileError(told.format(path=_shown(path)))
     if came_from is not None and came_from.resolve().parent != path.resolve().parent:
@@ -177,9 +177,7 @@ def parse_scenario(
         raise ScenarioError(_at_line(path, error.line, error)) from error
     if not isinstance(source.data, dict):
         raise ScenarioError(
-            tr("{path}, line 1: a scenario is a list of 'key: value' lines, found something else.").format(
-                path=_shown(path)
-            )
+            tr("{path}, line 1: a scenario must be a list of 'key: value' lines.").format(path=_shown(path))
         )
     try:
         data = migrate(source.data)
@@ -283,7 +281,7 @@ def _meaning_problems(
     for index, place in enumerate(data.get("places", [])):
         name = place["name"].casefold()
         if name in seen_places:
-            yield ("places", index), tr("the place '{name}' is listed twice.").format(name=place["name"])
+            yield ("places", index), tr("duplicate place '{name}'.").format(name=place["name"])
         seen_places.add(name)
     for path, problem in phrase_problems(value_from(tuple[PhraseEntry, ...], data.get("phrases", []))):
         yield ("phrases", *path), problem
@@ -318,7 +316,7 @@ def _write_or_report(path: Path, text: str) -> None:
         replace_file(path, text.encode(), durable=True)
     except OSError as error:
         raise ScenarioError(
-            tr("{path} was not written ({why}). The file on disk is as it was before.").format(
+            tr("{path} was not written ({why}). The file on disk is unchanged.").format(
                 path=_shown(path), why=error.strerror or error
             )
         ) from error

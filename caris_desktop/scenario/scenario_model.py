@@ -50,7 +50,7 @@ _Coordinate = Annotated[float, FieldSpec(unit="metres", at_least=-10_000, at_mos
 class PanelLeaf:
     """One panel."""
 
-    panel: Annotated[_Panel, FieldSpec("Its name.")]
+    panel: Annotated[_Panel, FieldSpec("Name of the panel.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +66,12 @@ class SplitNode:
     """Parts side by side or on top of one another."""
 
     split: Annotated[
-        Literal["horizontal", "vertical"], FieldSpec("`horizontal`: side by side; `vertical`: on top of one another.")
+        Literal["horizontal", "vertical"], FieldSpec("`horizontal`: side by side; `vertical`: one above the other.")
     ]
-    children: Annotated[tuple["LayoutNode", ...], FieldSpec("The parts, from left or top.", shortest=2, order=1)]
+    children: Annotated[tuple["LayoutNode", ...], FieldSpec("The parts, from the left or top.", shortest=2, order=1)]
     weights: Annotated[
         tuple[Annotated[float, FieldSpec(more_than=0)], ...],
-        FieldSpec("The size of each part in relation to the others; all the same where they are not given."),
+        FieldSpec("Relative size of each part; all equal if not given."),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -82,48 +82,50 @@ class SplitNode:
 LayoutNode = Annotated[
     PanelLeaf | TabNode | SplitNode,
     FieldSpec(
-        "One panel, tabs on top of one another, or a split into parts sized by weights.",
+        "One panel, a set of tabs, or a split into parts sized by weights.",
         noun="layout part",
-        needs="a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with 'children'.",
+        needs="a layout part requires 'panel: NAME', 'tabs: [NAMES]', or 'split' with 'children'.",
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class Permissions:
-    """What the wizard may do in this scenario. Whatever is false has no button, no shortcut and no effect."""
+    """Permissions of the wizard in this scenario. A permission that is false has no button, no shortcut and no
+    effect.
+    """
 
-    photos: Annotated[bool, FieldSpec("Photos of what the robot sees, kept as files.")] = True
-    video_recording: Annotated[bool, FieldSpec("Recordings hold the robot's pictures.")] = True
+    photos: Annotated[bool, FieldSpec("Photos of what the robot sees, saved as files.")] = True
+    video_recording: Annotated[bool, FieldSpec("Recordings include the robot's video.")] = True
     audio_recording: Annotated[
-        bool, FieldSpec("Recordings hold microphones and the robot's voice; off unless set.")
+        bool, FieldSpec("Recordings include microphones and the robot's voice; off by default.")
     ] = False
-    driving: Annotated[bool, FieldSpec("Keys, gamepad, places and whatever else moves the robot.")] = True
+    driving: Annotated[bool, FieldSpec("Keys, gamepad, places and everything else that moves the robot.")] = True
     assistant: Annotated[bool, FieldSpec("Questions to a language model.")] = True
     naming_people: Annotated[bool, FieldSpec("Names for the people that the robot sees.", title="Names for people")] = (
         True
     )
-    robot_controls: Annotated[bool, FieldSpec("The Robot panel: gestures, lights, volume and the like.")] = True
-    transcription: Annotated[
-        bool, FieldSpec("What is said near the robot is turned into text; off unless set.", quiet=True)
-    ] = False
-    own_voice: Annotated[bool, FieldSpec("The wizard speaks through the robot; off unless set.", quiet=True)] = False
+    robot_controls: Annotated[bool, FieldSpec("The Robot panel: gestures, lights, volume and similar controls.")] = True
+    transcription: Annotated[bool, FieldSpec("Speech near the robot is transcribed; off by default.", quiet=True)] = (
+        False
+    )
+    own_voice: Annotated[bool, FieldSpec("The wizard speaks through the robot; off by default.", quiet=True)] = False
     cloud_models: Annotated[
         bool,
         FieldSpec(
-            "Models on other computers: language models, transcription, detection of people. `false`: nothing leaves "
-            "this one.",
+            "Models on other computers: language models, transcription, person detection. `false`: nothing "
+            "leaves this computer.",
             quiet=True,
         ),
     ] = True
     face: Annotated[
-        bool, FieldSpec("A face of the robot, in a window or on a page of its own; off unless set.", quiet=True)
+        bool, FieldSpec("A face for the robot, in a separate window or on a web page; off by default.", quiet=True)
     ] = False
     speech: Annotated[
         bool,
-        FieldSpec("The robot speaks: what is typed, phrases, fillers, answers of the language model.", quiet=True),
+        FieldSpec("The robot speaks: typed text, phrases, fillers, answers of the language model.", quiet=True),
     ] = True
-    notes: Annotated[bool, FieldSpec("Notes of the wizard, kept with the session.", quiet=True)] = True
+    notes: Annotated[bool, FieldSpec("Notes of the wizard, saved with the session.", quiet=True)] = True
 
     def withheld(self, needed: Iterable[Permission]) -> Permission | None:
         """First missing permission; None if all are granted."""
@@ -134,12 +136,12 @@ class Permissions:
 class _PoseKeys:
     """A pose as people write it, with its heading in degrees."""
 
-    x_m: Annotated[_Coordinate, FieldSpec("Along x of the map.", title="x")]
-    y_m: Annotated[_Coordinate, FieldSpec("Along y of the map.", title="y")]
+    x_m: Annotated[_Coordinate, FieldSpec("Position along the x axis of the map.", title="x")]
+    y_m: Annotated[_Coordinate, FieldSpec("Position along the y axis of the map.", title="y")]
     heading_deg: Annotated[
         float,
         FieldSpec(
-            "Where the robot looks on arrival: 0 along x, 90 along y, counter-clockwise.",
+            "Heading of the robot on arrival: 0 along x, 90 along y, counter-clockwise.",
             title="Heading",
             unit="degrees",
             at_least=-360,
@@ -159,7 +161,7 @@ def _pose_keys(pose: Pose2D) -> _PoseKeys:
 class Place:
     """A named place in the map."""
 
-    name: Annotated[_Label, FieldSpec("How the wizard finds it; each name once.")]
+    name: Annotated[_Label, FieldSpec("Name shown to the wizard; must be unique.")]
     pose_in_map: Annotated[Pose2D, Flattened(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
@@ -168,24 +170,24 @@ class DrivingLimits:
     """Speeds at the full speed setting; the robot profile's own limits still apply."""
 
     max_forward_mps: Annotated[
-        float, FieldSpec("Forwards.", title="Fastest forwards", unit="metres a second", more_than=0, at_most=3)
+        float, FieldSpec("Forward speed.", title="Top forward speed", unit="metres per second", more_than=0, at_most=3)
     ] = 0.5
     max_turn_radps: Annotated[
-        float, FieldSpec("Turning.", title="Fastest turn", unit="radians a second", more_than=0, at_most=6)
+        float, FieldSpec("Turning speed.", title="Top turn speed", unit="radians per second", more_than=0, at_most=6)
     ] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class PerceptionSettings:
-    """How people are found in the pictures of the cameras, and what is found out about them."""
+    """Detection of people in the camera pictures, and their recognition."""
 
     model: Annotated[
         str,
         FieldSpec(
             title="Detector",
             external="model",
-            text="The detector: a .pt, .onnx or .tflite file or a folder for OpenVINO, by its path, beside the "
-            "scenario or in a models folder, or an `https://` address; the usual one if empty.",
+            text="The detector: a .pt, .onnx or .tflite file or an OpenVINO folder. Give its path, its name next "
+            "to the scenario or in a models folder, or an `https://` address; the default one if empty.",
             longest=1000,
             quiet=True,
         ),
@@ -193,7 +195,7 @@ class PerceptionSettings:
     sha256: Annotated[
         str,
         FieldSpec(
-            "The checksum of that file, without which no address and no .pt file is used.",
+            "Checksum of that file; required for an address and for a .pt file.",
             title="Checksum (SHA-256)",
             pattern="^([0-9a-fA-F]{64})?$",
             allowed="the 64 digits that sha256sum prints.",
@@ -203,9 +205,9 @@ class PerceptionSettings:
     input_px: Annotated[
         int,
         FieldSpec(
-            "The longer side of what the detector sees, where its file leaves that open: more finds people farther "
-            "away, and takes longer.",
-            title="Picture size for finding",
+            "Longer side of the detector's input image, if its file does not fix the size. A larger image "
+            "finds people farther away but takes longer.",
+            title="Detector image size",
             unit="pixels",
             at_least=160,
             at_most=1920,
@@ -215,16 +217,17 @@ class PerceptionSettings:
     device: Annotated[
         Literal["auto", "cpu", "cuda", "mps"],
         FieldSpec(
-            title="Computed by",
-            text="What computes: `auto` is a graphics processor that is here and can be used, or else the processor.",
+            title="Compute device",
+            text="Device for detection: `auto` is a graphics processor if one can be used, otherwise the CPU.",
             quiet=True,
         ),
     ] = "auto"
     server: Annotated[
         str,
         FieldSpec(
-            "Address of a `caris-desktop perceive --serve` that finds people in this computer's place; its token is in "
-            "the environment variable CARIS_PERCEPTION_TOKEN, and goes only to the server in CARIS_PERCEPTION_SERVER.",
+            "Address of a `caris-desktop perceive --serve` that detects people instead of this computer. Its "
+            "token is in the environment variable CARIS_PERCEPTION_TOKEN and is sent only to the server in "
+            "CARIS_PERCEPTION_SERVER.",
             pattern="^(wss?://.+)?$",
             external="address",
             allowed="wss://HOST:PORT, or ws://HOST:PORT on this computer.",
@@ -235,14 +238,15 @@ class PerceptionSettings:
     tracker: Annotated[
         Literal["own", "deepsort", "bytetrack", "botsort"],
         FieldSpec(
-            "What follows people from picture to picture: this program's own, or one of others to compare with.",
+            "Tracker that follows people from frame to frame: the built-in one, or another one for comparison.",
             quiet=True,
         ),
     ] = "own"
     classes: Annotated[
         tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...],
         FieldSpec(
-            "Things beside people that are boxed, recorded and told to the assistant, by the detector's names.",
+            "Objects other than people that are boxed, recorded and reported to the assistant, by the "
+            "detector's class names.",
             longest=80,
             unique=True,
             quiet=True,
@@ -252,14 +256,15 @@ class PerceptionSettings:
     recognise: Annotated[
         Literal["nobody", "clothing", "faces"],
         FieldSpec(
-            "Who returns is recognised by their clothes until midnight; with `faces` also by the face of those for "
-            "whom consent is noted, where the study has a network for faces. Never without `naming_people`."
+            "People who return are recognised by their clothing until midnight. With `faces`, people with "
+            "noted consent are also recognised by face, if the study has a network for faces. Requires "
+            "`naming_people`."
         ),
     ] = "clothing"
     ask_at: Annotated[
         float,
         FieldSpec(
-            "How likely somebody has to be a known person for the wizard to be asked whether it is them.",
+            "Minimum likelihood of a known person at which the wizard is asked to confirm the identity.",
             title="Ask from",
             at_least=0.7,
             at_most=1,
@@ -269,8 +274,9 @@ class PerceptionSettings:
     confirm_at: Annotated[
         float,
         FieldSpec(
-            "How sure the console has to be, over several looks, to decide by itself who it is; at 1 it never does.",
-            title="Sure enough at",
+            "Minimum confidence, over several detections, at which the console decides automatically who the "
+            "person is; at 1 it never does.",
+            title="Decide from",
             at_least=0.5,
             at_most=1,
         ),
@@ -287,42 +293,44 @@ class BlurSettings:
     who: Annotated[
         BlurWho,
         FieldSpec(
-            "`without_consent`: everybody but those for whom consent is noted in the People panel: to be filmed in "
-            "videos, to photos in photos."
+            "`without_consent`: everybody except people whose consent is noted in the People panel. Videos "
+            "require consent to filming, photos consent to photos."
         ),
     ] = "nobody"
-    what: Annotated[Literal["faces", "persons"], FieldSpec("Heads alone, or whole bodies.")] = "persons"
+    what: Annotated[Literal["faces", "persons"], FieldSpec("Heads only, or whole bodies.")] = "persons"
     shown: Annotated[
         bool,
         FieldSpec(
-            "The pictures in the window are pixelated too, for whoever else looks at it.", title="In the window, too"
+            "The pictures in the window are pixelated too, in case other people see it.", title="In the window too"
         ),
     ] = False
 
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """One camera that the console shows, perceives and records."""
+    """One camera that the console shows, uses for perception and records."""
 
     source: Annotated[str, FieldSpec(
-        "`robot` for all that the robot has, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a "
-        "video file, `simulated`, or an address that begins with `rtsp://`, `http://`, `whep+http://` or "
-        "`webrtc+http://`.",
+        "`robot` for all cameras of the robot, `robot:NAME` for one of them; `oak`, a device number, "
+            "`/dev/videoN`, a video file, `simulated`, or an address that starts with `rtsp://`, `http://`, "
+            "`whep+http://` or `webrtc+http://`.",
         shortest=1, longest=1000, external="camera",
     )]  # fmt: skip
     name: Annotated[str, FieldSpec(
-        "What it is called in the window and in file names; if not given, what follows from the source. Those of the "
-        "robot are called as in its profile.",
+        "Name in the window and in file names; if not given, derived from the source. The robot's cameras "
+            "have the names in its profile.",
         longest=40, quiet=True,
     )] = ""  # fmt: skip
     mount: Annotated[CameraModel | None,
                      StoredAs(CameraModelKeys, CameraModelKeys.model, CameraModelKeys.of), FieldSpec(
-        "Where it is on the robot and what it sees, as in a robot profile: then its people have places in the map.",
-        some_of=("horizontal_fov_deg", "fx_px"), needs="a mount has either horizontal_fov_deg or fx_px.", quiet=True,
+        "Position on the robot and field of view, as in a robot profile. With it, people seen by this camera "
+            "are placed in the map.",
+        some_of=("horizontal_fov_deg", "fx_px"), needs="a mount requires either horizontal_fov_deg or fx_px.",
+        quiet=True,
     )] = None  # fmt: skip
     place: Annotated[str, FieldSpec(
-        "The name of one of the `places`: the camera stands there, as on a desk, rather than on the robot, and looks "
-        "the way the place does. Together with `mount`, which is seen from there.",
+        "Name of one of the `places` where the camera stands, for example on a desk, instead of on the "
+            "robot. The camera faces the heading of the place. Requires `mount`, which is relative to the place.",
         refers=("places", "name"),
         longest=80, quiet=True, beside=("mount",),
     )] = ""  # fmt: skip
@@ -330,15 +338,15 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What one kind of study needs of the console: layout, permissions, phrases, prompts and places. Never code."""
+    """Setup of the console for one kind of study: layout, permissions, phrases, prompts and places. Never code."""
 
     title: Annotated[_Label, FieldSpec("Shown in the window and in the scenario menu.", section="About")]
-    layout: Annotated[LayoutNode, FieldSpec("Where the panels are.", title="Arrangement", section="Panels", order=1)]
+    layout: Annotated[LayoutNode, FieldSpec("Positions of the panels.", title="Layout", section="Panels", order=1)]
     layout_compact: Annotated[
         LayoutNode | None,
         FieldSpec(
-            "Where they are on a small screen; if not given, the least important of the layout become tabs there.",
-            title="Arrangement on a small screen",
+            "Positions on a small screen; if not given, the least important panels of the layout become tabs.",
+            title="Layout on a small screen",
             section="Panels",
             order=1,
             quiet=True,
@@ -347,8 +355,8 @@ class Scenario:
     layout_large: Annotated[
         LayoutNode | None,
         FieldSpec(
-            "Where they are on a large screen; if not given, tabs of the layout are spread as far as there is room.",
-            title="Arrangement on a large screen",
+            "Positions on a large screen; if not given, tabs of the layout are spread out as far as there is room.",
+            title="Layout on a large screen",
             section="Panels",
             order=1,
             quiet=True,
@@ -357,7 +365,7 @@ class Scenario:
     description: Annotated[
         str,
         FieldSpec(
-            "What the study is about, for whoever chooses a scenario.", section="About", prose=True, longest=2000
+            "Description of the study, for people who choose a scenario.", section="About", prose=True, longest=2000
         ),
     ] = ""
     robot: Annotated[
@@ -381,9 +389,9 @@ class Scenario:
     phrases: Annotated[
         tuple[PhraseEntry, ...],
         FieldSpec(
-            "One-click sentences, on F1 to F8 in this order: plain, with what goes along with them, or in groups. "
-            "`{name}` stands for whom it is said to and `{place}` for where the robot goes or stands; other words in "
-            "braces, and what is not known, are asked for before anything is said.",
+            "One-click sentences, on F1 to F8 in this order: plain, with options, or in groups. `{name}` "
+            "stands for the person addressed and `{place}` for the robot's goal or current place. The wizard "
+            "is asked for other words in braces, and for unknown values, before anything is said.",
             section="Phrases",
             longest=24,
         ),
@@ -391,19 +399,19 @@ class Scenario:
     cameras: Annotated[
         tuple[CameraSettings, ...],
         FieldSpec(
-            "The cameras to show, perceive and record: the robot's own if not given.",
+            "The cameras to show, use for perception and record; the robot's own if not given.",
             section="Robot and cameras",
             longest=6,
             quiet=True,
         ),
     ] = (CameraSettings("robot"),)
     filler: Annotated[
-        str, FieldSpec("What the robot says while the wizard thinks, on F9.", section="Phrases", longest=500)
+        str, FieldSpec("Sentence that the robot says while the wizard thinks, on F9.", section="Phrases", longest=500)
     ] = ""
     fillers: Annotated[
         tuple[Sentence, ...],
         FieldSpec(
-            "More of them: F9 takes the next one each time.",
+            "More fillers: each press of F9 says the next one.",
             title="More fillers",
             section="Phrases",
             longest=20,
@@ -414,8 +422,8 @@ class Scenario:
     gestures: Annotated[
         tuple[Gesture, ...],
         FieldSpec(
-            "What the robot does without a word, on Ctrl+4 to Ctrl+9 in this order or on keys of their own. What the "
-            "robot at hand cannot do is not shown.",
+            "Actions of the robot without speech, on Ctrl+4 to Ctrl+9 in this order or on their own keys. "
+            "Gestures that the connected robot does not support are not shown.",
             section="Phrases",
             longest=MOST_GESTURES,
             quiet=True,
@@ -425,8 +433,8 @@ class Scenario:
     preflight: Annotated[
         tuple[PreflightEntry, ...],
         FieldSpec(
-            "What the wizard ticks by hand before a recording, after what the console checks by itself.",
-            title="Checks by hand before a recording",
+            "Checks that the wizard ticks before a recording, after the automatic checks of the console.",
+            title="Manual checks before a recording",
             section="Recording",
             longest=20,
             quiet=True,
@@ -448,7 +456,7 @@ class Scenario:
     notes: Annotated[
         str,
         FieldSpec(
-            "What the wizard wants to have at hand in a session, shown in the Notes panel.",
+            "Information for the wizard during a session, shown in the Notes panel.",
             title="Notes for the wizard",
             section="About",
             prose=True,
@@ -460,28 +468,28 @@ class Scenario:
     panels_off: Annotated[
         tuple[_Panel, ...],
         FieldSpec(
-            "Panels that are not offered in this scenario: not in the layout, in no menu, by no key.",
-            title="Panels that are left out",
+            "Panels that are not available in this scenario: not in the layout, not in menus, not by key.",
+            title="Unavailable panels",
             section="What is allowed",
             longest=len(get_args(PanelName)),
             unique=True,
             quiet=True,
         ),
     ] = ()
-    panels: Annotated[PanelSettings, FieldSpec(title="What panels show at first", section="Panels", quiet=True)] = (
-        field(default_factory=PanelSettings)
+    panels: Annotated[PanelSettings, FieldSpec(title="Initial panel settings", section="Panels", quiet=True)] = field(
+        default_factory=PanelSettings
     )
     recording: Annotated[RecordingSettings, FieldSpec(section="Recording", quiet=True)] = field(
         default_factory=RecordingSettings
     )
-    perception: Annotated[PerceptionSettings, FieldSpec(title="Finding people", section="People", quiet=True)] = field(
-        default_factory=PerceptionSettings
+    perception: Annotated[PerceptionSettings, FieldSpec(title="Person detection", section="People", quiet=True)] = (
+        field(default_factory=PerceptionSettings)
     )
     sound: Annotated[
         SoundSettings, FieldSpec(title="Microphone and loudspeaker", section="Voice and sound", quiet=True)
     ] = field(default_factory=SoundSettings)
-    blur: Annotated[BlurSettings, FieldSpec(title="Making people unrecognisable", section="People", quiet=True)] = (
-        field(default_factory=BlurSettings)
+    blur: Annotated[BlurSettings, FieldSpec(title="Blurring people", section="People", quiet=True)] = field(
+        default_factory=BlurSettings
     )
     face: Annotated[FaceSettings, FieldSpec(title="The robot's face", section="Robot and cameras", quiet=True)] = field(
         default_factory=FaceSettings
@@ -491,9 +499,9 @@ class Scenario:
     )
     driving: Annotated[DrivingLimits, FieldSpec(section="Robot and cameras")] = field(default_factory=DrivingLimits)
     assistant: Annotated[AssistantSettings, FieldSpec(section="Assistant")] = field(default_factory=AssistantSettings)
-    assistance: Annotated[
-        AssistanceSettings, FieldSpec(title="What it does by itself", section="Assistant", quiet=True)
-    ] = field(default_factory=AssistanceSettings)
+    assistance: Annotated[AssistanceSettings, FieldSpec(title="Automation", section="Assistant", quiet=True)] = field(
+        default_factory=AssistanceSettings
+    )
     path: Annotated[Path | None, Excluded()] = None
     sha256: Annotated[str, Excluded()] = ""
     version: Annotated[Literal[1], FieldSpec("Version of this file format.", wanted=True, order=-1)] = SCENARIO_VERSION

@@ -16,14 +16,15 @@ _PAGE_HEAD = """\
 caris_desktop/scenario/scenario_model.py: change it there. -->
 # The scenario file
 
-A scenario is one YAML file. It says what a study needs of the console: which panels stand where, what the wizard may
-do, what the robot says with one key, which places it knows. It is data only: nothing in it is ever executed. How one is
-written, by examples: [Writing a scenario](scenarios.md).
+A scenario is a YAML file that configures the console for a study: the layout of the panels, the permissions of the
+wizard, the prepared phrases of the robot and the places it can go to. It contains only data; nothing in it is executed.
+For examples, see [Writing a scenario](scenarios.md).
 
-The shipped ones are in `layouts`. Yours lie anywhere (`caris-desktop --scenario my-study.yaml`), or in the folder
-`scenarios` of your configuration folder (`~/.config/caris-desktop/scenarios` on Linux), where the console lists them;
-there a file goes before a shipped one of the same name. `caris-desktop check --scenario my-study.yaml` names the file,
-the line and what is allowed when it has a mistake.
+The scenarios shipped with the program are in `layouts`. Your own can be anywhere
+(`caris-desktop --scenario my-study.yaml`), or in the folder `scenarios` of your configuration folder
+(`~/.config/caris-desktop/scenarios` on Linux), where the console lists them. A file there replaces a shipped one with
+the same name. `caris-desktop check --scenario my-study.yaml` reports the file, the line and the allowed values for each
+mistake.
 
 ```yaml
 version: 1
@@ -36,9 +37,9 @@ layout:
     - tabs: [speak, map]
 ```
 
-Everything else is optional. Editors that know YAML schemas complete and check every key when the first line is
+Everything else is optional. Editors with YAML schema support complete and check every key if the first line is
 `# yaml-language-server: $schema=PATH/scenario.schema.json`; the schema is in `resources/schemas`. When the console
-saves a place or an arrangement of panels, your comments, the order of your keys and every other line stay as they are.
+saves a place or a panel layout, your comments, the order of your keys and all other lines stay unchanged.
 
 ## The file
 

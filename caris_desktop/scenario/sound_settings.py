@@ -8,17 +8,17 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SoundSettings:
-    """Microphones and loudspeakers. A microphone is open only while something that the scenario permits needs it."""
+    """Microphones and loudspeakers. A microphone is open only while a permitted function needs it."""
 
     ear: Annotated[
         str,
         FieldSpec(
-            "Which microphone hears the participant: `robot` is that of its profile, `computer` one of this computer; "
-            "`camera:NAME` that of one of the `cameras` over WebRTC; `auto` the robot's where it has one, or else this "
-            "computer's.",
+            "Microphone for the participant: `robot` is the one in its profile, `computer` one of this "
+            "computer, `camera:NAME` the one of a camera in `cameras` over WebRTC. `auto` is the robot's if "
+            "it has one, otherwise this computer's.",
             pattern="^(auto|robot|computer|none|camera:.+)$",
             allowed="auto, robot, computer, camera:NAME or none.",
-            title="Who is heard by",
+            title="Participant microphone",
             longest=60,
             quiet=True,
         ),
@@ -26,13 +26,15 @@ class SoundSettings:
 
     hear: Annotated[
         bool,
-        FieldSpec("The wizard may hear along what it hears, best with headphones.", title="Hear along", quiet=True),
+        FieldSpec(
+            "The wizard may listen to the participant microphone, best with headphones.", title="Listen in", quiet=True
+        ),
     ] = False
     own_voice: Annotated[
         Literal["auto", "robot", "computer", "both"],
         FieldSpec(
-            "Where the wizard's own voice comes out, with the permission `own_voice`: of the robot's loudspeaker, of "
-            "this computer's, or both; `auto` is the robot's where its profile has one, or else this computer's.",
+            "Loudspeaker for the wizard's own voice, with the permission `own_voice`: the robot's, this "
+            "computer's, or both. `auto` is the robot's if its profile has one, otherwise this computer's.",
             quiet=True,
         ),
     ] = "auto"

@@ -84,13 +84,13 @@ class ActionlibServer:
         # ROS fills omitted fields
         goal_id = message_of(message.get("goal_id", {}), "ActionGoal.goal_id").get("id") or self.new_id()
         if not isinstance(goal_id, str):
-            raise MessageError("ActionGoal.goal_id.id must be a text")
+            raise MessageError("ActionGoal.goal_id.id must be a string")
         self._on_goal(goal_id, goal)
 
     def _on_cancel_message(self, message: Message) -> None:
         wanted = message.get("id") or ""
         if not isinstance(wanted, str):
-            raise MessageError("GoalID.id must be a text")
+            raise MessageError("GoalID.id must be a string")
         # an empty id means every goal, as does the empty message of actionlib clients
         self._on_cancel(wanted)
 

@@ -85,7 +85,7 @@ class DemoControls:
 
     def _wave(self, _: Message) -> Message:
         if self._waving:
-            return {"success": False, "message": "the arm is waving already"}
+            return {"success": False, "message": "the arm is already waving"}
         self._waving = True
         self._waves_begun += 1
         self._waving_task = asyncio.get_running_loop().call_later(WAVE_S, self._end_wave)

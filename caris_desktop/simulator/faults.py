@@ -103,7 +103,7 @@ def inject(faults: Faults, command: str) -> Injection:
         return Injection(faults, battery_fraction=1.0 if name == "full_battery" else 0.05)
     if name in ("press_stop_button", "release_stop_button") and not argument:
         return Injection(faults, stop_button=name == "press_stop_button")
-    raise ValueError(f"'{command}' is no fault; known are {HELP}")
+    raise ValueError(f"unknown fault '{command}'; available: {HELP}")
 
 
 def malformed_messages(count: int, scan_topic: str) -> list[str | bytes]:
@@ -141,7 +141,7 @@ def _pose(argument: str) -> Pose2D:
     except ValueError:
         x_m = y_m = heading_deg = math.nan
     if not all(math.isfinite(value) for value in (x_m, y_m, heading_deg)):
-        raise ValueError("pose needs three numbers: pose:<x>,<y>,<heading in degrees>")
+        raise ValueError("pose requires three numbers: pose:<x>,<y>,<heading in degrees>")
     return Pose2D(x_m, y_m, math.radians(heading_deg))
 
 
@@ -151,5 +151,5 @@ def _amount(argument: str, name: str, most: float, *, least: float = 0.0) -> flo
     except ValueError:
         amount = math.nan
     if not least <= amount <= most:
-        raise ValueError(f"{name} needs a number between {least:g} and {most:g}")
+        raise ValueError(f"{name} requires a number between {least:g} and {most:g}")
     return amount

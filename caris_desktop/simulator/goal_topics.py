@@ -39,7 +39,7 @@ _ROS2_STATUS = {
     "aborted": action_messages.ROS2_ABORTED,
 }
 _PLANNER_SPEEDS = ("max_vel_x", "max_vel_trans")
-_STOPPED = "the emergency stop is pressed"
+_STOPPED = "the emergency stop is active"
 
 
 class PathTopic:
@@ -188,7 +188,7 @@ class NavigateToPoseAction:
     def _start(self, goal_id: str, goal: Message, reply: Callable[[Message], None]) -> None:
         target = action_messages.decode_navigate_to_pose_goal(goal)
         if goal_id in self._replies:
-            raise MessageError(f"a goal with the id '{goal_id}' is under way already")
+            raise MessageError(f"a goal with the id '{goal_id}' is already active")
         logger.info("Goal %s: %s", goal_id, target)
         self._replies[goal_id] = reply
         self._go(goal_id, target)

@@ -78,7 +78,9 @@ class HeadOnRos:
     def _on_angles(self, message: Message) -> None:
         targets, share = decode_joint_angles_with_speed(message)
         if not 0.0 < share <= 1.0:
-            raise MessageError("JointAnglesWithSpeed.speed is a share of the fastest, above 0 and at most 1")
+            raise MessageError(
+                "JointAnglesWithSpeed.speed must be a fraction of the maximum speed, above 0 and at most 1"
+            )
         relative = bool(message.get("relative"))
         for name, angle_rad in targets.items():
             target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)

@@ -65,7 +65,7 @@ class MapFiles:
         picture[cells > 50] = _OCCUPIED
         done, content = cv2.imencode(".pgm", picture[::-1])
         if not done:
-            raise MapFileError(f"the map cannot be written as a picture: {path}")
+            raise MapFileError(f"the map cannot be written as an image: {path}")
         description = {
             "image": f"{path.name}.pgm",
             "mode": "trinary",
@@ -86,9 +86,9 @@ class MapFiles:
         try:
             description: Any = parse_yaml(self._read(path).decode()).data
         except ValueError as error:
-            raise MapFileError(f"{path.name} is no description of a map: {error}") from error
+            raise MapFileError(f"{path.name} is not a map description: {error}") from error
         if not isinstance(description, dict) or not isinstance(description.get("image"), str):
-            raise MapFileError(f"{path.name} does not name its picture")
+            raise MapFileError(f"{path.name} does not name its image")
         within = path.parent.relative_to(self.folder.resolve())
         picture_path = self._path(str(within / description["image"]))
         try:
@@ -126,11 +126,12 @@ class MapFiles:
         folder = self.folder.resolve()
         if len(name) > _MOST_CHARS or _NAME.fullmatch(name) is None:
             raise MapFileError(
-                "the name of a map has letters, digits, spaces, '_', '-', '.' and '/', and does not begin with a dot"
+                "a map name can only contain letters, digits, spaces, '_', '-', '.' and '/', and must not "
+                "start with a dot"
             )
         path = (folder / name).resolve()
         if not path.is_relative_to(folder) or path == folder:
-            raise MapFileError(f"'{name}' does not lie in the folder of the maps")
+            raise MapFileError(f"'{name}' is outside the folder of the maps")
         return path
 
     def _write(self, path: Path, content: bytes) -> None:
@@ -160,7 +161,7 @@ def _grey(content: bytes) -> NDArray[np.uint8]:
     width_px, height_px = int(head["width"]), int(head["height"])
     cells = np.frombuffer(content, np.uint8, offset=head.end())
     if width_px * height_px > len(cells):
-        raise PictureError("is no whole picture")
+        raise PictureError("is not a complete image")
     return cells[: width_px * height_px].reshape(height_px, width_px)
 
 

@@ -45,7 +45,7 @@ def read_sentences(path: Path) -> list[str]:
         raise BadSentences(f"{path} cannot be read: {error}.") from error
     sentences = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not sentences or len(sentences) > _MOST_WAITING or max(map(len, sentences)) > MAX_SENTENCE_CHARS:
-        raise BadSentences(f"{path} needs 1 to {_MOST_WAITING} lines of up to {MAX_SENTENCE_CHARS} characters.")
+        raise BadSentences(f"{path} must have 1 to {_MOST_WAITING} lines of up to {MAX_SENTENCE_CHARS} characters.")
     return sentences
 
 

@@ -58,10 +58,10 @@ def robot_model_named(
     """
     cut = _DRESSES.get(name)
     if cut is None:
-        raise UnknownRobotModel(f"There is no dress named '{name}'. Dresses: {', '.join(sorted(_DRESSES))}.")
+        raise UnknownRobotModel(f"Unknown robot model '{name}'. Available models: {', '.join(sorted(_DRESSES))}.")
     if ros is not None and ros not in cut:
         (only,) = cut
-        raise UnknownRobotModel(f"The dress '{name}' is one of ROS {only}: leave --ros out, or choose another dress.")
+        raise UnknownRobotModel(f"The robot model '{name}' requires ROS {only}: omit --ros, or choose another model.")
     dress = cut[ros if ros is not None else min(cut)]()
     if namespace is not None:
         dress = replace(dress, namespace=namespace.strip("/"))

@@ -167,7 +167,7 @@ class Robot:
     def drive(self, twist: Twist2D) -> None:
         """Apply a velocity command for 0.5 s. Motion ends a navigation goal."""
         if twist.moving:
-            self._ended.extend(self._follower.end("aborted", "somebody drives the robot directly"))
+            self._ended.extend(self._follower.end("aborted", "the robot is being driven manually"))
         self._wanted = twist
         self._lease_until_s = self.now_s + simulated_base.LEASE_S
 
@@ -206,7 +206,7 @@ class Robot:
         """
         if not simulated_base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
             return False
-        self._ended.extend(self._follower.end("aborted", "the robot was carried away"))
+        self._ended.extend(self._follower.end("aborted", "the robot was moved to another place"))
         self._base = BaseState(pose_in_map, collisions=self._base.collisions)
         self._touches_before = self._base.collisions
         self._min_gap_m = self.gap_m

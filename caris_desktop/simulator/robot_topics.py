@@ -291,9 +291,7 @@ class RobotTopics:
         unknown = set(message) - ({"header", "twist"} if stamped else {"linear", "angular"})
         if unknown:
             # as rosbridge does for a message of another type
-            raise MessageError(
-                f"{velocity.topic}: the message has a field '{min(unknown)}' that its type does not have"
-            )
+            raise MessageError(f"{velocity.topic}: the message has a field '{min(unknown)}' that is not in its type")
         # TwistStamped wraps the same twist; ROS fills omitted fields with zero
         plain = message_of(message.get("twist", {}), "TwistStamped.twist") if stamped else message
         axes = {"x": 0.0, "y": 0.0, "z": 0.0}

@@ -576,7 +576,7 @@ class BridgeServer:
 
         def give_up() -> None:
             if self._forwarded.pop(forwarded_id, None) is not None:
-                failure = {"op": "service_response", "service": name, "values": "no answer in time", "result": False}
+                failure = {"op": "service_response", "service": name, "values": "the call timed out", "result": False}
                 self._answer(caller, failure, request_id)
                 if self._services_hold:
                     self._let_go(caller)
@@ -595,7 +595,7 @@ class BridgeServer:
     def _service_response(self, _: Client, operation: Message) -> None:
         forwarded = self._forwarded.pop(_id(operation) or "", None)
         if forwarded is None:
-            raise ProtocolError("nobody waits for this service_response")
+            raise ProtocolError("no call is waiting for this service_response")
         caller, request_id, name = forwarded
         answer = {
             "op": "service_response",
@@ -642,7 +642,7 @@ class BridgeServer:
         whole = client.fragments.add(operation)
         if whole is not None:
             if whole["op"] == "fragment":
-                raise ProtocolError("a fragment must not hold fragments")
+                raise ProtocolError("a fragment must not contain fragments")
             self._handle(client, whole)
 
 

@@ -51,85 +51,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dress",
         choices=robot_models.robot_model_names(),
         default=robot_models.DEFAULT,
-        help="whose names and types the robot wears (default: generic)",
+        help="robot model: its names and types are used (default: generic)",
     )
     parser.add_argument(
-        "--ros", type=int, choices=(1, 2), help="which ROS the robot speaks (default: that of its dress, or 1)"
+        "--ros", type=int, choices=(1, 2), help="ROS version of the robot (default: that of the robot model, or 1)"
     )
-    parser.add_argument("--namespace", metavar="NAME", help="put before the names that its dress leaves relative")
-    parser.add_argument("--holonomic", action="store_true", help="the base can move sideways, whatever its dress")
+    parser.add_argument("--namespace", metavar="NAME", help="prefix for the relative names of the robot model")
+    parser.add_argument("--holonomic", action="store_true", help="the base can move sideways, whatever the robot model")
     parser.add_argument(
-        "--simulation-time", action="store_true", help="publish /clock and stamp with the time of the simulation"
+        "--simulation-time", action="store_true", help="publish /clock and use simulation time for timestamps"
     )
     parser.add_argument(
         "--send-action-goals-in-new-thread",
         action="store_true",
-        help="rosbridge's parameter of ROS 2: a goal does not hold what its client sends afterwards",
+        help="rosbridge parameter of ROS 2: a goal does not block later messages from the same client",
     )
     parser.add_argument(
         "--call-services-in-new-thread",
         action="store_true",
-        help="rosbridge's parameter of ROS 2: a service call does not hold what its client sends afterwards",
+        help="rosbridge parameter of ROS 2: a service call does not block later messages from the same client",
     )
-    parser.add_argument("--empty", action="store_true", help="nobody walks about")
+    parser.add_argument("--empty", action="store_true", help="no people walk around")
     parser.add_argument(
         "--people",
         type=int,
         metavar="N",
-        help=f"N different people (up to {len(CHARACTERS)}) come and go instead, each round in another order",
+        help=f"N different people (up to {len(CHARACTERS)}) come and go instead, in a different order each round",
     )
     parser.add_argument(
         "--visits",
         type=Path,
         metavar="FILE",
-        help="who comes instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
+        help="people who come instead, as a table (.csv) with the columns person, comes_s, stays_s, clothes",
     )
     parser.add_argument(
         "--participant",
         type=Path,
         metavar="FILE",
-        help="what somebody before the robot says, a sentence a line, one each time the robot has spoken",
+        help=(
+            "sentences of a person in front of the robot, one per line; the next one is said each time the robot "
+            "has spoken"
+        ),
     )
     parser.add_argument(
         "--desk-camera",
         type=int,
         metavar="PORT",
-        help="a second camera, on the reception's desk: MJPEG on this port of this computer; 0 chooses a free one",
+        help="a second camera, on the reception desk: MJPEG on this port of this computer; 0 chooses a free one",
     )
     parser.add_argument(
-        "--maps-folder", type=Path, metavar="FOLDER", help="where maps are saved (default: a temporary folder)"
+        "--maps-folder", type=Path, metavar="FOLDER", help="folder for saved maps (default: a temporary folder)"
     )
     parser.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate for wss://")
     parser.add_argument("--tls-key", type=Path, metavar="FILE", help="the certificate's private key")
     parser.add_argument(
         "--rosauth-secret-env",
         metavar="NAME",
-        help="let in only who authenticates with the secret in this environment variable",
+        help="accept only clients that authenticate with the secret in this environment variable",
     )
-    parser.add_argument("--log", type=Path, metavar="FILE", help="write down each message that is delivered")
-    parser.add_argument("--obeyed-log", type=Path, metavar="FILE", help="write down each message that is obeyed")
-    parser.add_argument("--seed", type=int, default=1, help="the same number repeats the same run (default: 1)")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="log each message that is delivered")
+    parser.add_argument("--obeyed-log", type=Path, metavar="FILE", help="log each message that is carried out")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="random seed; the same number repeats the same run (default: 1)"
+    )
     parser.add_argument("--mute", action="store_true", help="speak without sound")
     parser.add_argument(
-        "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay every message by this much"
+        "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay of every message, in milliseconds"
     )
     parser.add_argument(
         "--topics-glob",
         nargs="+",
         default=(),
         metavar="GLOB",
-        help="topics that are let through (default: all)",
+        help="topics that are allowed through (default: all)",
     )
     parser.add_argument(
-        "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is rolled; 180: upside down"
+        "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="roll angle of the LIDAR; 180: upside down"
     )
     parser.add_argument(
-        "--lidar-pitch-deg", type=float, default=0.0, metavar="DEG", help="how the LIDAR is pitched; positive: down"
+        "--lidar-pitch-deg", type=float, default=0.0, metavar="DEG", help="pitch angle of the LIDAR; positive: down"
     )
     parser.add_argument(
-        "--end-with-stdin", action="store_true", help="end when standard input ends, as it does when its starter dies"
+        "--end-with-stdin",
+        action="store_true",
+        help="end when standard input is closed, as when the parent process ends",
     )
-    parser.add_argument("--verbose", action="store_true", help="log what clients do")
+    parser.add_argument("--verbose", action="store_true", help="log the activity of clients")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -140,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
         format="%(asctime)s %(levelname)s %(name)s: %(message)s",
     )
     if not 0 <= args.port <= 65535:
-        sys.stderr.write(f"--port {args.port} is not a port: it must be between 0 (any free one) and 65535.\n")
+        sys.stderr.write(f"--port {args.port} is invalid: it must be between 0 (any free port) and 65535.\n")
         return 2
     if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
@@ -189,14 +196,14 @@ def _server_of(args: argparse.Namespace) -> _ServerSettings:
             tls = tls_context(args.tls_cert, args.tls_key)
         except OSError as error:  # includes ssl.SSLError
             raise _CannotStart(
-                f"The certificate {args.tls_cert} with key {args.tls_key} is of no use: {error}."
+                f"The certificate {args.tls_cert} and the key {args.tls_key} cannot be used: {error}."
             ) from error
     if args.rosauth_secret_env is not None:
         secret = os.environ.get(args.rosauth_secret_env)
         if secret is None or len(secret) != SECRET_CHARS:
             raise _CannotStart(
-                f"The environment variable {args.rosauth_secret_env} must hold the secret, which has {SECRET_CHARS} "
-                "characters as rosauth demands."
+                f"The environment variable {args.rosauth_secret_env} must contain the secret with {SECRET_CHARS} "
+                "characters that rosauth requires."
             )
     if args.log is not None:
         try:
@@ -270,9 +277,9 @@ async def _simulate(
     ready = [f"Simulated robot ready at {scheme}://{before_port(args.host)}:{port}\n"]
     if args.desk_camera is not None:
         try:
-            ready.append(f"Camera on the desk at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")
+            ready.append(f"Desk camera at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")
         except OSError as error:
-            sys.stderr.write(f"The camera on the desk cannot use port {args.desk_camera}: {error.strerror or error}.\n")
+            sys.stderr.write(f"The desk camera cannot use port {args.desk_camera}: {error.strerror or error}.\n")
             await server.stop()
             return 2
     filmed = [_film_forever(camera, robot, topics, server, clock)]

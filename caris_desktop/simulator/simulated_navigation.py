@@ -74,10 +74,10 @@ class GoalFollower:
         self, goal_id: str, target_in_map: Pose2D, *, pose: Pose2D, people: NDArray[np.float64], now_s: float
     ) -> list[GoalEnded]:
         """Start a goal; preempts the present one. An unreachable goal ends at once."""
-        ended = self.end("preempted", "a newer goal took its place")
+        ended = self.end("preempted", "replaced by a newer goal")
         way = self._plan(pose, target_in_map, people)
         if way is None:
-            return [*ended, GoalEnded(goal_id, "aborted", "there is no way to the goal")]
+            return [*ended, GoalEnded(goal_id, "aborted", "there is no path to the goal")]
         self._goal_id, self._target, self._way = goal_id, target_in_map, way
         self._started_s = self._replanned_s = now_s
         self._held_since_s = None
@@ -133,7 +133,7 @@ class GoalFollower:
             self._held_since_s = now_s
         held_s = now_s - self._held_since_s
         if held_s > _GIVE_UP_AFTER_S:
-            return ZERO_TWIST, self.end("aborted", "somebody stood in the way for too long")
+            return ZERO_TWIST, self.end("aborted", "a person stood in the way for too long")
         if held_s > _REPLAN_AFTER_S and now_s - self._replanned_s > _REPLAN_AFTER_S:
             self._replanned_s = now_s
             self._way = self._plan(pose, self._target, people) or self._way

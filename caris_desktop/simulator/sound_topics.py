@@ -98,7 +98,7 @@ class SoundOnRos:
 
     def _say(self, arguments: Message) -> Message:
         if not self.participant.say(text(arguments, "text", "args")):
-            raise CallFailed("the sentence is empty, or too many wait already")
+            raise CallFailed("the sentence is empty, or too many sentences are already queued")
         return {"success": True, "message": ""}
 
     def _on_say(self, sentence: Message) -> None:

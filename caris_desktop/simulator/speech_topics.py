@@ -65,7 +65,7 @@ class SpeechOnAction:
                 GoalStatus(goal_id, action_messages.ABORTED, f"{missing} is empty"), _result("", "aborted")
             )
             return
-        self._end(action_messages.PREEMPTED, "a newer sentence took its place")
+        self._end(action_messages.PREEMPTED, "replaced by a newer sentence")
         self._goal_id, self._text, self._begun = goal_id, sentence, False
         self._server.accept(goal_id)
         self.voice.say(sentence)

@@ -117,7 +117,7 @@ class OrdersOnRos:
             finish()
 
         if goal_id in self._under_way:
-            raise MessageError(f"a goal with the id '{goal_id}' is under way already")
+            raise MessageError(f"a goal with the id '{goal_id}' is already active")
         self._under_way[goal_id] = asyncio.get_running_loop().call_later(ACTION_TAKES_S, done)
 
     def _end(self, goal_id: str) -> bool:

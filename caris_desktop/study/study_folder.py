@@ -109,11 +109,11 @@ def new_session_folder(
     if free_bytes < min_free_bytes:
         raise StudyFolderError(
             localized(
-                QT_TR_NOOP("Only {free_mb} MB are free where {path} lies."),
+                QT_TR_NOOP("Only {free_mb} MB are free on the disk that contains {path}."),
                 free_mb=f"{free_bytes / 1e6:.0f}",
                 path=folder.path,
             ),
-            QT_TR_NOOP("No session was started: a recording needs room for its video."),
+            QT_TR_NOOP("No session was started: a recording needs disk space for its video."),
             localized(
                 QT_TR_NOOP("Free at least {least_mb} MB, or choose another study folder."),
                 least_mb=f"{min_free_bytes / 1e6:.0f}",
@@ -133,7 +133,9 @@ def new_session_folder(
             raise _unusable(folder.path, error) from error
         return path
     raise StudyFolderError(
-        localized(QT_TR_NOOP("{sessions} holds a thousand sessions of this second already."), sessions=folder.sessions),
+        localized(
+            QT_TR_NOOP("{sessions} already contains a thousand sessions from this second."), sessions=folder.sessions
+        ),
         QT_TR_NOOP("No session was started."),
         QT_TR_NOOP("Check the computer's clock."),
     )
@@ -181,5 +183,5 @@ def _unusable(path: Path, error: OSError) -> StudyFolderError:
     return StudyFolderError(
         localized(QT_TR_NOOP("The study folder {path} cannot be used: {why}."), path=path, why=error.strerror or error),
         QT_TR_NOOP("No session can be recorded there. Driving and speaking still work."),
-        QT_TR_NOOP("Choose a folder that you may write to, or make room on its disk."),
+        QT_TR_NOOP("Choose a writable folder, or free some space on its disk."),
     )

@@ -131,23 +131,23 @@ def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
     return replace(spec, text=text)
 
 
-_NOT_NOW = QT_TR_NOOP("That cannot be done now.")
+_NOT_NOW = QT_TR_NOOP("This action is not available now.")
 _WHY_NOT: Mapping[Condition, str] = {
-    "recording": QT_TR_NOOP("Nothing is being recorded, so there is nothing to mark or note."),
-    "video": QT_TR_NOOP("There is no picture now."),
-    "photo": QT_TR_NOOP("There is no picture to keep now."),
+    "recording": QT_TR_NOOP("No recording is running, so marks and notes cannot be added."),
+    "video": QT_TR_NOOP("No video picture is available now."),
+    "photo": QT_TR_NOOP("There is no picture to save now."),
     "cameras": QT_TR_NOOP("There is no other camera."),
-    "answer": QT_TR_NOOP("There is no answer now."),
-    "asked": QT_TR_NOOP("Nothing is asked now."),
-    "suggested": QT_TR_NOOP("That is not suggested now."),
-    "queued": QT_TR_NOOP("Nothing waits to be said."),
-    "in_queue": QT_TR_NOOP("Nothing waits to be said."),
-    "step": QT_TR_NOOP("No step of the protocol is under way."),
-    "step_ahead": QT_TR_NOOP("The protocol has no step after this one."),
-    "step_back": QT_TR_NOOP("The protocol has no step before this one."),
-    "step_branches": QT_TR_NOOP("This step of the protocol goes on in one way only."),
-    "step_says": QT_TR_NOOP("This step of the protocol has nothing to say."),
-    "step_goes": QT_TR_NOOP("This step of the protocol goes nowhere."),
+    "answer": QT_TR_NOOP("No answer is available now."),
+    "asked": QT_TR_NOOP("No question is pending."),
+    "suggested": QT_TR_NOOP("This suggestion is not available now."),
+    "queued": QT_TR_NOOP("The speech queue is empty."),
+    "in_queue": QT_TR_NOOP("The speech queue is empty."),
+    "step": QT_TR_NOOP("No protocol step is active."),
+    "step_ahead": QT_TR_NOOP("The protocol has no next step."),
+    "step_back": QT_TR_NOOP("The protocol has no previous step."),
+    "step_branches": QT_TR_NOOP("This protocol step has no branches."),
+    "step_says": QT_TR_NOOP("This protocol step has no text to say."),
+    "step_goes": QT_TR_NOOP("This protocol step has no place to go to."),
 }
 
 _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→", "Del": "Delete"}
@@ -451,7 +451,7 @@ class Actions(QObject):
             return ""
         rows = (row for row in ACTIONS if row.kind in ("command", "mark", "talk") and row.id not in self._specs)
         row = next((row for row in rows if event_key in [QKeySequence(key) for key in row.keys]), None)
-        return "" if row is None else tr("This scenario has no “{act}”.").format(act=row.in_words().text)
+        return "" if row is None else tr("“{act}” is not available in this scenario.").format(act=row.in_words().text)
 
     def ask(self, intent: Intent) -> None:
         """Send the intent to the console, with the signals of a row."""

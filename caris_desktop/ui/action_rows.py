@@ -33,7 +33,7 @@ LABEL_COUNT = 8
 PLACE_COUNT = 9
 CODE_COUNT = 9
 EXPRESSION_COUNT = 8
-QUEUE_GROUP = QT_TR_NOOP("What is said next")
+QUEUE_GROUP = QT_TR_NOOP("Speech queue")
 SAFETY_GROUP = QT_TR_NOOP("Safety")
 DRIVING_HOLD_GROUP = QT_TR_NOOP("Driving (hold)")
 DRIVING_GROUP = QT_TR_NOOP("Driving")
@@ -224,19 +224,19 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group=DRIVING_GROUP,
     ),
     ActionSpec(
-        "focus_speak", QT_TR_NOOP("Into the Speak field"), "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
+        "focus_speak", QT_TR_NOOP("Focus the Speak field"), "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
         group=SPEAKING_GROUP, panel="speak",
     ),
     ActionSpec(
-        "focus_queue", QT_TR_NOOP("Change what is said next"), "list-numbers", ("Ctrl+Shift+L",), enabled_when="queued",
+        "focus_queue", QT_TR_NOOP("Edit the speech queue"), "list-numbers", ("Ctrl+Shift+L",), enabled_when="queued",
         callback="focus_queue", group=SPEAKING_GROUP, panel="speak",
     ),
-    _in_queue("queued_above", QT_TR_NOOP("The one before"), "caret-up", "Up", callback="go_up"),
-    _in_queue("queued_below", QT_TR_NOOP("The one after"), "caret-down", "Down", callback="go_down"),
-    _in_queue("queued_earlier", QT_TR_NOOP("Say it earlier"), "arrow-up", "Shift+Up", intent=move_queued, argument=-1),
-    _in_queue("queued_later", QT_TR_NOOP("Say it later"), "arrow-down", "Shift+Down", intent=move_queued, argument=1),
-    _in_queue("queued_edit", QT_TR_NOOP("Say it differently"), "pencil-simple", "Return", "Enter", callback="edit"),
-    _in_queue("queued_cancel", QT_TR_NOOP("Do not say it"), "x", "Del", "Backspace", intent=cancel_queued),
+    _in_queue("queued_above", QT_TR_NOOP("Previous item"), "caret-up", "Up", callback="go_up"),
+    _in_queue("queued_below", QT_TR_NOOP("Next item"), "caret-down", "Down", callback="go_down"),
+    _in_queue("queued_earlier", QT_TR_NOOP("Move earlier"), "arrow-up", "Shift+Up", intent=move_queued, argument=-1),
+    _in_queue("queued_later", QT_TR_NOOP("Move later"), "arrow-down", "Shift+Down", intent=move_queued, argument=1),
+    _in_queue("queued_edit", QT_TR_NOOP("Edit the text"), "pencil-simple", "Return", "Enter", callback="edit"),
+    _in_queue("queued_cancel", QT_TR_NOOP("Remove from queue"), "x", "Del", "Backspace", intent=cancel_queued),
     *(
         ActionSpec(
             f"phrase_{number}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{number}",),
@@ -300,20 +300,20 @@ ACTIONS: tuple[ActionSpec, ...] = (
         "hear", QT_TR_NOOP("Hear the robot"), "headphones", ("Ctrl+H",), intent=toggle_hearing, group=SPEAKING_GROUP,
     ),
     ActionSpec(
-        "correct_speaker", QT_TR_NOOP("Somebody else said that"), "user-focus", ("Ctrl+Shift+S",),
+        "correct_speaker", QT_TR_NOOP("Correct the last speaker"), "user-focus", ("Ctrl+Shift+S",),
         intent=correct_newest_speaker,
         group=CONVERSATION_GROUP, panel="conversation",
     ),
     ActionSpec(
-        "answer_yes", QT_TR_NOOP("Yes, to what is asked"), "check", ("Ctrl+Return",), ("Y",),
+        "answer_yes", QT_TR_NOOP("Answer yes"), "check", ("Ctrl+Return",), ("Y",),
         enabled_when="asked", intent=answer_asked, argument=True, group=PEOPLE_GROUP,
     ),
     ActionSpec(
-        "answer_no", QT_TR_NOOP("No, to what is asked"), "x", ("Ctrl+Shift+Return",), ("Shift+Y",),
+        "answer_no", QT_TR_NOOP("Answer no"), "x", ("Ctrl+Shift+Return",), ("Shift+Y",),
         enabled_when="asked", intent=answer_asked, argument=False, group=PEOPLE_GROUP,
     ),
     ActionSpec(
-        "name_person", QT_TR_NOOP("Name who is in front"), "user-plus", ("Ctrl+I",), permission="naming_people",
+        "name_person", QT_TR_NOOP("Name the nearest person"), "user-plus", ("Ctrl+I",), permission="naming_people",
         callback="name_person", group=PEOPLE_GROUP, panel="people",
     ),
     *PROTOCOL_ACTIONS,
@@ -341,17 +341,17 @@ ACTIONS: tuple[ActionSpec, ...] = (
         for number in range(1, LABEL_COUNT + 1)
     ),
     ActionSpec(
-        "stretch", QT_TR_NOOP("Start or end a stretch"), "brackets-square", ("Ctrl+R",), kind="mark",
+        "stretch", QT_TR_NOOP("Start or end an interval"), "brackets-square", ("Ctrl+R",), kind="mark",
         enabled_when="recording",
         intent=begin_or_end_interval, group=MARKS_GROUP,
     ),
     ActionSpec(
-        "mark_earlier", QT_TR_NOOP("That mark was 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",
+        "mark_earlier", QT_TR_NOOP("Move the last mark 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",
         enabled_when="recording",
         intent=move_last_mark_back, group=MARKS_GROUP,
     ),
     ActionSpec(
-        "mark_undo", QT_TR_NOOP("Take the last mark back"), "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
+        "mark_undo", QT_TR_NOOP("Undo the last mark"), "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
         enabled_when="recording", intent=withdraw_last_mark, group=MARKS_GROUP,
     ),
     ActionSpec(
@@ -369,7 +369,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec("choose_wizard", QT_TR_NOOP("Another wizard…"), "user-gear", callback="choose_wizard",
     group=SCENARIO_GROUP),
-    ActionSpec("alarms", QT_TR_NOOP("What is wrong now"), "warning-octagon", callback="show_alarms",
+    ActionSpec("alarms", QT_TR_NOOP("Active alarms"), "warning-octagon", callback="show_alarms",
     group=ALARMS_GROUP),
     ActionSpec(
         "next_camera", QT_TR_NOOP("Show the next camera"), "video-camera", ("Ctrl+Shift+V",), ("V",),
@@ -381,12 +381,12 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group=WINDOW_GROUP,
     ),
     ActionSpec(
-        "find_said", QT_TR_NOOP("Search what was said"), "chats", ("Ctrl+F",), callback="search_said",
+        "find_said", QT_TR_NOOP("Search the transcript"), "chats", ("Ctrl+F",), callback="search_said",
         group=WINDOW_GROUP,
         panel="conversation",
     ),
     ActionSpec(
-        "preflight", QT_TR_NOOP("Checks before a recording"), "clipboard-text", ("Ctrl+Shift+C",),
+        "preflight", QT_TR_NOOP("Preflight checks"), "clipboard-text", ("Ctrl+Shift+C",),
         callback="show_preflight", group=SESSION_GROUP,
     ),
     ActionSpec(
@@ -394,7 +394,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
         group=SESSION_GROUP,
     ),
     ActionSpec(
-        "layout_undo", QT_TR_NOOP("Undo the last change of the layout"), "arrow-u-up-left", ("Ctrl+Shift+D",),
+        "layout_undo", QT_TR_NOOP("Undo the last layout change"), "arrow-u-up-left", ("Ctrl+Shift+D",),
         callback="undo_layout", group=WINDOW_GROUP,
     ),
     ActionSpec(
@@ -410,7 +410,7 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "frame_back",
-        QT_TR_NOOP("One frame back"),
+        QT_TR_NOOP("Previous frame"),
         "caret-left",
         (",",),
         callback="step",
@@ -418,11 +418,11 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
         group=REPLAY_GROUP,
     ),
     ActionSpec(
-        "frame_on", QT_TR_NOOP("One frame on"), "caret-right", (".",), callback="step", argument=1, group=REPLAY_GROUP
+        "frame_on", QT_TR_NOOP("Next frame"), "caret-right", (".",), callback="step", argument=1, group=REPLAY_GROUP
     ),
     ActionSpec(
         "previous_mark",
-        QT_TR_NOOP("To the previous mark"),
+        QT_TR_NOOP("Previous mark"),
         "skip-back",
         ("Ctrl+Left",),
         callback="jump",
@@ -431,7 +431,7 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "next_mark",
-        QT_TR_NOOP("To the next mark"),
+        QT_TR_NOOP("Next mark"),
         "skip-forward",
         ("Ctrl+Right",),
         callback="jump",
@@ -440,7 +440,7 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "previous_utterance",
-        QT_TR_NOOP("To the previous utterance"),
+        QT_TR_NOOP("Previous utterance"),
         "chat-text",
         ("Ctrl+Shift+Left",),
         callback="jump",
@@ -449,7 +449,7 @@ REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "next_utterance",
-        QT_TR_NOOP("To the next utterance"),
+        QT_TR_NOOP("Next utterance"),
         "chat-text",
         ("Ctrl+Shift+Right",),
         callback="jump",
@@ -485,7 +485,7 @@ def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) 
 TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec(
         "focus_timeline",
-        QT_TR_NOOP("Into the timeline"),
+        QT_TR_NOOP("Go to the timeline"),
         "rows",
         ("Ctrl+T",),
         callback="focus_timeline",
@@ -520,7 +520,7 @@ TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
     _on_timeline("annotation_rename", QT_TR_NOOP("Rename"), "pencil-simple", "Return", callback="rename_selected"),
     _on_timeline("annotation_remove", QT_TR_NOOP("Remove"), "trash", "Del", "Backspace", callback="remove_selected"),
     _on_timeline(
-        "annotation_begin", QT_TR_NOOP("Begin at the playhead"), "arrow-line-left", "B", callback="begin_at_playhead"
+        "annotation_begin", QT_TR_NOOP("Start at the playhead"), "arrow-line-left", "B", callback="begin_at_playhead"
     ),
     _on_timeline(
         "annotation_end", QT_TR_NOOP("End at the playhead"), "arrow-line-right", "E", callback="end_at_playhead"
@@ -557,8 +557,8 @@ TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
         callback="select_next",
         argument=1,
     ),
-    _on_timeline("second_back", QT_TR_NOOP("One second back"), "caret-left", "Left", callback="seek_by", argument=-1.0),
-    _on_timeline("second_on", QT_TR_NOOP("One second on"), "caret-right", "Right", callback="seek_by", argument=1.0),
+    _on_timeline("second_back", QT_TR_NOOP("1 second back"), "caret-left", "Left", callback="seek_by", argument=-1.0),
+    _on_timeline("second_on", QT_TR_NOOP("1 second forward"), "caret-right", "Right", callback="seek_by", argument=1.0),
     _on_timeline("tier_above", QT_TR_NOOP("Tier above"), "caret-up", "Up", callback="select_tier", argument=-1),
     _on_timeline("tier_below", QT_TR_NOOP("Tier below"), "caret-down", "Down", callback="select_tier", argument=1),
     _on_timeline(

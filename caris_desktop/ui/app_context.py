@@ -21,7 +21,7 @@ from caris_desktop.ui.window_appearance import Appearance
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 THEME_WORDS: dict[ThemeChoice, str] = {
-    "system": QT_TR_NOOP("Like the system"),
+    "system": QT_TR_NOOP("Same as system"),
     "dark": QT_TR_NOOP("Dark"),
     "light": QT_TR_NOOP("Light"),
 }

@@ -78,11 +78,11 @@ class EmergencyBanner(Banner):
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         match drive.movement:
             case "uncommanded":
-                said = tr("Emergency stop is on, but the robot moves. Use the stop on the robot itself.")
+                said = tr("Emergency stop active, but the robot is moving. Use the stop on the robot itself.")
             case "standing":
-                said = tr("Emergency stop is on. The robot stands, and gets no motion until you release it.")
+                said = tr("Emergency stop active, robot stationary. No motion until you release the stop.")
             case _:
-                said = tr("Emergency stop is on. The robot gets no motion until you release it.")
+                said = tr("Emergency stop active. No motion commands until you release it.")
         if said != self.accessibleName():
             self.say(said)
         self.setVisible(drive.emergency_stop)
@@ -93,10 +93,10 @@ class GuardBanner(Banner):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
-        self.say(tr("Obstacle guard is off. Nothing slows or stops the robot before obstacles."))
-        on = ActionButton(theme, tr("Switch on"), icon="shield-check", height_px=_BUTTON_PX)
-        on.setAccessibleName(tr("Switch the guard on"))
-        on.setToolTip(tr("Switch the guard on"))
+        self.say(tr("Obstacle guard is off. The robot does not slow down or stop for obstacles."))
+        on = ActionButton(theme, tr("Turn on"), icon="shield-check", height_px=_BUTTON_PX)
+        on.setAccessibleName(tr("Turn on the guard"))
+        on.setToolTip(tr("Turn on the guard"))
         on.setObjectName("guard_on")
         on.clicked.connect(lambda: console.do(intents.SetGuard(on=True)))
         self.row.addWidget(on)

@@ -45,7 +45,9 @@ class ClosingWindow(QWidget):
     def _wait(self) -> None:
         elapsed_s = time.monotonic() - self._began_s
         if elapsed_s > SHOWN_AFTER_S:
-            self._since.setText(tr("For {time} s. Do not switch the computer off.").format(time=f"{elapsed_s:.0f}"))
+            self._since.setText(
+                tr("Running for {time} s. Do not turn off the computer.").format(time=f"{elapsed_s:.0f}")
+            )
             self.show()
         # No user input is processed: the program is quitting.
         QApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents, _STEP_MS)

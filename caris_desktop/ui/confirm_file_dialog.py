@@ -20,7 +20,7 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
     def __init__(self, theme: Theme, parent: QWidget, question: FileQuestion) -> None:
         super().__init__(parent)
         self.setObjectName("confirm_file_dialog")
-        self.setWindowTitle(tr("Before it is used"))
+        self.setWindowTitle(tr("Confirm before use"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._theme = theme
         heading = (
@@ -32,13 +32,16 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         file.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         theme.color_text(file, "dim")
         hint = _label(
-            tr("Nothing of the file is used until you allow it. You are asked again if the file names something new.")
+            tr(
+                "Nothing in the file is used until you allow it. You will be asked again if the file refers to "
+                "something new."
+            )
         )
         buttons = QHBoxLayout()
-        cancel = ActionButton(theme, tr("Do not use it"), height_px=40)
+        cancel = ActionButton(theme, tr("Do not allow"), height_px=40)
         cancel.setObjectName("confirm_file_cancel")
         cancel.clicked.connect(self.reject)
-        allow = ActionButton(theme, tr("Allow all of this"), height_px=40)
+        allow = ActionButton(theme, tr("Allow all"), height_px=40)
         allow.setObjectName("confirm_file_allow")
         allow.clicked.connect(self.accept)
         buttons.addStretch(1)
@@ -70,7 +73,7 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         column.addStretch(1)
         scroll = QScrollArea(widgetResizable=True)
         scroll.setObjectName("confirm_file_list")
-        scroll.setAccessibleName(tr("What the file names"))
+        scroll.setAccessibleName(tr("Items the file refers to"))
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(holder)

@@ -22,7 +22,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowRow
 SPAN_S = 60.0
 _SAMPLE_MS = 250
 _CURVES = (
-    ("round_trip", QT_TR_NOOP("To the robot and back"), "blue", Qt.PenStyle.SolidLine),
+    ("round_trip", QT_TR_NOOP("Round trip to the robot"), "blue", Qt.PenStyle.SolidLine),
     ("video", QT_TR_NOOP("Age of the picture"), "green", Qt.PenStyle.DashLine),
     ("lidar", QT_TR_NOOP("Age of the LIDAR scan"), "amber", Qt.PenStyle.DotLine),
 )
@@ -72,9 +72,9 @@ class ConnectionCard(Overlay):
         self._state = state
         self._facts = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._facts.setObjectName("connection_facts")
-        diagnostics = self._diagnostics = ActionButton(theme, tr("Every topic"), icon="gauge")
+        diagnostics = self._diagnostics = ActionButton(theme, tr("All topics"), icon="gauge")
         diagnostics.setObjectName("connection_diagnostics")
-        diagnostics.setToolTip(tr("Open the Diagnostics panel: rate, age and size of everything that comes"))
+        diagnostics.setToolTip(tr("Open the Diagnostics panel: rate, age and size of all incoming data"))
         diagnostics.clicked.connect(self.diagnostics_requested)
         robots = ActionButton(theme, tr("Another robot…"), icon="robot")
         robots.setObjectName("connection_robots")

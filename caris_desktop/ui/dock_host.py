@@ -32,7 +32,7 @@ from caris_desktop.ui.panel import Panel
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
 _LEAVE_MS = 1
-LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the menu Layout.")
+LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the Layout menu.")
 
 
 class DockHost(DockArea):
@@ -343,7 +343,7 @@ class DockHost(DockArea):
         """Dock a floating panel where it was before."""
         if self._arrangement is not None and name in self._arrangement.panels:
             back = edits.dock(self._arrangement, name)
-            if self.edit(tr("Put {panel} back").format(panel=self._title(name)), back):
+            if self.edit(tr("Dock {panel}").format(panel=self._title(name)), back):
                 self._go_to(name)
 
     def toggle_floating(self, name: PanelName) -> None:
@@ -387,7 +387,7 @@ class DockHost(DockArea):
         if let_go:
             before, self._before_resize = self._before_resize, None
             if before != self._arrangement:
-                self.edited.emit(tr("Change sizes"), before)
+                self.edited.emit(tr("Resize panels"), before)
                 self.layout_changed.emit()
 
     def _on_window_moved(self, index: int, place: Rect) -> None:
@@ -407,7 +407,7 @@ class DockHost(DockArea):
         after = self._arrangement
         for name in panels_in(after.floating[index].tree):
             after = edits.dock(after, name)
-        self.edit(tr("Put panels back"), after)
+        self.edit(tr("Dock panels"), after)
 
     # ---- drawer
 
@@ -462,14 +462,14 @@ class DockHost(DockArea):
     def _what_drops(self, name: PanelName, found: tuple[DockArea, Drop | None] | None) -> str:
         title = self._title(name)
         if found is None:
-            return tr("{panel}: a window of its own").format(panel=title)
+            return tr("{panel}: in a separate window").format(panel=title)
         drop = found[1]
         if drop is None:
             return tr("{panel}: stays here").format(panel=title)
         if drop.beside is None:
-            return tr("{panel}: along the whole edge").format(panel=title)
+            return tr("{panel}: along the entire edge").format(panel=title)
         if drop.side == "tab":
-            return tr("{panel}: into the tabs of {other}").format(panel=title, other=self._title(drop.beside))
+            return tr("{panel}: as a tab with {other}").format(panel=title, other=self._title(drop.beside))
         return tr(_BESIDE[drop.side]).format(panel=title, other=self._title(drop.beside))
 
     def _on_drag_dropped(self, name: PanelName, at: QPoint) -> None:
@@ -518,9 +518,9 @@ class DockHost(DockArea):
         if arrangement is None:
             return
         afloat = name in arrangement.afloat
-        floats = menu.addAction(tr("Put back into the main window") if afloat else tr("Into a window of its own"))
+        floats = menu.addAction(tr("Dock in the main window") if afloat else tr("Open in a separate window"))
         floats.triggered.connect(lambda: self.toggle_floating(name))
-        large = menu.addAction(tr("Show large for a moment"))
+        large = menu.addAction(tr("Enlarge temporarily"))
         large.triggered.connect(lambda: self._open_drawer_of(name))
         for words, by_px in ((tr("Larger"), RESIZE_PX), (tr("Smaller"), -RESIZE_PX)):
             resizes = menu.addAction(words)
@@ -549,7 +549,7 @@ def _holds(dock: Dock, widget: QWidget | None) -> bool:
 
 
 _MENU_SIDES: Mapping[Side, str] = {
-    "tab": QT_TR_NOOP("Into the tabs of"),
+    "tab": QT_TR_NOOP("As a tab with"),
     "left": QT_TR_NOOP("Left of"),
     "right": QT_TR_NOOP("Right of"),
     "above": QT_TR_NOOP("Above"),

@@ -215,7 +215,7 @@ class DriveInputFilter(QObject):
     # ---- key bindings
 
     def _on_rebound(self) -> None:
-        self.release_all(QT_TR_NOOP("The keys were changed"))
+        self.release_all(QT_TR_NOOP("The key bindings were changed"))
         self._bindings.take(self._actions.all_specs)
 
     def _on_rebuilt(self) -> None:
@@ -242,7 +242,7 @@ class DriveInputFilter(QObject):
         if kind == QEvent.Type.WindowDeactivate and self._is_ours(watched):
             # Focus moves between the main window and a floating panel, which belong together.
             if not self._is_ours(self._app.activeWindow()):
-                self.release_all(QT_TR_NOOP("The window lost the focus"))
+                self.release_all(QT_TR_NOOP("The window lost focus"))
             self._update_key_owner()
         elif kind == QEvent.Type.WindowActivate and self._is_ours(watched):
             self._forget_keys_that_went_up_elsewhere()
@@ -320,7 +320,9 @@ class DriveInputFilter(QObject):
             return False
         if self._types_at_button.isActive():
             self._types_at_button.start()
-            self.slipped.emit(tr("You are typing where no text goes. Rest for 3 seconds, then this key works again."))
+            self.slipped.emit(
+                tr("You are typing, but no text field has the focus. Pause for 3 seconds, then this key works again.")
+            )
             return True
         if bar_of(target) is None or not self._is_ours(window_of(target)):
             return False
@@ -521,16 +523,16 @@ class DriveInputFilter(QObject):
         self._owned[identity] = None
         if event.key() == Qt.Key.Key_Space and self._actions.spec("push_to_talk") is not None:
             talk = self._actions.key_text("push_to_talk")
-            said = tr("Nothing is on Alt and Space. Hold {key} to speak through the robot.").format(key=talk)
+            said = tr("Alt+Space has no function. Hold {key} to speak through the robot.").format(key=talk)
         elif self._actions.spec("drive_forward") is not None:
-            said = self._how_to_drive(tr("Nothing is on this key with Alt."))
+            said = self._how_to_drive(tr("This key has no function with Alt."))
         else:
-            said = tr("Nothing is on this key with Alt.")
+            said = tr("This key has no function with Alt.")
         self.slipped.emit(said)
         return True
 
     def _how_to_drive(self, why_not: str) -> str:
-        how = tr("{why} Hold {key} to drive, or go back to driving with {back}.")
+        how = tr("{why} Hold {key} to drive, or press {back} to return to driving.")
         caps = [self._actions.caps(spec, spec.keys[:1])[0] for name in ("drive_forward", "focus_driving")
                 if (spec := self._actions.spec(name)) is not None and spec.keys]  # fmt: skip
         return how.format(why=why_not, key=caps[0], back=caps[-1]) if len(caps) > 1 else why_not
@@ -674,7 +676,7 @@ class DriveInputFilter(QObject):
         if (timer := self._about_to_talk.pop(identity, None)) is not None:
             timer.stop()
             timer.deleteLater()
-            self.slipped.emit(tr("Hold this key to speak. A tap opens no microphone."))
+            self.slipped.emit(tr("Hold this key to speak. A short press does not turn on the microphone."))
         mark = self._marking.pop(identity, None)
         if mark is not None:
             self.mark_released.emit(mark)
@@ -709,7 +711,7 @@ class DriveInputFilter(QObject):
             # A stop must work even where the window manager grabs Alt+Escape.
             self._on_stop_key(Qt.Key(key))
         else:
-            self.release_all(QT_TR_NOOP("The window manager took the keyboard"))
+            self.release_all(QT_TR_NOOP("The window manager took over the keyboard"))
 
     def _stop(self) -> None:
         self.motion.end_held()
@@ -794,7 +796,7 @@ class DriveInputFilter(QObject):
         self._actions.set_driving_focus(driving)
         self._update_key_owner()
         if not driving:
-            self.motion.end_bare_keys(QT_TR_NOOP("The driving panels lost the focus"))
+            self.motion.end_bare_keys(QT_TR_NOOP("The driving panels lost focus"))
             for identity in tuple(self._about_to_talk):
                 self._end_marking(identity)
 

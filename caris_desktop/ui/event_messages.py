@@ -34,9 +34,9 @@ def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | Non
 def _assistant_sentence(setting: str, name: str) -> str:
     match setting:
         case "model":
-            return tr("The assistant asks {model}").format(model=name)
+            return tr("The assistant uses {model}").format(model=name)
         case "reset":
-            return tr("The assistant is asked as the scenario says")
+            return tr("The assistant’s settings were reset to those of the scenario")
         case "role":
             return tr("The assistant's role: {role}").format(role=name) if name else tr("The assistant's role: none")
         case "style":
@@ -65,15 +65,15 @@ def _by_whom(event: object) -> str:
 def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
     match event:
         case events.LinkChanged(link="media", state=state):
-            return (PROBLEMS, tr("Camera and map are out of reach")) if state == "lost" else None
+            return (PROBLEMS, tr("The camera and map connection was lost")) if state == "lost" else None
         case events.LinkChanged(state="connected"):
             return SESSION, tr("The robot is connected")
         case events.LinkChanged(state="connecting"):
-            return SESSION, tr("Looking for the robot")
+            return SESSION, tr("Connecting to the robot")
         case events.LinkChanged(state="trouble", detail=detail):
-            return PROBLEMS, with_detail(tr("The connection to the robot is unsteady"), detail)
+            return PROBLEMS, with_detail(tr("The connection to the robot is unstable"), detail)
         case events.LinkChanged(state="lost", detail=detail):
-            return PROBLEMS, with_detail(tr("The robot is out of reach"), detail)
+            return PROBLEMS, with_detail(tr("The robot is unreachable"), detail)
         case events.LinkChanged(state="closed"):
             return SESSION, tr("The connection to the robot was closed")
         case events.DriveEnded(reason=reason):
@@ -82,8 +82,8 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             return MOVED, tr("Stop")
         case events.EmergencyStopChanged(latched=latched, by=by):
             if by == "wizard":
-                return MOVED, tr("Emergency stop on") if latched else tr("Emergency stop released")
-            return MOVED, tr("Emergency stop on by the robot") if latched else tr(
+                return MOVED, tr("Emergency stop activated") if latched else tr("Emergency stop released")
+            return MOVED, tr("Emergency stop activated by the robot") if latched else tr(
                 "Emergency stop released by the robot"
             )
         case events.GoalChanged(state=state, place=place, detail=detail):
@@ -122,7 +122,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.LlmExchange(outcome="answered", model=model):
             return SAID, tr("The assistant answered ({model})").format(model=model)
         case events.LlmExchange(outcome="cancelled"):
-            return SAID, tr("Question to the assistant cancelled")
+            return SAID, tr("The question to the assistant was cancelled")
         case events.LlmExchange(detail=detail):
             return PROBLEMS, with_detail(tr("The assistant gave no answer"), detail)
         case events.ProposalChanged(state="displayed" | "counting", intent=intent, arguments=arguments):
@@ -152,14 +152,14 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             said = tr("Photo tagged ({file}: {tags})")
             return SESSION, said.format(file=file_name.rsplit("/", 1)[-1], tags=", ".join(tags) or tr("no tags"))
         case events.PhotoDeleted(file_name=file_name, restored=restored):
-            said = tr("Photo brought back ({file})") if restored else tr("Photo deleted ({file})")
+            said = tr("Photo restored ({file})") if restored else tr("Photo deleted ({file})")
             return SESSION, said.format(file=file_name.rsplit("/", 1)[-1])
         case events.Marked():
             return SESSION, mark_sentence(event)
         case events.StepEntered() | events.ProtocolEnded() | events.StepTicked():
             return SESSION, _step_sentence(event)
         case events.RecordingPaused(paused=paused):
-            return SESSION, tr("Recording paused") if paused else tr("Recording goes on")
+            return SESSION, tr("Recording paused") if paused else tr("Recording resumed")
         case events.PreflightChecked():
             return log_line(event)
         case events.RobotChosen(title=title):
@@ -175,14 +175,14 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.AlarmChanged(state="raised", told=False, what=what):
             return PROBLEMS, what
         case events.AlarmChanged(state="ended", what=what, actor=actor):
-            over = tr("Over: {problem}") if actor == CONSOLE else tr("Seen to: {problem}")
+            over = tr("Ended: {problem}") if actor == CONSOLE else tr("Dismissed: {problem}")
             return PROBLEMS, over.format(problem=what)
         case events.SessionStarted(folder=folder):
             return SESSION, tr("Recording started ({folder})").format(folder=folder)
         case events.SessionEnded(folder=folder):
             return SESSION, tr("Recording ended ({folder})").format(folder=folder)
         case events.TrialResumed(folder=folder):
-            return SESSION, tr("The trial goes on after the unexpected end of {folder}").format(folder=folder)
+            return SESSION, tr("The trial resumed after {folder} ended unexpectedly").format(folder=folder)
         case events.PracticeStepEnded(number=number, done=done):
             text = tr("Practice: step {number} done") if done else tr("Practice: step {number} skipped")
             return SESSION, text.format(number=number)
@@ -190,7 +190,7 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
             text = tr("Practice ended: {done} of {steps} steps, {score} of 100 points")
             return SESSION, text.format(done=done, steps=steps, score=score)
         case events.ConfirmedAsBefore(what="people", person_id=person_id) if person_id:
-            return SESSION, tr("Confirmed: {name} is who the list says").format(name=name_of(person_id))
+            return SESSION, tr("Confirmed: {name} is identified correctly").format(name=name_of(person_id))
         case events.ConfirmedAsBefore(what=what):
             return SESSION, tr(CONFIRMED[what])
         case _:
@@ -199,9 +199,9 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
 
 CONFIRMED: dict[intents.AsBefore, str] = {
     "map": QT_TR_NOOP("Confirmed: the robot is where the map shows it"),
-    "people": QT_TR_NOOP("Confirmed: people are who the list says"),
-    "permissions": QT_TR_NOOP("Confirmed: what is recorded and what the language model may do"),
-    "consent": QT_TR_NOOP("Confirmed: the participant agrees to go on"),
+    "people": QT_TR_NOOP("Confirmed: people are identified correctly"),
+    "permissions": QT_TR_NOOP("Confirmed: permissions of the recording and the language model"),
+    "consent": QT_TR_NOOP("Confirmed: the participant agrees to continue"),
 }
 
 FUNCTIONS: dict[events.AssistedFunction, str] = {
@@ -211,8 +211,8 @@ FUNCTIONS: dict[events.AssistedFunction, str] = {
 }
 LEVELS: dict[events.AssistanceLevel, str] = {
     "off": QT_TR_NOOP("Off"),
-    "suggest": QT_TR_NOOP("Suggest: my key does it"),
-    "act": QT_TR_NOOP("By itself, after a countdown"),
+    "suggest": QT_TR_NOOP("Suggest (I confirm by key)"),
+    "act": QT_TR_NOOP("Automatic (after a countdown)"),
 }
 
 
@@ -235,24 +235,24 @@ def _proposed(intent: str, arguments: Mapping[str, float | str | bool]) -> str:
 _GOALS = {
     "requested": QT_TR_NOOP("Going to {place}"),
     "reached": QT_TR_NOOP("Arrived at {place}"),
-    "cancelled": QT_TR_NOOP("No longer going to {place}"),
-    "failed": QT_TR_NOOP("Could not get to {place}"),
+    "cancelled": QT_TR_NOOP("Going to {place} was cancelled"),
+    "failed": QT_TR_NOOP("Could not reach {place}"),
 }
 _MOVEMENTS = {
-    "uncommanded": QT_TR_NOOP("The robot moves without a command from here"),
-    "commanded_elsewhere": QT_TR_NOOP("Something else sends the robot drive commands"),
-    "not_following": QT_TR_NOOP("The robot does not follow the drive commands"),
-    "silent": QT_TR_NOOP("No odometry comes"),
+    "uncommanded": QT_TR_NOOP("The robot is moving without a command from this console"),
+    "commanded_elsewhere": QT_TR_NOOP("Another source is sending drive commands to the robot"),
+    "not_following": QT_TR_NOOP("The robot is not following the drive commands"),
+    "silent": QT_TR_NOOP("No odometry received"),
 }
 _PROPOSALS = {
     "confirmed": QT_TR_NOOP("Proposal confirmed: {act}"),
     "vetoed": QT_TR_NOOP("Proposal rejected: {act}"),
-    "lapsed": QT_TR_NOOP("Proposal lapsed: {act}"),
+    "lapsed": QT_TR_NOOP("Proposal expired: {act}"),
 }
 _DETAILS = {
-    "group": QT_TR_NOOP("The group of {person} changed"),
-    "tags": QT_TR_NOOP("The tags of {person} changed"),
-    "note": QT_TR_NOOP("The note about {person} changed"),
+    "group": QT_TR_NOOP("The group of {person} was changed"),
+    "tags": QT_TR_NOOP("The tags of {person} were changed"),
+    "note": QT_TR_NOOP("The note about {person} was changed"),
 }
 CONSENTS: dict[events.ConsentKind, str] = {
     "face": QT_TR_NOOP("being recognised by face"),
@@ -261,15 +261,15 @@ CONSENTS: dict[events.ConsentKind, str] = {
     "sound": QT_TR_NOOP("sound recording"),
 }
 _UNDONE = {
-    "named": QT_TR_NOOP("Taken back: a name"),
-    "group": QT_TR_NOOP("Taken back: a group"),
-    "tags": QT_TR_NOOP("Taken back: tags"),
-    "note": QT_TR_NOOP("Taken back: a note"),
-    "identified": QT_TR_NOOP("Taken back: who somebody is"),
-    "rejected": QT_TR_NOOP("Taken back: who somebody is not"),
-    "merged": QT_TR_NOOP("Taken back: two people being one"),
-    "split": QT_TR_NOOP("Taken back: one person being two"),
-    "consent": QT_TR_NOOP("Taken back: a consent"),
+    "named": QT_TR_NOOP("Undone: naming a person"),
+    "group": QT_TR_NOOP("Undone: changing a group"),
+    "tags": QT_TR_NOOP("Undone: changing tags"),
+    "note": QT_TR_NOOP("Undone: changing a note"),
+    "identified": QT_TR_NOOP("Undone: identifying a person"),
+    "rejected": QT_TR_NOOP("Undone: rejecting an identity"),
+    "merged": QT_TR_NOOP("Undone: merging two people"),
+    "split": QT_TR_NOOP("Undone: splitting a person"),
+    "consent": QT_TR_NOOP("Undone: changing a consent"),
 }
 DECISIONS_ABOUT_PEOPLE = (
     events.PersonRenamed, events.PersonIdentified, events.PersonRejected, events.PersonDescribed, events.PeopleMerged,
@@ -290,13 +290,13 @@ def _about_people(event: object, name_of: NameOf) -> str:
         case events.PersonIdentified(is_person_id=other):
             return tr("{person} confirmed").format(person=name_of(other))
         case events.PersonRejected(is_person_id=other):
-            return tr("Not {person}: somebody else").format(person=name_of(other))
+            return tr("Not {person}: a different person").format(person=name_of(other))
         case events.PersonDescribed(person_id=person_id, detail=detail):
             return tr(_DETAILS[detail]).format(person=name_of(person_id))
         case events.PeopleMerged(into_person_id=into):
-            return tr("Two people were one: {person}").format(person=name_of(into))
+            return tr("Merged into one person: {person}").format(person=name_of(into))
         case events.PersonSplit(person_id=person_id, from_person_id=other):
-            said = tr("{person} was not {other}: two people now")
+            said = tr("Split: {person} and {other} are two people")
             return said.format(person=name_of(person_id), other=name_of(other))
         case events.ConsentNoted(person_id=person_id, kind=kind, given=given):
             said = tr("{person} agrees to {kind}") if given else tr("{person} no longer agrees to {kind}")
@@ -304,7 +304,7 @@ def _about_people(event: object, name_of: NameOf) -> str:
         case events.PeopleUndone(decision=decision):
             return tr(_UNDONE[decision])
         case _:
-            return tr("Somebody was forgotten")
+            return tr("A person was erased")
 
 
 def _step_sentence(event: events.StepEntered | events.ProtocolEnded | events.StepTicked) -> str:
@@ -312,7 +312,7 @@ def _step_sentence(event: events.StepEntered | events.ProtocolEnded | events.Ste
         case events.ProtocolEnded():
             return tr("The protocol ended")
         case events.StepTicked(item=item, on=on):
-            return (tr("Ticked off: {item}") if on else tr("Not done after all: {item}")).format(item=item)
+            return (tr("Ticked off: {item}") if on else tr("Unticked: {item}")).format(item=item)
         case events.StepEntered(number=number, title=title, branch=branch):
             if branch:
                 return tr("Step {number}: {title} ({branch})").format(number=number, title=title, branch=branch)
@@ -324,11 +324,11 @@ def _navigation_sentence(
 ) -> tuple[Category, str] | None:
     match event:
         case events.GuardChanged(state="overridden"):
-            return MOVED, tr("Obstacle guard switched off")
+            return MOVED, tr("Obstacle guard turned off")
         case events.GuardChanged(state="blind", detail=detail):
-            return PROBLEMS, with_detail(tr("The obstacle guard lets the robot crawl only"), detail)
+            return PROBLEMS, with_detail(tr("The obstacle guard allows crawl speed only"), detail)
         case events.InitialPoseSet():
-            return MOVED, tr("The robot was told where it is")
+            return MOVED, tr("The robot’s position was set")
         case events.MapRequestChanged(operation="save" | "load" as operation, name=name, state=state, detail=detail):
             save = operation == "save"
             if state == "failed":
@@ -337,9 +337,11 @@ def _navigation_sentence(
             said = tr("The map {map} was saved") if save else tr("The map {map} was loaded")
             return (SESSION, said.format(map=name)) if state == "succeeded" else None
         case events.MapRequestChanged(state="failed", detail=detail):
-            return PROBLEMS, with_detail(tr("Mapping was not switched"), detail)
+            return PROBLEMS, with_detail(tr("The mapping mode was not changed"), detail)
         case events.MappingChanged(mapping=mapping) if mapping is not None:
-            return SESSION, tr("The robot builds the map") if mapping else tr("The robot keeps the map as it is")
+            return SESSION, tr("The robot is building the map") if mapping else tr(
+                "The robot only localises and does not change the map"
+            )
         case _:
             return None
 
@@ -348,7 +350,7 @@ def _control_sentence(event: events.ControlUsed) -> tuple[Category, str] | None:
     """Sentence about a control; for a slider, which is dragged, only failures."""
     title = event.control.replace("_", " ")
     if event.state == "failed":
-        return PROBLEMS, with_detail(tr("Robot: {control} did not work").format(control=title), event.detail)
+        return PROBLEMS, with_detail(tr("Robot: {control} failed").format(control=title), event.detail)
     if event.state != "succeeded" or (isinstance(event.value, float) and not isinstance(event.value, bool)):
         return None
     if event.value is True:

@@ -31,9 +31,9 @@ from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),
-    (QT_TR_NOOP("CC0 1.0: anyone may do anything"), "CC0-1.0"),
-    (QT_TR_NOOP("CC BY 4.0: name the authors"), "CC-BY-4.0"),
-    (QT_TR_NOOP("CC BY-NC 4.0: name the authors, not for profit"), "CC-BY-NC-4.0"),
+    (QT_TR_NOOP("CC0 1.0: no restrictions"), "CC0-1.0"),
+    (QT_TR_NOOP("CC BY 4.0: credit the authors"), "CC-BY-4.0"),
+    (QT_TR_NOOP("CC BY-NC 4.0: credit the authors, non-commercial"), "CC-BY-NC-4.0"),
 )
 _LEAST_FORMATS_PX = 160
 _FIRST_CHOICE = ("csv", "html")
@@ -59,7 +59,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._dim: list[QLabel] = [self._which]
         self._folder = QLineEdit()
         self._folder.setObjectName("export_folder")
-        self._folder.setAccessibleName(tr("Folder to write to"))
+        self._folder.setAccessibleName(tr("Export folder"))
         self._folder.setMinimumHeight(36)
         self._folder.textChanged.connect(self._show_state)
         self._browse = ActionButton(theme, tr("Choose…"), icon="folder-open", height_px=36)
@@ -71,27 +71,27 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             self._licence.addItem(tr(text), value)
         self._licence.addItem(tr("Another licence…"), None)
         self._licence.currentIndexChanged.connect(self._show_state)
-        self._other = QLineEdit(placeholderText=tr("name or address of the licence"), maxLength=200)
+        self._other = QLineEdit(placeholderText=tr("name or URL of the licence"), maxLength=200)
         self._other.setObjectName("export_other_licence")
-        self._other.setAccessibleName(tr("Name or address of the licence"))
+        self._other.setAccessibleName(tr("Name or URL of the licence"))
         self._other.setMinimumHeight(36)
         self._names = CheckBox(
-            theme, tr("Names of wizards and coders, and the robot’s address, in place of W1, C1 …"), wraps=True
+            theme, tr("Include the names of wizards and coders and the robot’s address instead of W1, C1 …"), wraps=True
         )
         self._names.setObjectName("export_with_names")
         self._names.setToolTip(
-            tr("Only for those who may know who they were. What was said is exported as it was said.")
+            tr("Only for recipients who may know these identities. Transcripts are exported unchanged.")
         )
         self._plain_csv = CheckBox(
-            theme, tr("CSV for programs: no apostrophe before text that begins like a formula"), wraps=True
+            theme, tr("CSV for programs: no apostrophe before text that starts like a formula"), wraps=True
         )
         self._plain_csv.setObjectName("export_plain_csv")
         self._plain_csv.setToolTip(
-            tr("Not for spreadsheets, which would take text for formulas; some formulas send data elsewhere.")
+            tr("Not for spreadsheets: they would treat such text as formulas, and some formulas send data elsewhere.")
         )
-        self._csv_bom = CheckBox(theme, tr("CSV that begins with the byte order mark of UTF-8"), wraps=True)
+        self._csv_bom = CheckBox(theme, tr("CSV with a UTF-8 byte order mark"), wraps=True)
         self._csv_bom.setObjectName("export_csv_bom")
-        self._csv_bom.setToolTip(tr("For spreadsheets that show letters such as ü or é wrongly."))
+        self._csv_bom.setToolTip(tr("For spreadsheets that show letters such as ü or é incorrectly."))
         self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
         self._bar.setRange(0, 1000)
@@ -166,12 +166,12 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         head.addWidget(self._which)
         layout.addLayout(head)
         layout.addWidget(self._make_formats(), 1)
-        layout.addWidget(self._label(tr("Where to")))
+        layout.addWidget(self._label(tr("Export to")))
         where = layouts.hbox(spacing_px=8)
         where.addWidget(self._folder, 1)
         where.addWidget(self._browse)
         layout.addLayout(where)
-        layout.addWidget(self._label(tr("Licence, if others will get the data")))
+        layout.addWidget(self._label(tr("Licence, if the data will be shared")))
         licence = layouts.hbox(spacing_px=8)
         licence.addWidget(self._licence, 1)
         licence.addWidget(self._other, 1)
@@ -232,7 +232,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         # Qt's non-modal dialog: a system file dialog would take the keys that stop the robot.
         wanted = Path(self._folder.text().strip()).expanduser()
         there = next((path for path in (wanted, *wanted.parents) if path.is_dir()), Path.home())
-        dialog = QFileDialog(self, tr("Where to export to"), str(there))
+        dialog = QFileDialog(self, tr("Choose the export folder"), str(there))
         dialog.setObjectName("export_folder_dialog")
         dialog.setFileMode(QFileDialog.FileMode.Directory)
         dialog.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.ShowDirsOnly)
@@ -301,7 +301,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
         exports = tr("1 export") if written == 1 else tr("%n exports", "", written)
-        kept = tr("What was finished stays ({exports}).").format(exports=exports) if written else ""
+        kept = tr("Finished exports remain ({exports}).").format(exports=exports) if written else ""
         match status.state:
             case "done":
                 if self._out is None:
@@ -310,9 +310,9 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
                     text = tr("Done: {exports} in {folder}.").format(exports=exports, folder=self._out)
                 return (f"{text} {status.detail}".strip(), "amber" if status.detail else "green")
             case "cancelled":
-                return " ".join((tr("Cancelled."), kept or tr("Nothing was written."))), "dim"
+                return " ".join((tr("Cancelled."), kept or tr("Nothing was saved."))), "dim"
             case _:
-                why = status.detail or tr("The export failed; the program’s log tells why.")
+                why = status.detail or tr("The export failed; see the program’s log for the reason.")
                 return f"{why} {kept}".strip(), "red"
 
     # ---- style

@@ -42,11 +42,17 @@ from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _LEAST_ROWS_PX, _BESIDE_ROWS_PX, _BETWEEN_PX = 160, 96, 32
 _AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
-    "forward": (QT_TR_NOOP("Drive forward and back"), QT_TR_NOOP("push it the way that drives forward")),
-    "turn": (QT_TR_NOOP("Turn left and right"), QT_TR_NOOP("push it the way that turns left")),
-    "left": (QT_TR_NOOP("Move sideways"), QT_TR_NOOP("push it the way that moves left, or press a button")),
-    "pan": (QT_TR_NOOP("Turn the head"), QT_TR_NOOP("push it the way that looks left")),
-    "tilt": (QT_TR_NOOP("Tilt the head"), QT_TR_NOOP("push it the way that looks down")),
+    "forward": (
+        QT_TR_NOOP("Drive forward and back"),
+        QT_TR_NOOP("push the stick in the direction for driving forward"),
+    ),
+    "turn": (QT_TR_NOOP("Turn left and right"), QT_TR_NOOP("push the stick in the direction for turning left")),
+    "left": (
+        QT_TR_NOOP("Move sideways"),
+        QT_TR_NOOP("push the stick in the direction for moving left, or press a button"),
+    ),
+    "pan": (QT_TR_NOOP("Turn the head"), QT_TR_NOOP("push the stick in the direction for looking left")),
+    "tilt": (QT_TR_NOOP("Tilt the head"), QT_TR_NOOP("push the stick in the direction for looking down")),
     "boost": (QT_TR_NOOP("Full speed"), QT_TR_NOOP("pull the trigger")),
     "slow": (QT_TR_NOOP("Slow speed"), QT_TR_NOOP("pull the trigger")),
 }
@@ -122,7 +128,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
             sliders.addWidget(slider, line, 1)
             words.setMinimumWidth(56)
             sliders.addWidget(words, line, 2)
-        self._reset = ActionButton(theme, tr("Back to how it came"), icon="arrow-counter-clockwise")
+        self._reset = ActionButton(theme, tr("Reset to defaults"), icon="arrow-counter-clockwise")
         self._reset.setObjectName("gamepad_reset")
         self._reset.clicked.connect(self._on_reset)
         close = ActionButton(theme, tr("Close"), look="primary")
@@ -267,7 +273,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         status = status or self._state.gamepad.value
         role = "dim"
         if self._gamepads.device is None:
-            text = tr(status.detail) or tr("Plug one in, or switch it on. It is found by itself.")
+            text = tr(status.detail) or tr("Plug in or turn on a gamepad. It is detected automatically.")
         elif self._learned is not None:
             role = "blue"
             wanted = _wanted(self._learned, second=bool(self._first_way))
@@ -275,7 +281,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         elif status.detail:
             text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "amber"
         else:
-            text = tr("It does not drive while this window is in front. What you change is kept for this gamepad.")
+            text = tr("The gamepad does not drive while this window is in front. Changes are saved for this gamepad.")
         self._hint.setText(text)
         self._theme.color_text(self._hint, role)
 
@@ -332,7 +338,7 @@ class GamepadView(QWidget):
         self._names: dict[str, str] = {}
         self._dead_zone = 0.0
         self.setFixedHeight(112)
-        self.setAccessibleName(tr("The gamepad, live"))
+        self.setAccessibleName(tr("Live gamepad input"))
         theme.changed.connect(self.update)
 
     def show_sample(self, sample: GamepadSample, device: GamepadDevice | None, dead_zone: float) -> None:
@@ -421,5 +427,7 @@ def _title(action: AxisAction | ButtonAction) -> str:
 
 def _wanted(action: AxisAction | ButtonAction, *, second: bool) -> str:
     if second:
-        return tr("now the button for the other way")
-    return next((tr(text) for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), tr("press the button for it"))
+        return tr("now press the button for the opposite direction")
+    return next(
+        (tr(text) for axis, (_, text) in _AXIS_TEXTS.items() if axis == action), tr("press a button to assign it")
+    )

@@ -35,7 +35,7 @@ class Hints(QObject):
 
     def _on_not_done(self, why: str, _opens: bool) -> None:
         nowhere = self._hold.keys_go_nowhere
-        ends = tr("{why} What you type now goes nowhere; Esc or a click ends that.")
+        ends = tr("{why} Typing is ignored until you press Esc or click.")
         self.say(ends.format(why=why) if nowhere else why)
         self._by_nowhere = nowhere
 

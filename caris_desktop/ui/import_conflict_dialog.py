@@ -28,9 +28,9 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 
 _ASKED = {
-    "scenario": QT_TR_NOOP("There is a scenario called “{name}” already, and it says something else."),
-    "robot": QT_TR_NOOP("There is a robot profile called “{name}” already, and it says something else."),
-    "face": QT_TR_NOOP("There is a face called “{name}” already, and it says something else."),
+    "scenario": QT_TR_NOOP("A scenario called “{name}” already exists with different content."),
+    "robot": QT_TR_NOOP("A robot profile called “{name}” already exists with different content."),
+    "face": QT_TR_NOOP("A face called “{name}” already exists with different content."),
 }
 _LONGEST_NAME = 60
 
@@ -46,10 +46,10 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         self.setWindowTitle(tr("Import a scenario"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._decide = decide
-        heading = QLabel(tr("Some names of {file} are taken").format(file=question.path.name))
+        heading = QLabel(tr("Some names in {file} already exist").format(file=question.path.name))
         heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        hint = QLabel(tr("Nothing was changed yet. What is replaced is put aside, not deleted."), wordWrap=True)
+        hint = QLabel(tr("Nothing has been changed yet. Replaced files are set aside, not deleted."), wordWrap=True)
         theme.color_text(hint, "dim")
         holder = QWidget()
         column = layouts.vbox(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
@@ -109,25 +109,25 @@ class _Part(QWidget):
         asked.setWordWrap(True)
         asked.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         self.choice = DropDown(
-            theme, f"same_name_choice_{part.kind}", tr("What becomes of {name}").format(name=part.name)
+            theme, f"same_name_choice_{part.kind}", tr("How to import {name}").format(name=part.name)
         )
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.setMinimumSize(320, 36)
-        self.choice.addItem(tr("Keep both; the imported one is called"), False)
+        self.choice.addItem(tr("Keep both; name of the imported one:"), False)
         if conflict.own:
-            self.choice.addItem(tr("Replace what is there"), True)
-        came = QLabel(tr("It comes with the program, so it stays."))
+            self.choice.addItem(tr("Replace the existing one"), True)
+        came = QLabel(tr("It comes with the program and cannot be replaced."))
         theme.color_text(came, "dim")
         self.name = QLineEdit(conflict.free, maxLength=_LONGEST_NAME)
         self.name.setObjectName(f"new_name_{part.kind}")
-        self.name.setAccessibleName(tr("The new name of {name}").format(name=part.name))
+        self.name.setAccessibleName(tr("New name for {name}").format(name=part.name))
         self.name.setMinimumHeight(36)
-        self.differs = ActionButton(theme, tr("Show what differs"), icon="git-diff", height_px=32)
+        self.differs = ActionButton(theme, tr("Show differences"), icon="git-diff", height_px=32)
         self.differs.setObjectName(f"what_differs_{part.kind}")
         self.differs.clicked.connect(self._show_differences)
         self.shown = QPlainTextEdit(readOnly=True)
         self.shown.setObjectName(f"differences_{part.kind}")
-        self.shown.setAccessibleName(tr("What differs: theirs and what is there"))
+        self.shown.setAccessibleName(tr("Differences between the imported and the existing version"))
         self.shown.setMinimumHeight(180)
         self.shown.hide()
         named = layouts.hbox(spacing_px=8)
@@ -163,9 +163,9 @@ class _Part(QWidget):
             return ""
         name = self.name.text().strip()
         if not NAME.fullmatch(name):
-            return tr("A name has letters, digits, - and _, and begins with a letter or digit.")
+            return tr("A name consists of letters, digits, - and _, and starts with a letter or digit.")
         if name == self._conflict.part.name:
-            return tr("“{name}” is taken: choose another name.").format(name=name)
+            return tr("“{name}” already exists: choose another name.").format(name=name)
         return ""
 
     def _show_differences(self) -> None:
@@ -181,7 +181,12 @@ class _Part(QWidget):
                 for one in differences(Scenario, there, theirs)
             ]
         lines = difflib.unified_diff(
-            conflict.text.splitlines(), conflict.part.text.splitlines(), tr("there"), tr("imported"), lineterm="", n=2
+            conflict.text.splitlines(),
+            conflict.part.text.splitlines(),
+            tr("existing"),
+            tr("imported"),
+            lineterm="",
+            n=2,
         )
         self.shown.setPlainText("\n".join([*said, *([""] if said else []), *lines]))
         self.shown.show()

@@ -125,18 +125,18 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
     """Reason why ``key`` can never be bound to the row; empty if it can. ``position``: its position on the keyboard."""
     modifiers, _plus, last = key.rpartition("+") if not key.endswith("+") else (key[:-2], "", "+")
     if spec.kind == "safety":
-        return tr("This key stops the robot, always. It stays as it is.")
+        return tr("This key always stops the robot and cannot be changed.")
     if last in _STOPS:
-        return tr("Esc and Pause stop the robot, always.")
+        return tr("Esc and Pause always stop the robot.")
     if last in ("Tab", "Backtab"):
-        return tr("Tab moves through the window.")
+        return tr("Tab moves the focus through the window.")
     if spec.by_position:
         arrow_fits = spec.kind == "hold" and last in _ARROWS
         if modifiers or not (arrow_fits or last in position_codes("linux")):
-            return tr("Here it is one letter or digit alone. With Alt it then works anywhere.")
+            return tr("Use a single letter or digit here. With Alt, the key then works anywhere.")
         return ""
     if "Alt" in modifiers:
-        return tr("Alt is for driving while you type. Use Ctrl, or Ctrl with Shift.")
+        return tr("Alt is for driving while you type. Use Ctrl or Ctrl+Shift.")
     if spec.within:
         return ""
     if column == "driving_keys":
@@ -145,7 +145,7 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
             return tr("{key} drives the robot here.").format(key=last)
         return ""
     if key in _EDITS_TEXT and key not in spec.keys:
-        return tr("{key} edits what you type.").format(key=key)
+        return tr("{key} is used for editing text.").format(key=key)
     if types_something(key) and not any(map(types_something, spec.keys)):
         return tr("{key} types in a text field. Use it with Ctrl, or only while driving.").format(key=key)
     return ""
@@ -176,7 +176,7 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> ResolvedBindings:
         del chosen[loser]
         other = next(each for each in ids if each != loser)
         told.append(
-            tr("“{act}”: {key} is the key of “{other}”.").format(
+            tr("“{act}”: {key} is already assigned to “{other}”.").format(
                 act=by_id[loser].text, key=key, other=by_id[other].text
             )
         )
@@ -207,7 +207,7 @@ def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
     if spec.kind == "safety":
         return refusal(spec, "keys", "", rows)
     if spec.by_position and keys.keys != tuple(f"Alt+{key}" for key in keys.driving_keys):
-        return tr("What was kept are no keys for driving.")
+        return tr("The saved keys cannot be used for driving.")
     for column in COLUMNS:
         for key in getattr(keys, column):
             try:
@@ -215,7 +215,7 @@ def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
             except ValueError:
                 same = False
             if not same or ", " in key:
-                return tr("{key} is no key.").format(key=key)
+                return tr("{key} is not a key.").format(key=key)
             bare = key.removeprefix("Alt+") if spec.by_position else key
             why = "" if key in getattr(spec, column) else refusal(spec, column, bare, rows)
             if why:

@@ -16,7 +16,7 @@ _LONGEST_TITLE = 80
 _UNDO_AND_REDO = 2
 _SIZES: dict[SizeClass, str] = {
     "compact": QT_TR_NOOP("For a small screen"),
-    "usual": QT_TR_NOOP("For a screen of common size"),
+    "usual": QT_TR_NOOP("For a medium-sized screen"),
     "large": QT_TR_NOOP("For a large screen"),
 }
 
@@ -53,7 +53,7 @@ class LayoutMenu:
         menu.addSeparator()
         focused = self._focused_panel()
         if focused is not None:
-            self._board.fill_panel_menu(menu.addMenu(tr("Panel with the focus")), focused)
+            self._board.fill_panel_menu(menu.addMenu(tr("Focused panel")), focused)
         locked = menu.addAction(tr("Lock for a study"))
         locked.setCheckable(True)
         locked.setChecked(keeper.locked)
@@ -80,7 +80,12 @@ class TitleDialog(VisualTabOrderMixin, QDialog):
         self.setObjectName("layout_title_dialog")
         self.setWindowTitle(tr("Save as another scenario"))
         column = QVBoxLayout(self)
-        words = QLabel(tr("Everything of this scenario goes along, with the panels as they lie now. How is it called?"))
+        words = QLabel(
+            tr(
+                "The new scenario contains everything in this one, with the current panel layout. What should it be "
+                "called?"
+            )
+        )
         words.setWordWrap(True)
         self._field = QLineEdit(maxLength=_LONGEST_TITLE)
         self._field.setObjectName("layout_title_field")

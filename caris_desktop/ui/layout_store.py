@@ -157,8 +157,8 @@ class LayoutStore(QObject):
                 kept = self._kept.working(self._name, kind, self._file_tree(kind))
             except ValueError:
                 self._notice(
-                    tr("Your arrangement of the panels could not be read."),
-                    tr("They are arranged as the scenario says. A copy of what was kept is in the settings."),
+                    tr("Your panel layout could not be read."),
+                    tr("The layout of the scenario is used instead. A copy of your saved layout is in the settings."),
                 )
         mine = None if kept is None else self._possible(kept.arrangement)
         if kept is None or mine is None:
@@ -167,8 +167,8 @@ class LayoutStore(QObject):
             self._kept.save_working_copy(self._name, kind, self._file_tree(kind), None)
             self._history.note(tr("The scenario’s new layout"), mine)
             self._notice(
-                tr("The scenario has another layout than last time."),
-                tr("Your own arrangement is not lost: Undo in the menu Layout brings it back."),
+                tr("The scenario’s layout has changed since last time."),
+                tr("Your own layout is not lost: choose Undo in the Layout menu to restore it."),
             )
             return arrangement_of(baseline)
         self._touched = True
@@ -285,17 +285,30 @@ class LayoutStore(QObject):
             ),
             LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free, id="Redo"),
             *(
-                LayoutCommand(tr(text), icon, do, possible, id=text)
-                for text, icon, do, possible in (
-                    (QT_TR_NOOP("Save into the scenario"), "floppy-disk", self.save, self.is_unsaved and live),
-                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live),
+                LayoutCommand(tr(text), icon, do, possible, id=known_as or text)
+                for text, icon, do, possible, known_as in (
+                    (
+                        QT_TR_NOOP("Save to the scenario"),
+                        "floppy-disk",
+                        self.save,
+                        self.is_unsaved and live,
+                        "Save into the scenario",
+                    ),
+                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live, ""),
                     (
                         QT_TR_NOOP("Revert to the scenario’s layout"),
                         "arrow-counter-clockwise",
                         self.revert,
                         self.is_own,
+                        "",
                     ),
-                    (QT_TR_NOOP("Reset: as the scenario came"), "layout", self.put_back, True),
+                    (
+                        QT_TR_NOOP("Reset to the original layout"),
+                        "layout",
+                        self.put_back,
+                        True,
+                        "Reset: as the scenario came",
+                    ),
                 )
             ),
         )

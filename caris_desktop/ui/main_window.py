@@ -354,7 +354,10 @@ class MainWindow(PanelWindow, QWidget):
             if scenario is None or not ends:
                 switch()
                 return
-            said = tr("“{title}” records no {what}. The recording goes on without it. Switch the scenario?")
+            said = tr(
+                "“{title}” does not record {what}, so the rest of this recording will not contain it. Switch the "
+                "scenario?"
+            )
             title = text_formatting.shortened(scenario.title, 40)
             self._question.ask(said.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
 
@@ -400,7 +403,7 @@ class MainWindow(PanelWindow, QWidget):
         console, panel = self._console, self.board.panels.get("speak")
         card = next((card for card in console.state.suggestions.value.cards if card.rank == rank), None)
         if card is None or panel is None:
-            return tr("That is not suggested now.")
+            return tr("This suggestion is not available now.")
         self.board.open("speak")
         text = text_formatting.with_names(card.text, lambda person_id: name_of(console, person_id))
         panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))

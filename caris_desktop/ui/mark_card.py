@@ -77,9 +77,9 @@ class MarkCard(QWidget):
         self._add_note.clicked.connect(self._on_add_note)
         self._undo = self._button("mark_card_undo", tr("Undo"), icon="arrow-u-up-left")
         self._undo.clicked.connect(self.withdraw_requested)
-        self._add_note.setToolTip(tr("Write a note to this mark"))
-        self._undo.setToolTip(tr("Take this mark back"))
-        self._earlier.setToolTip(tr("What is meant happened 3 seconds before. Press again for 6, 9, …"))
+        self._add_note.setToolTip(tr("Add a note to this mark"))
+        self._undo.setToolTip(tr("Undo this mark"))
+        self._earlier.setToolTip(tr("Move the mark 3 seconds earlier. Press again for 6, 9, …"))
         self._correct = QWidget()
         correct = layouts.hbox(self._correct, margins_px=0, spacing_px=6)
         for button in (self._end, self._earlier, self._add_note, self._undo):
@@ -87,13 +87,13 @@ class MarkCard(QWidget):
         self.field = SubmitLineEdit()
         self.field.setObjectName("note_field")
         self.field.setAccessibleName(tr("Note"))
-        self.field.setPlaceholderText(tr("What happens now?"))
+        self.field.setPlaceholderText(tr("What is happening?"))
         self.field.setMaxLength(400)
         self.field.setMinimumHeight(36)
         self.field.returnPressed.connect(self._store_note)
-        self._keep = self._button("note_keep", tr("Keep"), key="Enter", look="primary")
+        self._keep = self._button("note_keep", tr("Save"), key="Enter", look="primary")
         self._keep.clicked.connect(self._store_note)
-        leave = self._button("note_leave", tr("Leave"), key="Esc")
+        leave = self._button("note_leave", tr("Discard"), key="Esc")
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
         note_row = layouts.hbox(self._note_row, margins_px=0, spacing_px=6)
@@ -164,8 +164,8 @@ class MarkCard(QWidget):
     def show_taken_back(self, mark: Marked) -> None:
         """Confirm that the mark was withdrawn."""
         if not self.writes_note:
-            title = tr("Note taken back") if mark.kind == "note" else tr("Mark taken back")
-            line = tr("{label} does not count.") if mark.label else tr("It does not count.")
+            title = tr("Note removed") if mark.kind == "note" else tr("Mark removed")
+            line = tr("{label} is not counted.") if mark.label else tr("It is not counted.")
             self.say(title, line.format(label=mark.label))
 
     def say(self, title: str, line: str) -> None:
@@ -202,7 +202,7 @@ class MarkCard(QWidget):
         self._mark = None
         at = text_formatting.clock_time(at_ns, self._console.state.present.anchor)
         self._title.setText(tr("Note about {time}").format(time=at))
-        self._line.setText(tr("Alt still drives while you write."))
+        self._line.setText(tr("You can still drive with Alt while you write."))
         for part in (self._labels, self._kinds, self._correct):
             part.hide()
         self._second.stop()
@@ -296,12 +296,12 @@ class MarkCard(QWidget):
         at = text_formatting.clock_time(_moment_ns(mark), anchor)
         if mark.state == "open":
             lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
-            stretch = mark.label or tr("Stretch")
+            stretch = mark.label or tr("Interval")
             self._title.setText(f"{stretch} · {text_formatting.duration(lasts_s)}")
-            since = tr("Since {time}, as long as you hold the key") if self._held else tr("Since {time}")
+            since = tr("Since {time}, until you release the key") if self._held else tr("Since {time}")
             self._line.setText(since.format(time=at))
         else:
-            what = {"wizard_error": tr("Wizard error"), "note": tr("Note kept")}.get(mark.kind, tr("Marked"))
+            what = {"wizard_error": tr("Wizard error"), "note": tr("Note saved")}.get(mark.kind, tr("Marked"))
             if mark.label:
                 what = text_formatting.with_label(what, mark.label)
             elif self._asks:
@@ -313,7 +313,7 @@ class MarkCard(QWidget):
                     tr("lasted {time}").format(time=text_formatting.age((mark.end_ns - _moment_ns(mark)) / 1e9))
                 )
             if self._earlier_s:
-                parts.append(tr("moved {time} s back").format(time=f"{self._earlier_s:.0f}"))
+                parts.append(tr("moved {time} s earlier").format(time=f"{self._earlier_s:.0f}"))
             if mark.note:
                 parts.append(f"“{text_formatting.shortened(mark.note, 60)}”")
             self._line.setText(" · ".join(parts))

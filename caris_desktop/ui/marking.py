@@ -173,7 +173,7 @@ class Marking(QObject):
     def _on_note_stored(self, text: str, mark_id: str, ago_s: float) -> None:
         """Save the note; empty ``mark_id`` for a separate note, ``ago_s``: seconds since its moment."""
         if self._console.state.recording.value.state != "recording":
-            self.card.say(tr("The note was not kept"), tr("Nothing is being recorded now."))
+            self.card.say(tr("The note was not saved"), tr("No recording is running."))
             return
         if mark_id:
             self._console.do(intents.ChangeNote(mark_id, text))

@@ -70,13 +70,13 @@ def ahead_words(ahead: Ahead, gaze_is_away: str = "") -> tuple[str, bool]:
             line = tr("Obstacle {distance} m ahead of the base") if gaze_is_away else tr("Obstacle {distance} m ahead")
         line = line.format(distance=f"{ahead.distance_m:.1f}")
     elif ahead.covered < 0.1:
-        line = tr("The LIDAR does not look ahead of the base") if gaze_is_away else tr("The LIDAR does not look ahead")
+        line = tr("No LIDAR coverage ahead of the base") if gaze_is_away else tr("No LIDAR coverage ahead")
     elif ahead.covered < 0.9 and gaze_is_away:
-        line = tr("Nothing ahead of the base where the LIDAR looks; it does not see all of it")
+        line = tr("Nothing detected ahead of the base; LIDAR coverage is partial")
     elif ahead.covered < 0.9:
-        line = tr("Nothing ahead where the LIDAR looks; it does not see all of it")
+        line = tr("Nothing detected ahead; LIDAR coverage is partial")
     else:
-        line = tr("Nothing in reach ahead of the base") if gaze_is_away else tr("Nothing in reach ahead")
+        line = tr("Nothing within range ahead of the base") if gaze_is_away else tr("Nothing within range ahead")
     return " · ".join(filter(None, (line, gaze_is_away))), close
 
 
@@ -108,10 +108,10 @@ def nearest_of(scan: LaserScan) -> tuple[float, float] | None:
 def nearest_words(scan: LaserScan) -> str:
     """Nearest return as text, to a tenth of a metre and an eighth of a turn."""
     if scan.robot_from_laser is None:
-        return tr("Where the LIDAR looks is not known")
+        return tr("The direction of the LIDAR is unknown")
     nearest = nearest_of(scan)
     if nearest is None:
-        return tr("No obstacle in reach of the LIDAR")
+        return tr("No obstacle within LIDAR range")
     distance_m, bearing_rad = nearest
     side = round(bearing_rad / (math.pi / 4)) % len(_SIDES)
     return tr(_SIDES[side]).format(distance=f"{distance_m:.1f}")
@@ -124,12 +124,12 @@ def gaze_is_away(robot: RobotProfile | None, frame: FrameRef | None, head: HeadS
     if model is None:
         return ""
     if model.on_head and head is None:
-        return tr("the head may look elsewhere")
+        return tr("the head may be turned")
     if head is not None:
         model = model.with_head_at(pan_rad=head.pan_rad, tilt_rad=head.tilt_rad)
     heading_rad = math.remainder(model.heading_rad, 2 * math.pi)
     if abs(heading_rad) <= _LOOKS_AWAY_RAD:
         return ""
     if abs(heading_rad) >= _LOOKS_BACK_RAD:
-        return tr("the picture looks back")
-    return tr("the picture looks left") if heading_rad > 0 else tr("the picture looks right")
+        return tr("the camera faces backward")
+    return tr("the camera faces left") if heading_rad > 0 else tr("the camera faces right")

@@ -212,7 +212,7 @@ class ProblemLine(StatusButton):
         self.show_words(text, icon, role, spoken=spoken)
         said = " ".join(part for part in (one.meaning, one.advice) if part)
         self.setAccessibleDescription(said)
-        self.setToolTip(wrapped_tip(one.what, said, tr("Click to open or to shut it.")))
+        self.setToolTip(wrapped_tip(one.what, said, tr("Click to show or hide it.")))
 
 
 class ProblemCard(QWidget):
@@ -297,7 +297,7 @@ class ProblemCard(QWidget):
             what = tr("{problem} ({number} times)").format(problem=what, number=self._count)
         also = ""
         if self._folded:
-            also = tr("Because of it: {what}").format(what=" ".join(self._folded[-2:]))
+            also = tr("Caused by this: {what}").format(what=" ".join(self._folded[-2:]))
         texts = (what, self.problem.meaning, self.problem.advice, self._told_why, also)
         small = self._theme.font(tokens.STATUS_PX + 1)
         large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)

@@ -186,10 +186,10 @@ class ProtocolStrip(Bar, QWidget):
             self._say.setToolTip(tr("Say “{text}”").format(text=step.say))
             self._go.setToolTip(tr("Drive to {place}").format(place=step.go_to))
             self._branch.setToolTip("\n".join(self._branch_texts(step)))
-        self._back.setAccessibleName(tr("Back to the step before"))
-        self._back.setToolTip(tr("Back to the step before. Its time goes on where it was."))
+        self._back.setAccessibleName(tr("Back to the previous step"))
+        self._back.setToolTip(tr("Back to the previous step. Its timer continues from where it stopped."))
         self._skip.setAccessibleName(tr("Skip this step"))
-        self._skip.setToolTip(tr("Leave this step out and go on to the next one"))
+        self._skip.setToolTip(tr("Skip this step and continue with the next one"))
         if self._branches_card is not None and self._branches_card.isVisible():
             self.put_away()
 
@@ -198,7 +198,7 @@ class ProtocolStrip(Bar, QWidget):
         if level >= _ALL_SHORT:
             return ""
         if not status.step_id:
-            return tr("Begin") if short else tr("Begin: {step}").format(step=status.next_title)
+            return tr("Start") if short else tr("Start: {step}").format(step=status.next_title)
         if not status.next_title:
             return tr("Finish")
         return tr("Next step") if short else tr("Next: {step}").format(step=status.next_title)

@@ -58,7 +58,10 @@ class QuitGuard(QObject):
         if self._replay:
             return []
         saved = self._console.state.recording.value.state in ("starting", "recording", "paused")
-        return [*([tr("The recording ends and is saved.")] if saved else []), *motion_that_ends(self._console.state)]
+        return [
+            *([tr("The recording will stop and be saved.")] if saved else []),
+            *motion_that_ends(self._console.state),
+        ]
 
     def _ask(self, ends: list[str]) -> None:
         for overlay in self._overlays:
@@ -82,6 +85,6 @@ class QuitGuard(QObject):
         self._problems.show_problem(
             Problem(
                 self._console.state.present.now_ns(), "info", tr("The window stays open while you drive."), "",
-                tr("Let go of the drive keys and of Alt, then close it."),
+                tr("Release the drive keys and Alt, then close the window."),
             )
         )  # fmt: skip

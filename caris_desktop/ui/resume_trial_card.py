@@ -21,11 +21,11 @@ _WIDTH_PX, _FROM_EDGE_PX = 520, 20
 _FROM_TOP_PX = 82
 """Below the tabs and title bars of the top panels, so that these stay usable."""
 _ASKED: dict[AsBefore, str] = {
-    "map": QT_TR_NOOP("The robot stands where the map shows it"),
-    "people": QT_TR_NOOP("People are who the list says"),
-    "permissions": QT_TR_NOOP("The recording is as wanted. {kept}"),
+    "map": QT_TR_NOOP("The robot is where the map shows it"),
+    "people": QT_TR_NOOP("People are identified correctly"),
+    "permissions": QT_TR_NOOP("The recording settings are correct. {kept}"),
     "consent": QT_TR_NOOP(
-        "The participant agrees to go on being recorded, and the consents that People had noted hold"
+        "The participant agrees to continue being recorded, and the consents in People are still valid"
     ),
 }
 
@@ -45,15 +45,15 @@ def permissions_in_words(console: WizardConsole) -> str:
     permissions, levels = scenario.permissions, console.state.levels.value
     sentences = [
         stored_words(permissions, console.microphone, scenario.blur),
-        tr("What participants say is turned into text.") if permissions.transcription
-        else tr("What participants say is not turned into text."),
+        tr("Participants’ speech is transcribed.") if permissions.transcription
+        else tr("Participants’ speech is not transcribed."),
     ]  # fmt: skip
     if not permissions.assistant:
         sentences.append(tr("No language model."))
     elif permissions.cloud_models:
-        sentences.append(tr("Language models may be asked, on other computers too."))
+        sentences.append(tr("Language models may be used, including on other computers."))
     else:
-        sentences.append(tr("Language models are asked on this computer only."))
+        sentences.append(tr("Language models are used on this computer only."))
     for function, title in event_messages.FUNCTIONS.items():
         if getattr(scenario.assistance, function) != "off":
             level = tr(event_messages.LEVELS[getattr(levels, function)])
@@ -93,13 +93,13 @@ class ResumeTrialCard(QWidget):
             box.setObjectName(f"going_on_{what}")
             box.clicked.connect(self._confirmer(what))
             column.addWidget(box)
-        self._yes = ActionButton(theme, tr("Go on with the trial"), look="primary", height_px=38)
+        self._yes = ActionButton(theme, tr("Resume the trial"), look="primary", height_px=38)
         self._yes.setObjectName("going_on_yes")
         self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
         self._start = ActionButton(theme, tr("Record the next part"), icon="record", look="primary", height_px=38)
         self._start.setObjectName("going_on_start")
         self._start.clicked.connect(start_recording)
-        self._no = ActionButton(theme, tr("Do not go on"), look="ghost", height_px=38)
+        self._no = ActionButton(theme, tr("Do not resume"), look="ghost", height_px=38)
         self._no.setObjectName("going_on_no")
         self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
         buttons = layouts.hbox(spacing_px=tokens.GRID_PX)
@@ -131,17 +131,20 @@ class ResumeTrialCard(QWidget):
             return
         offered, trial = status.state == "offered", trial_in_words(status.details)
         if offered:
-            self._heading.setText(tr("The program ended in the midst of a recording."))
+            self._heading.setText(tr("The program ended during a recording."))
             self._text.setText(
                 tr(
-                    "{trial} was being recorded. What was recorded until then is safe. You can go on with the same "
-                    "participant: the robot is then held by the emergency stop until you release it."
+                    "The program was recording {trial}. The data recorded until then is safe. You can resume "
+                    "with the same participant: the emergency stop then holds the robot until you release it."
                 ).format(trial=trial)
             )
         else:
-            self._heading.setText(tr("Going on with {trial}").format(trial=trial))
+            self._heading.setText(tr("Resuming {trial}").format(trial=trial))
             self._text.setText(
-                tr("Look at what may have changed meanwhile. The robot is held until you release the emergency stop.")
+                tr(
+                    "Check what may have changed in the meantime. The robot is held until you release the "
+                    "emergency stop."
+                )
             )
         for what, box in self._boxes.items():
             box.setVisible(not offered)
@@ -151,7 +154,7 @@ class ResumeTrialCard(QWidget):
         self._yes.setVisible(offered)
         self._start.setVisible(not offered)
         self._start.setEnabled(status.state == "confirmed")
-        self._start.setToolTip("" if status.state == "confirmed" else tr("Tick what you have looked at first"))
+        self._start.setToolTip("" if status.state == "confirmed" else tr("Check and tick all items first"))
         self.setAccessibleName(f"{self._heading.text()} {self._text.text()}")
         self.show()
         self._place()

@@ -26,7 +26,7 @@ def motion_that_ends(state: LiveState) -> list[str]:
     """Motions that would end with the current link, as sentences."""
     drive: DriveStatus = state.drive.value
     goal: GoalChanged | None = state.goal.value
-    present = shortened(state.link.value.robot, 40) or tr("The present robot")
+    present = shortened(state.link.value.robot, 40) or tr("The current robot")
     if goal is not None and goal.state in UNDER_WAY:
         place = shortened(goal.place or "", 40) or tr("a point on the map")
         return [tr("{robot} is on its way to {place} and will stop.").format(robot=present, place=place)]
@@ -133,7 +133,7 @@ class RobotChooser(QObject):
     def _what_ends(self) -> str:
         ends = motion_that_ends(self._console.state)
         if self._console.state.recording.value.state in ("recording", "starting"):
-            ends.append(tr("The recording goes on with the other robot."))
+            ends.append(tr("The recording continues with the other robot."))
         return " ".join(ends)
 
     def _is_current(self, choice: RobotChoice) -> bool:

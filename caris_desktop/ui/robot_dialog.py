@@ -120,7 +120,10 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._rows: dict[str, MappingRow] = {}
         self._heading = QLabel(tr("Which robot?"))
         self._hint = QLabel(
-            tr("The address is that of rosbridge on the robot. Looking reads only: nothing is sent that could move it.")
+            tr(
+                "Enter the address of rosbridge on the robot. Scanning only reads: nothing is sent that could "
+                "move the robot."
+            )
         )
         self._hint.setWordWrap(True)
         self.address_field = QLineEdit(address, placeholderText=tr("ws://192.168.1.20:9090 or wss://…"))
@@ -130,13 +133,15 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.address_field.setMaxLength(300)
         self.address_field.returnPressed.connect(self.query_robot)
         self.address_field.textChanged.connect(self._on_address_changed)
-        self._look = ActionButton(theme, tr("Look"), icon="magnifying-glass", key="Enter", look="primary", height_px=36)
+        self._look = ActionButton(theme, tr("Scan"), icon="magnifying-glass", key="Enter", look="primary", height_px=36)
         self._look.setObjectName("robot_look")
         self._look.clicked.connect(self.query_robot)
         self._certificates = self._optional_field(
-            "robot_certificates", tr("a PEM file, if it is not signed by a known one")
+            "robot_certificates", tr("a PEM file, if not signed by a known authority")
         )
-        self._fingerprint = self._optional_field("robot_fingerprint", tr("64 digits, read on the robot itself"))
+        self._fingerprint = self._optional_field(
+            "robot_fingerprint", tr("64 hexadecimal digits, read on the robot itself")
+        )
         self._secret = self._optional_field("robot_secret", tr("for example MY_ROBOT_SECRET"))
         self._security = QWidget()
         security = QGridLayout(self._security)
@@ -144,8 +149,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         for line, (text, field) in enumerate(
             (
                 (tr("Certificate file"), self._certificates),
-                (tr("Fingerprint of its certificate (SHA-256)"), self._fingerprint),
-                (tr("Environment variable with its secret"), self._secret),
+                (tr("Certificate fingerprint (SHA-256)"), self._fingerprint),
+                (tr("Environment variable with the secret"), self._secret),
             )
         ):
             field.setAccessibleName(text)
@@ -155,7 +160,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", look="ghost", height_px=36)
         self._security_toggle.setObjectName("robot_security")
         self._security_toggle.setCheckable(True)
-        self._security_toggle.setToolTip(tr("Own certificates (wss://) and the secret of rosauth"))
+        self._security_toggle.setToolTip(tr("Custom certificates (wss://) and the rosauth secret"))
         self._security_toggle.toggled.connect(self._security.setVisible)
         self._note = NoteLine(theme)
         self._note.setObjectName("robot_note")
@@ -165,8 +170,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._pages.hide()
         self._empty = QLabel(
             tr(
-                "Enter the address and look. Then you see what the robot offers, choose what is used for what, "
-                "and check live that it comes."
+                "Enter the address and scan. You then see what the robot offers, choose the mapping and "
+                "check the live data."
             )
         )
         self._empty.setWordWrap(True)
@@ -207,7 +212,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._summary.setObjectName("robot_summary")
         row = layouts.hbox(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
-        for page, text in enumerate((tr("What is used for what"), tr("All that it offers"))):
+        for page, text in enumerate((tr("Mapping"), tr("Everything found"))):
             button = ActionButton(self._theme, text, look="ghost")
             button.setObjectName(f"robot_page_{page}")
             button.setCheckable(True)
@@ -222,8 +227,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
 
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
-        self._start_label, self._namespace_label = QLabel(tr("Begin with")), QLabel(tr("Robot on it"))
-        self.start_from = DropDown(self._theme, "robot_start_from", tr("Begin with"))
+        self._start_label, self._namespace_label = QLabel(tr("Start from")), QLabel(tr("Namespace"))
+        self.start_from = DropDown(self._theme, "robot_start_from", tr("Start from"))
         self.start_from.setMinimumWidth(340)
         self.start_from.activated.connect(self._on_start_chosen)
         self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
@@ -247,13 +252,13 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
 
     def _make_offer_page(self) -> QWidget:
         page = QWidget()
-        self._filter = QLineEdit(placeholderText=tr("Show only what contains…"))
+        self._filter = QLineEdit(placeholderText=tr("Filter by name or type…"))
         self._filter.setObjectName("robot_filter")
         self._filter.setAccessibleName(tr("Filter"))
         self._filter.textChanged.connect(self._fill_offer)
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
-        self.offer_list.setAccessibleName(tr("All that the robot offers"))
+        self.offer_list.setAccessibleName(tr("Everything the robot offers"))
         column = layouts.vbox(page, margins_px=0)
         column.addWidget(self._filter)
         column.addWidget(self.offer_list, 1)
@@ -306,7 +311,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
             self._note.show_note("amber", "warning", str(error))
             return
         self._forget()
-        self._set_busy(tr("Looking"))
+        self._set_busy(tr("Scanning"))
         self._explorer.explore(
             address, security=self._security_settings(), progress=self._on_progress, done=self._on_explored
         )
@@ -367,7 +372,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
             else:
                 use(replace(profile, title=title, address=address, security=security))
 
-        self._set_busy(tr("Reading its profile"))
+        self._set_busy(tr("Reading the robot profile"))
         self._explorer.read(known, done=read)
 
     # ---- explorer callbacks
@@ -385,7 +390,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._found = found
         self._proposal = found.proposal
         offer = found.offer
-        ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else tr("an unknown ROS")
+        ros = f"ROS {offer.dialect.value} {offer.distribution}".strip() if offer.dialect else tr("unknown ROS version")
         self._summary.setText(
             " · ".join(
                 (
@@ -397,25 +402,23 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
             )
         )
         self.start_from.clear()
-        self.start_from.addItem(tr("What was found here"), "")
+        self.start_from.addItem(tr("Detected mapping"), "")
         for like in found.resembles:
-            resembles = tr("Profile of {robot} ({share:.0%} of its names are here)")
+            resembles = tr("Profile of {robot} ({share:.0%} of its names found)")
             self.start_from.addItem(resembles.format(robot=like.title, share=like.share), like.name)
         has_likes = bool(found.resembles)
         self._start_label.setVisible(has_likes)
         self.start_from.setVisible(has_likes)
         self.namespace.clear()
         for namespace in found.proposal.namespaces:
-            self.namespace.addItem(namespace or tr("names without a prefix"), namespace)
+            self.namespace.addItem(namespace or tr("no namespace"), namespace)
         self.namespace.setCurrentIndex(max(0, self.namespace.findData(found.proposal.namespace)))
         several = len(found.proposal.namespaces) > 1
         self._namespace_label.setVisible(several)
         self.namespace.setVisible(several)
         self._fill_offer()
         self._show_proposal(found.proposal)
-        self._note.show_note(
-            "green", "check-circle", tr("The robot answers. Check the mapping, then listen to it live.")
-        )
+        self._note.show_note("green", "check-circle", tr("The robot responds. Review the mapping, then check it live."))
         notes = " ".join(map(tr, found.proposal.notes))
         if notes:
             self._note.show_note("amber", "info", notes)
@@ -437,13 +440,13 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         bad = [tr(check.label) for check in checks if check.state in ("nothing", "wrong")]
         slow = [tr(check.label) for check in checks if check.state == "slow"]
         if bad:
-            wrong = tr("Not right yet: {streams}. Choose another topic, or leave it out.")
+            wrong = tr("Not working yet: {streams}. Choose another topic or leave it out.")
             self._note.show_note("amber", "warning", wrong.format(streams=", ".join(dict.fromkeys(bad))))
         elif slow:
-            rare = tr("Too rare for driving with care: {streams}.")
+            rare = tr("Update rate too low for safe driving: {streams}.")
             self._note.show_note("amber", "warning", rare.format(streams=", ".join(slow)))
         else:
-            self._note.show_note("green", "check-circle", tr("Everything comes as it should."))
+            self._note.show_note("green", "check-circle", tr("All streams are working."))
 
     def _on_saved(self, choice: RobotChoice | UserFacingError) -> None:
         self._set_busy("")
@@ -528,9 +531,9 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._file.setVisible(named)
         if named:
             file = user_robots_dir() / profile_file_name(self._title())
-            self._file.setText(tr("Its profile will be the file {file}.").format(file=file))
+            self._file.setText(tr("The profile will be saved as {file}.").format(file=file))
         self._look.setEnabled(not self._busy)
-        self._look.set_label(tr("Look again") if found else tr("Look"))
+        self._look.set_label(tr("Scan again") if found else tr("Scan"))
         self._check.setEnabled(found and not self._busy)
         self._save.setEnabled(found and not self._busy and bool(self._title()))
         self._save.setToolTip("" if self._title() else tr("Give the robot a name first"))

@@ -18,11 +18,11 @@ if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the firs
 
 NOT_USED = QT_TR_NOOP("– not used –")
 _CHECK_LOOKS = {
-    "good": ("check-circle", "green", QT_TR_NOOP("comes")),
-    "slow": ("warning", "amber", QT_TR_NOOP("comes too rarely")),
-    "quiet": ("minus-circle", "dim", QT_TR_NOOP("nothing now, which is fine")),
-    "nothing": ("x-circle", "red", QT_TR_NOOP("nothing comes")),
-    "wrong": ("x-circle", "red", QT_TR_NOOP("does not fit")),
+    "good": ("check-circle", "green", QT_TR_NOOP("active")),
+    "slow": ("warning", "amber", QT_TR_NOOP("update rate too low")),
+    "quiet": ("minus-circle", "dim", QT_TR_NOOP("no data now, which is normal")),
+    "nothing": ("x-circle", "red", QT_TR_NOOP("no data")),
+    "wrong": ("x-circle", "red", QT_TR_NOOP("does not match")),
 }
 _SHORT_LIST = 12
 
@@ -155,7 +155,7 @@ class MappingRow(QWidget):
         elif self.proposal is None:
             text = ""
         elif not self.proposal.candidates:
-            text = tr("the robot offers nothing for this")
+            text = tr("the robot offers nothing suitable")
         else:
             chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
             text = (

@@ -55,7 +55,7 @@ class ScenarioEditorWindow(QObject):
             bring_up(editor)
         elif editor.unsaved:
             bring_up(editor)
-            said = tr("This is another scenario than “{open}”, and what you changed in it is not saved.")
+            said = tr("The editor shows a different scenario than “{open}”, and your changes in it are not saved.")
             editor.ask_before_closing(said.format(open=scenario.title), self.open)
         else:
             editor.close()

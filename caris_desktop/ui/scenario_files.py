@@ -65,7 +65,7 @@ class ScenarioFiles:
     def choose_share(self) -> None:
         scenario = self._console.scenario
         stem = bundle_name(scenario.path.stem if scenario.path is not None else scenario.title)
-        dialog = self._dialog(tr("Write this scenario as one file"), Path.home())
+        dialog = self._dialog(tr("Export this scenario as one file"), Path.home())
         dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
         dialog.setDefaultSuffix(SUFFIX.removeprefix("."))
         dialog.selectFile(f"{stem}{SUFFIX}")

@@ -76,9 +76,9 @@ class HitsModel(QAbstractListModel):
             at = text_formatting.elapsed(hit.session_s)
             return f"{self.session_name(hit)}, {at}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
-            lines = [hit.snippet, tr("Double click to replay from here")]
+            lines = [hit.snippet, tr("Double-click to replay from here")]
             if hit.quoted:
-                lines.insert(1, tr("%n prompt(s) to the language model have it in them.", "", hit.quoted))
+                lines.insert(1, tr("Also contained in %n prompt(s) to the language model.", "", hit.quoted))
             return "\n".join(lines)
         return None
 

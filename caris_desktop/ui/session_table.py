@@ -61,7 +61,11 @@ def state_words(entry: SessionEntry) -> str:
 
 def lacks_words(entry: SessionEntry) -> str:
     """Missing data of a session, and whether it is a copy; usually empty."""
-    copy = tr("This is a copy of {session}: it counts once.").format(session=entry.copy_of) if entry.copy_of else ""
+    copy = (
+        tr("This is a copy of {session} and is not counted again.").format(session=entry.copy_of)
+        if entry.copy_of
+        else ""
+    )
     return " ".join((copy, *map(tr, entry.losses))).strip()
 
 

@@ -43,7 +43,7 @@ _FILTERS = (
     ("condition", QT_TR_NOOP("All conditions")),
     ("wizard", QT_TR_NOOP("All wizards")),
     ("scenario", QT_TR_NOOP("All scenarios")),
-    ("purpose", QT_TR_NOOP("All kinds of runs")),
+    ("purpose", QT_TR_NOOP("All types of runs")),
 )
 
 
@@ -61,7 +61,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._library = library
         self._shown: tuple[SessionEntry, ...] = ()
         self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
-        self.search = QLineEdit(placeholderText=tr("Search in everything said, noted and marked…"))
+        self.search = QLineEdit(placeholderText=tr("Search speech, notes and marks…"))
         self.search.setObjectName("sessions_search")
         self.search.setAccessibleName(tr("Search"))
         add_clear_button(self.search)
@@ -95,7 +95,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.hits.more_wanted.connect(self._show_more)
         self.hit_list = HitList()
         self.hit_list.setObjectName("sessions_hits")
-        self.hit_list.setAccessibleName(tr("Found"))
+        self.hit_list.setAccessibleName(tr("Search results"))
         self.hit_list.setModel(self.hits)
         self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
         self.hit_list.setUniformItemSizes(True)
@@ -208,7 +208,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
         self._hits_part.setVisible(bool(status.hits) or searching)
         places = status.places
-        found = tr("1 place with “{text}”") if places == 1 else tr("%n places with “{text}”", "", places)
+        found = tr("1 match for “{text}”") if places == 1 else tr("%n matches for “{text}”", "", places)
         self._found.setText(found.format(text=status.query.text) if places else tr("Searching…"))
         self._learn(status)
         self._say(status)

@@ -62,8 +62,8 @@ def last_details(suggested: TrialDetails, begun: TrialDetails | None) -> TrialDe
 _BLURRED = {
     ("persons", "everybody"): QT_TR_NOOP("people pixelated"),
     ("faces", "everybody"): QT_TR_NOOP("faces pixelated"),
-    ("persons", "without_consent"): QT_TR_NOOP("people pixelated of those who did not agree"),
-    ("faces", "without_consent"): QT_TR_NOOP("faces pixelated of those who did not agree"),
+    ("persons", "without_consent"): QT_TR_NOOP("people without consent pixelated"),
+    ("faces", "without_consent"): QT_TR_NOOP("faces of people without consent pixelated"),
 }
 
 
@@ -71,7 +71,7 @@ def stored_words(permissions: Permissions, microphone: str | None, blur: BlurSet
     """Sentence on what a recording will contain and omit."""
     who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
     blurred = tr(who_is_blurred)
-    kept = [tr("what the robot does and measures"), tr("what is said"), tr("your actions")]
+    kept = [tr("robot actions and sensor data"), tr("speech as text"), tr("your actions")]
     absent: list[str] = []
     for permitted, name, how in (
         (permissions.video_recording, tr("video"), blurred),
@@ -79,7 +79,7 @@ def stored_words(permissions: Permissions, microphone: str | None, blur: BlurSet
         (permissions.audio_recording and microphone is not None, tr("sound"), ""),
     ):
         (kept if permitted else absent).append(f"{name} ({how})" if permitted and how else name)
-    sentences = [tr("Keeps {kept}.").format(kept=_listed(kept, tr("{some} and {last}")))]
+    sentences = [tr("Records {kept}.").format(kept=_listed(kept, tr("{some} and {last}")))]
     if absent:
         sentences.append(tr("No {absent}.").format(absent=_listed(absent, tr("{some} or {last}"))))
     return " ".join(sentences)
@@ -121,7 +121,10 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         heading = QLabel(tr("Who takes part?"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = self._small(
-            tr("This heads the recording. Use codes rather than names for participants; empty fields are fine.")
+            tr(
+                "These details identify the recording. Use codes rather than names for participants. Fields may "
+                "be empty."
+            )
         )
         form = QFormLayout()
         form.setHorizontalSpacing(16)
@@ -360,7 +363,10 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         self._wants_begin = not self._known
         if self._wants_begin:
             self._room.setText(
-                tr("The last answers of the study are still being read. The recording starts with them in a moment.")
+                tr(
+                    "The details of the study’s last session are still being read. The recording starts with "
+                    "them in a moment."
+                )
             )
             self._room.show()
         elif self.isVisible():

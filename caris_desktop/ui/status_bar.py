@@ -40,8 +40,8 @@ BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
     "connecting": ("amber", QT_TR_NOOP("{robot} connecting")),
     "connected": ("green", "{robot}"),
-    "trouble": ("amber", QT_TR_NOOP("{robot} unsteady")),
-    "lost": ("red", QT_TR_NOOP("{robot} out of reach")),
+    "trouble": ("amber", QT_TR_NOOP("{robot} link unstable")),
+    "lost": ("red", QT_TR_NOOP("{robot} unreachable")),
     "closed": ("dim", QT_TR_NOOP("{robot} not connected")),
 }
 _LINK_ICONS = {
@@ -221,7 +221,7 @@ class StatusBar(Bar, QWidget):
         link: LinkStatus = state.link.value
         role, said = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
-            said = QT_TR_NOOP("{robot} not reached")
+            said = QT_TR_NOOP("{robot} not reachable")
         robot = text_formatting.shortened(link.robot, _NAME_CHARACTERS) or tr("Robot")
         facts = text_formatting.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
         icon, whose = _LINK_ICONS[link.state], tr(said).format(robot=robot)
@@ -249,15 +249,15 @@ class StatusBar(Bar, QWidget):
         items["refused"].say(
             _refused(refused) if refused else "", "amber", icon="warning",
             tip=tr(
-                "Messages from the robot that could not be used: malformed, too large or of another type.\n"
-                "Diagnostics tells which topics."
+                "Messages from the robot that could not be used: malformed, too large or of the wrong type.\n"
+                    "Diagnostics shows which topics are affected."
             ),
         )  # fmt: skip
         load: LoadStatus = state.load.value
         items["load"].say(
             tr("busy: {what}").format(what=tr(load.detail)) if load.detail else "", "amber",
             icon="gauge" if load.detail else "",
-            tip=tr("The computer does not keep up. Driving, stopping, sound and the recording go on as before."),
+            tip=tr("The computer is overloaded. Driving, stopping, sound and the recording continue as before."),
         )  # fmt: skip
         self._say_models(state.perception.value)
         self._say_microphones(state.microphone.value, state.wizard_microphone.value, state.sound.value)
@@ -337,19 +337,19 @@ class StatusBar(Bar, QWidget):
         charge, age = f"{battery:.0%}".replace("%", " %"), text_formatting.age(age_s)
         text = (tr("battery low, {charge}") if low else tr("battery {charge}")).format(charge=charge)
         self.items["battery"].say(
-            tr("{battery}, told {age} ago").format(battery=text, age=age) if old else text,
+            tr("{battery}, reported {age} ago").format(battery=text, age=age) if old else text,
             "amber" if low or old else "dim",
             icon="battery-warning" if low else "",
-            tip=tr("Told {age} ago").format(age=age),
+            tip=tr("Reported {age} ago").format(age=age),
         )
 
     def _say_models(self, perception: PerceptionStatus) -> None:
         match perception.state:
             case "ready":
                 took_ms = perception.inference_ms
-                tip = tr("Time to find the people in a picture, on this computer.")
+                tip = tr("Time to detect people in a picture, on this computer.")
                 if perception.server:
-                    tip = tr("Time to find the people in a picture, by {server}, to which it goes.")
+                    tip = tr("Time to detect people in a picture, on {server}, which receives the pictures.")
                 self.items["perception"].say(
                     tr("people: ready") if took_ms is None else tr("people {time} ms").format(time=f"{took_ms:.0f}"),
                     tip=f"{tip.format(server=perception.server)}\n{perception.model}".strip(),
@@ -358,28 +358,28 @@ class StatusBar(Bar, QWidget):
                 self.items["perception"].say(tr("people: loading model"), tip=perception.model)
             case "failed":
                 self.items["perception"].say(
-                    tr("people are not being found"), "amber", icon="warning", tip=tr(perception.detail)
+                    tr("people: detection failed"), "amber", icon="warning", tip=tr(perception.detail)
                 )
             case _:
                 self.items["perception"].say("")
         scenario = self._console.scenario
         setup: AssistantSetup = self._console.state.assistant_setup.value
         local = not scenario.permissions.assistant or not setup.server
-        text, tip = tr("local models only"), tr("Nothing that is said or asked leaves this computer.")
+        text, tip = tr("local models only"), tr("Speech and questions do not leave this computer.")
         if not local:
             text = tr("language model: {model}").format(model=text_formatting.shortened(setup.model, _NAME_CHARACTERS))
-            tip = tr("What is asked goes to {server}.").format(server=setup.server)
+            tip = tr("Questions are sent to {server}.").format(server=setup.server)
         if perception.server and not is_loopback(perception.server):
-            too = tr("{models}, pictures leave too").format(models=text)
+            too = tr("{models}, pictures sent too").format(models=text)
             text = tr("pictures leave this computer") if local else too
-            found = tr("People are found by {server}, which gets the pictures.").format(server=perception.server)
+            found = tr("People are detected on {server}, which receives the pictures.").format(server=perception.server)
             tip = f"{tip}\n{found}"
             local = False
         ear = scenario.listening
         if scenario.permissions.transcription and ear.engine == "server" and not is_loopback(ear.server):
-            too = tr("{models}, sound leaves too").format(models=text)
+            too = tr("{models}, sound sent too").format(models=text)
             text = tr("sound leaves this computer") if local else too
-            made = tr("What is said is turned into text by {server}, which gets the sound.")
+            made = tr("Speech is transcribed on {server}, which receives the sound.")
             tip = f"{tip}\n{made.format(server=without_credentials(ear.server))}"
         self.items["models"].say(text, tip=tip)
 
@@ -391,18 +391,16 @@ class StatusBar(Bar, QWidget):
             return
         match listening.state:
             case "ready" if microphone.state in ("starting", "on"):
-                tip = tr("What is said near the robot becomes text.")
+                tip = tr("Speech near the robot is transcribed.")
                 if listening.language:
-                    tip = tr("What is said near the robot becomes text ({language}).").format(
-                        language=listening.language
-                    )
+                    tip = tr("Speech near the robot is transcribed ({language}).").format(language=listening.language)
                 item.say(tr("listening"), tip=f"{tip}\n{listening.model}\n{tr(listening.detail)}".strip())
             case "loading":
                 item.say(tr("listening: loading model"))
             case "failed":
                 item.say(tr("no transcription"), "amber", icon="warning", tip=tr(listening.detail))
             case _:
-                item.say(tr("no transcription"), tip=tr("No microphone hears the participant."))
+                item.say(tr("no transcription"), tip=tr("No microphone is picking up the participant."))
 
     def _say_microphones(self, participant: MicrophoneStatus, wizard: MicrophoneStatus, sound: SoundStatus) -> None:
         """Open microphones, and whose they are."""
@@ -411,14 +409,14 @@ class StatusBar(Bar, QWidget):
         tips = [text_formatting.microphone_facts(each) for each in (participant, wizard) if each.state != "off"]
         talks = sound.talking and wizard.state in ("starting", "on")
         if sound.hearing:
-            tips.append(tr("You hear along what it hears"))
+            tips.append(tr("You hear what the participant’s microphone picks up"))
         if talks and wizard.state == "starting":
             text, role, icon = tr("your microphone opens…"), "amber", "microphone"
         elif talks:
             whom = tr("the participant hears you") if sound.talking == "robot" else tr("you are dictating")
             text, role, icon = whom, "green", "microphone"
         elif "failed" in (participant.state, wizard.state):
-            text, role, icon = tr("microphone not heard"), "amber", "microphone-slash"
+            text, role, icon = tr("microphone failed"), "amber", "microphone-slash"
         elif participant.state == "off" and wizard.state == "off":
             text, role, icon = "", "dim", ""
         else:
@@ -461,7 +459,7 @@ class StatusBar(Bar, QWidget):
             text_formatting.all_missing(dropped), "amber", icon="warning",
             tip="\n".join([
                 *(text_formatting.missing(stream, count) for stream, count in sorted(dropped.items())),
-                tr("The computer or its disk did not keep up. Everything said and done is recorded all the same."),
+                tr("The computer or its disk could not keep up. Speech and actions are still recorded."),
             ]),
         )  # fmt: skip
         self._say_disk(recording)
@@ -471,9 +469,9 @@ class StatusBar(Bar, QWidget):
         item, free, room_s = self.items["disk"], recording.free_bytes, recording.room_s
         if recording.state == "recording" and room_s is not None:
             rate = text_formatting.size(recording.bytes_per_s * 3600)
-            tip = tr("{rate} per hour at present. Video is reduced first when room gets short.").format(rate=rate)
+            tip = tr("Currently {rate} per hour. Video is reduced first when disk space runs low.").format(rate=rate)
             if free is not None:
-                tip = tr("{free} free, {rate} per hour at present. Video is reduced first when room gets short.")
+                tip = tr("{free} free, currently {rate} per hour. Video is reduced first when disk space runs low.")
                 tip = tip.format(free=text_formatting.size(free), rate=rate)
             room = text_formatting.long_duration(room_s)
             if room_s < ROOM_ALMOST_GONE_S:
@@ -504,7 +502,7 @@ def _refused(count: int) -> str:
 
 def _round_trip_tip(link: LinkStatus, anchor: ClockAnchor) -> str:
     """Tooltip: round trip, and the robot's clock offset."""
-    lines = [tr("Time to the robot and back.")]
+    lines = [tr("Round trip to the robot.")]
     if link.clock_offset_ms is not None:
         offset = text_formatting.clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
         lines.append(tr("Robot clock {offset}.").format(offset=offset))

@@ -39,7 +39,7 @@ _SIGNS: Mapping[tuple[SignName, str], Sign] = {
     ("moving", "no"): Sign("off", "anchor-simple", QT_TR_NOOP("Still")),
     ("moving", "others"): Sign("on", "warning", QT_TR_NOOP("Moving")),
     ("moving", "held"): Sign("half", "warning", QT_TR_NOOP("Not driving")),
-    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("Not known")),
+    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("Unknown")),
     ("moving", "unlinked"): Sign("half", "question", QT_TR_NOOP("No link")),
     ("speaking", "yes"): Sign("on", "speaker-high", QT_TR_NOOP("Speaking")),
     ("speaking", "no"): Sign("off", "speaker-slash", QT_TR_NOOP("Silent")),
@@ -144,7 +144,7 @@ class StatusIndicators(QWidget):
         signs = signs_of(self._state, moves=self._moves_now())
         if signs != self._signs:
             self._signs = signs
-            self.setAccessibleName(tr("The robot now: {signs}").format(signs=", ".join(map(_word, signs.values()))))
+            self.setAccessibleName(tr("Robot status: {signs}").format(signs=", ".join(map(_word, signs.values()))))
             self.setToolTip(self.accessibleName())
             self.update()
 

@@ -56,7 +56,7 @@ PROTOCOL_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "branch",
-        QT_TR_NOOP("The participant does something else"),
+        QT_TR_NOOP("Choose a branch"),
         "git-branch",
         ("Ctrl+B",),
         ("B",),
@@ -66,7 +66,7 @@ PROTOCOL_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "previous_step",
-        QT_TR_NOOP("Back to the step before"),
+        QT_TR_NOOP("Back to the previous step"),
         "arrow-left",
         ("Ctrl+PgUp",),
         ("PgUp",),
@@ -86,7 +86,7 @@ PROTOCOL_ACTIONS: tuple[ActionSpec, ...] = (
     ),
     ActionSpec(
         "say_step",
-        QT_TR_NOOP("Say what belongs to this step"),
+        QT_TR_NOOP("Say the text of this step"),
         "chat-text",
         ("F11",),
         permission="speech",

@@ -99,8 +99,8 @@ def clock_offset(offset_ms: float, uncertainty_ms: float | None, anchor: clock.C
     if abs(ahead_ms) > _ANOTHER_TIME_MS:
         # A simulation clock starts at zero; its offset from today is meaningless.
         if uncertainty_ms is None:
-            return tr("set to a time of its own")
-        return tr("set to a time of its own, known to {uncertainty} ms").format(uncertainty=spread.strip())
+            return tr("on a separate time base")
+        return tr("on a separate time base, known to {uncertainty} ms").format(uncertainty=spread.strip())
     offset = tr("{offset} ms ahead") if ahead_ms >= 0 else tr("{offset} ms behind")
     return offset.format(offset=f"{_milliseconds(abs(ahead_ms))}{spread}")
 
@@ -114,7 +114,7 @@ def link_facts(link: LinkStatus, traffic: Mapping[str, events.TrafficMeasured], 
     parts = [link.address, tr(link.detail)]
     if link.state in ("connected", "trouble"):
         if link.round_trip_ms is not None:
-            parts.append(tr("{time} ms to the robot and back").format(time=f"{link.round_trip_ms:.0f}"))
+            parts.append(tr("{time} ms round trip").format(time=f"{link.round_trip_ms:.0f}"))
         if link.clock_offset_ms is not None:
             offset = clock_offset(link.clock_offset_ms, link.clock_uncertainty_ms, anchor)
             parts.append(tr("robot clock {offset}").format(offset=offset))
@@ -154,10 +154,10 @@ def missing(stream: str, count: int) -> str:
         case "scan":
             one, many = tr("1 scan was not recorded"), tr("%n scans were not recorded", "", count)
         case "audio" | "audio_chunk":
-            one, many = tr("1 piece of sound was not recorded"), tr("%n pieces of sound were not recorded", "", count)
+            one, many = tr("1 audio chunk was not recorded"), tr("%n audio chunks were not recorded", "", count)
         case "transcription":
-            one = tr("1 piece of sound for the transcript was not recorded")
-            many = tr("%n pieces of sound for the transcript were not recorded", "", count)
+            one = tr("1 audio chunk for the transcript was not recorded")
+            many = tr("%n audio chunks for the transcript were not recorded", "", count)
         case _:
             one = tr("1 value of {stream} was not recorded").format(stream=stream)
             many = tr("%n values of {stream} were not recorded", "", count).format(stream=stream)
@@ -175,10 +175,10 @@ def all_missing(dropped: Mapping[str, int]) -> str:
         case "scan":
             one, many = tr("1 scan not recorded"), tr("%n scans not recorded", "", total)
         case "audio" | "audio_chunk":
-            one, many = tr("1 piece of sound not recorded"), tr("%n pieces of sound not recorded", "", total)
+            one, many = tr("1 audio chunk not recorded"), tr("%n audio chunks not recorded", "", total)
         case "transcription":
-            one = tr("1 piece of sound for the transcript not recorded")
-            many = tr("%n pieces of sound for the transcript not recorded", "", total)
+            one = tr("1 audio chunk for the transcript not recorded")
+            many = tr("%n audio chunks for the transcript not recorded", "", total)
         case _:
             one, many = tr("1 value not recorded"), tr("%n values not recorded", "", total)
     return one if total == 1 else many
@@ -210,17 +210,17 @@ def mark_sentence(mark: events.Marked) -> str:
     """Text of a mark in its current state."""
     if mark.kind == "note":
         if mark.state == "withdrawn":
-            return tr("Note taken back")
+            return tr("Note removed")
         return with_label(tr("Note"), f"“{shortened(mark.note, 120)}”")
     what = tr("Wizard error marked") if mark.kind == "wizard_error" else tr("Marked")
     label = mark.label
     match mark.state:
         case "withdrawn":
-            return tr("Taken back: {label}").format(label=label) if label else tr("Mark taken back")
+            return tr("Mark removed: {label}").format(label=label) if label else tr("Mark removed")
         case "open":
-            return tr("{label} began").format(label=label) if label else tr("A stretch began")
+            return tr("{label} started").format(label=label) if label else tr("Interval started")
     if mark.end_ns is not None and mark.start_ns is not None:
-        label = label or tr("a stretch")
+        label = label or tr("interval")
         label = f"{label}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
     return with_label(what, label) + note
@@ -254,15 +254,15 @@ def moving(forward_mps: float, turn_radps: float, left_mps: float = 0.0) -> str:
 def drive_line(drive: DriveStatus) -> str:
     if drive.emergency_stop:
         moves = drive.movement == "uncommanded"
-        return tr("Emergency stop is on, but the robot moves") if moves else tr("Emergency stop is on")
+        return tr("Emergency stop active, but the robot is moving") if moves else tr("Emergency stop active")
     if not drive.allowed:
         return tr("Driving is off")
     asked = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
     match drive.movement:
         case "uncommanded":
-            return tr("Moving without a command from here")
+            return tr("Moving without a console command")
         case "not_following" if asked:
-            return tr("{motion} commanded, but the robot does not follow").format(motion=asked)
+            return tr("{motion} commanded, but the robot is not following").format(motion=asked)
         case "standing" if not asked:
             return tr("Standing still")
         case _:
@@ -279,11 +279,11 @@ def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool =
     if drive.goal_limit_mps is not None:
         return tr("{speed} m/s at most").format(speed=f"{drive.goal_limit_mps:.2f}"), True
     if server.max_mps is None:
-        return tr("At its navigation’s own speed") if begins else tr("at its navigation’s own speed"), False
+        return tr("At the robot’s navigation speed") if begins else tr("at the robot’s navigation speed"), False
     up_to = (
-        tr("At its navigation’s own speed, up to {speed} m/s")
+        tr("At the robot’s navigation speed, up to {speed} m/s")
         if begins
-        else tr("at its navigation’s own speed, up to {speed} m/s")
+        else tr("at the robot’s navigation speed, up to {speed} m/s")
     )
     return up_to.format(speed=f"{server.max_mps:.2f}"), False
 
@@ -326,9 +326,9 @@ def guard_line(drive: DriveStatus) -> str:
             line = tr("Blocked · obstacle {distance} m away") if away else tr("Blocked · obstacle")
             return line.format(distance=away)
         case "blind" if drive.guard_detail:
-            return tr("The guard lets it crawl only: {why}").format(why=tr(drive.guard_detail))
+            return tr("The guard allows crawling only: {why}").format(why=tr(drive.guard_detail))
         case "blind":
-            return tr("The guard lets it crawl only: it sees nothing")
+            return tr("The guard allows crawl speed only: it sees nothing")
         case _:
             return ""
 
@@ -377,7 +377,7 @@ def person_state(box: PersonBox) -> str:
     told = (
         tr("sitting") if box.posture == "sitting" else "",
         tr("hand raised") if box.hand_raised else "",
-        tr("looks here") if box.facing else "",
+        tr("faces robot") if box.facing else "",
     )
     return " · ".join(word for word in told if word)
 
@@ -385,11 +385,11 @@ def person_state(box: PersonBox) -> str:
 def no_picture(age_s: float | None, told: CameraState | None) -> str:
     """Placeholder text for a lost camera's picture; ``told``: the camera's reported state."""
     if told is not None and told.state == "ended":
-        return tr(told.detail) or tr("It has ended. A recording goes on without it.")
+        return tr(told.detail) or tr("The camera stream has ended. A recording continues without it.")
     if age_s is None:
-        lost = tr("No picture yet, it is being tried again.")
+        lost = tr("No picture yet. The console is trying again.")
     else:
-        lost = tr("No picture for {time}, it is being tried again.").format(time=age(age_s))
+        lost = tr("No picture for {time}. The console is trying again.").format(time=age(age_s))
     why = tr(told.detail) if told is not None and told.state in ("lost", "connecting") else ""
     return " ".join(filter(None, (lost, why)))
 
@@ -444,26 +444,26 @@ def microphone_facts(microphone: MicrophoneStatus) -> str:
     wizard, name = microphone.role == "wizard", microphone.name
     if microphone.state == "failed":
         no = (
-            tr("You are heard by no microphone: {why}")
+            tr("No microphone is picking you up: {why}")
             if wizard
-            else tr("The participant is heard by no microphone: {why}")
+            else tr("No microphone is picking up the participant: {why}")
         )
         return no.format(why=tr(microphone.detail))
     if microphone.source == ROBOT_MICROPHONE:
         return (
-            tr("You are heard by the robot's microphone")
+            tr("The robot's microphone is picking you up")
             if wizard
-            else tr("The participant is heard by the robot's microphone")
+            else tr("The robot's microphone is picking up the participant")
         )
     if not name:
         return (
-            tr("You are heard by the system’s default microphone")
+            tr("The system’s default microphone is picking you up")
             if wizard
-            else tr("The participant is heard by the system’s default microphone")
+            else tr("The system’s default microphone is picking up the participant")
         )
-    return (tr("You are heard by {microphone}") if wizard else tr("The participant is heard by {microphone}")).format(
-        microphone=name
-    )
+    return (
+        tr("{microphone} is picking you up") if wizard else tr("{microphone} is picking up the participant")
+    ).format(microphone=name)
 
 
 def microphone(name: str) -> str:

@@ -34,7 +34,7 @@ _TRIAL_GOES, _ERROR_GOES, _FIND_GOES, _MARK_GOES, _ALL_GIVE_WAY = 6, 7, 8, 9, 10
 
 _RECORD_TIPS = {
     "recording": QT_TR_NOOP("Pause or stop the recording"),
-    "paused": QT_TR_NOOP("Nothing is recorded now. Click to go on or to stop."),
+    "paused": QT_TR_NOOP("The recording is paused. Click to resume or stop."),
 }
 
 
@@ -133,7 +133,7 @@ class TopBar(Bar, QWidget):
         error = self._error = ActionButton(theme, tr("Wizard error"), icon="warning")
         error.setObjectName("wizard_error_button")
         error.bind(actions, "wizard_error")
-        error.setToolTip(tr("Mark that something went wrong on the wizard's side, for the analysis"))
+        error.setToolTip(tr("Mark a mistake on the wizard's side, for the analysis"))
         self._find = ActionButton(theme, tr("Find anything"), icon="magnifying-glass")
         self._find.setObjectName("find_button")
         self._find.bind(actions, "find")
@@ -146,7 +146,9 @@ class TopBar(Bar, QWidget):
         self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", look="danger", height_px=40)
         self.emergency.setObjectName("emergency_stop")
         self.emergency.setProperty(STOPS, True)
-        self.emergency.setToolTip(tr("Stops the robot and keeps it stopped until you release it. Also Pause."))
+        self.emergency.setToolTip(
+            tr("Stops the robot and holds it until you release the stop. The Pause key also works.")
+        )
         self.emergency.pressed.connect(self._on_emergency_pressed)
         row = layouts.hbox(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._replay_badge = ReplayBadge(theme)
@@ -193,15 +195,15 @@ class TopBar(Bar, QWidget):
             tr("%n robots", "", len(live.robots)) if several else text_formatting.shortened("".join(live.robots), 24)
         )
         if live.emergency_stop:
-            self.emergency.set_label(tr("Emergency stop is on (live)"), look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop active (live)"), look="outline_danger")
         else:
             self.emergency.set_label(tr("Stop {robot} (live)").format(robot=whose), look="danger")
         stops = (
-            tr("Emergency stop of what the live consoles drive now:")
+            tr("Emergency stop for the robots driven by the live consoles:")
             if several
-            else tr("Emergency stop of what the live console drives now:")
+            else tr("Emergency stop for the robot driven by the live console:")
         )
-        too = tr("Also Pause. Esc stops it too. It is released in the live window.")
+        too = tr("The Pause key also works. Esc stops the robot too. Release the stop in the live window.")
         self.emergency.setToolTip("\n".join((stops, *live.robots, too)))
         self._make_room()
 
@@ -211,7 +213,7 @@ class TopBar(Bar, QWidget):
         if locked:
             name = tr("Panels and appearance. The layout is locked.")
         elif changed:
-            name = tr("Panels and appearance. The layout was changed and is not saved.")
+            name = tr("Panels and appearance. The layout has unsaved changes.")
         self.window_button.set_badge("lock" if locked else "dot" if changed else "")
         self.window_button.setAccessibleName(name)
         self.window_button.setToolTip(name)
@@ -288,7 +290,7 @@ class TopBar(Bar, QWidget):
     def _on_record_clicked(self) -> None:
         state = self._console.state.recording.value.state
         if state in ("recording", "paused", "starting"):
-            self._pause.setText(tr("Go on recording") if state == "paused" else tr("Pause recording"))
+            self._pause.setText(tr("Resume recording") if state == "paused" else tr("Pause recording"))
             self._pause.setEnabled(state != "starting")
             self.popup_below(self._record_menu, self.record_button)
         else:
@@ -334,10 +336,10 @@ class TopBar(Bar, QWidget):
         began_ns = newest.stamp_ns if newest.start_ns is None else newest.start_ns
         lasts = text_formatting.duration((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
-        label, end = label or tr("Stretch"), tr("End")
+        label, end = label or tr("Interval"), tr("End")
         self.stretch_button.set_label(f"{label}{others} · {lasts} · {end}")
         self.stretch_button.set_key(self._actions.key_text("stretch"))
-        self.stretch_button.setToolTip(tr("This stretch of the session is being marked. Click to end it."))
+        self.stretch_button.setToolTip(tr("This interval of the session is being marked. Click to end it."))
 
     def _on_mark_shown(self) -> None:
         self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")
@@ -370,7 +372,7 @@ class TopBar(Bar, QWidget):
             case "stopping":
                 self.record_button.set_label(tr("Saving…"), icon="record")
             case "failed":
-                self.record_button.set_label(tr("Not recording: failed"), icon="warning", look="amber")
+                self.record_button.set_label(tr("Recording failed"), icon="warning", look="amber")
             case _:
                 self.record_button.set_label(tr("Start recording"), icon="record", look="plain")
         if status.state == "recording":
@@ -387,7 +389,7 @@ class TopBar(Bar, QWidget):
         if self._in_replay:
             return  # that was recorded
         if drive.emergency_stop:
-            self.emergency.set_label(tr("Emergency stop is on"), look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop active"), look="outline_danger")
         else:
             self.emergency.set_label(tr("Emergency stop"), look="danger")
 
@@ -407,7 +409,7 @@ class ReplayBadge(QWidget):
         super().__init__()
         self.setObjectName("replay_badge")
         self.setAccessibleName(tr("REPLAY"))
-        self.setToolTip(tr("A recorded session. Nothing that you do here reaches a robot, except a stop."))
+        self.setToolTip(tr("This is a recorded session. Nothing you do here reaches a robot, except a stop."))
         self._theme = theme
         width = QFontMetricsF(self._font()).horizontalAdvance(self.accessibleName())
         self.setFixedSize(round(width) + 24, 30)

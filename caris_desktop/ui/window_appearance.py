@@ -45,8 +45,8 @@ class Appearance:
 
 def scale_words(scale: str) -> str:
     if not scale:
-        return tr("Size: as the system has it")
-    return tr("Size: {percent} % from the next start").format(percent=percent_of(scale))
+        return tr("Size: same as system")
+    return tr("Size: {percent} % after a restart").format(percent=percent_of(scale))
 
 
 def percent_of(scale: str) -> int:

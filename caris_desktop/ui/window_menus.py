@@ -53,7 +53,7 @@ class WindowMenus:
         menu.addSeparator()
         menu.addAction(tr("Edit this scenario…")).triggered.connect(parts.editor.open)
         menu.addAction(tr("Import a scenario…")).triggered.connect(parts.scenario_files.choose_import)
-        menu.addAction(tr("Write this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
+        menu.addAction(tr("Export this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
 
     def _on_files_read(self) -> None:
         """Refill open menus after the files on disk were read."""
@@ -153,7 +153,7 @@ class WindowMenus:
             tr("Wizard: {name}").format(name=in_menu(current)) if current else tr("Who is the wizard?")
         )
         for name in (*wizards.names, ""):
-            action = names.addAction(in_menu(name) or tr("Nobody in particular"))
+            action = names.addAction(in_menu(name) or tr("Not specified"))
             action.setCheckable(True)
             action.setChecked(name == current)
             action.setActionGroup(group)

@@ -223,7 +223,7 @@ _DOES: dict[str, Callable[[Newcomer, Callable[[], float]], None]] = {
     "Name a person": _names_somebody,
     "Take a photo": lambda newcomer, _driven_m: newcomer.presses("Ctrl+P"),
     "Ask the assistant": _asks_the_assistant,
-    "Take a suggestion": _takes_a_suggestion,
+    "Use a suggestion": _takes_a_suggestion,
     "Mark a moment": lambda newcomer, _driven_m: newcomer.presses("Ctrl+M"),
     "Recover from a lost connection": _recovers_the_link,
     "Stop in an emergency": _stops_in_an_emergency,

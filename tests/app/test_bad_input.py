@@ -314,7 +314,7 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         console.say("press A")
         wait_for(lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
         kill("control")
-        wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands")
+        wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands still")
         seen = len(listener.seen)
         console.wait_until_shown(link="connected", drive_allowed=True)
         assert not [twist for twist in listener.seen[seen:] if twist.moving], "a key held from before does not drive"

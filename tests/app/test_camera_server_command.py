@@ -120,7 +120,7 @@ def test_several_look_at_the_same_time(serving: Serving) -> None:
 def test_without_its_token_nothing_is_seen(serving: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CAMERA_TOKEN", "something else")
     for kind in ("mjpeg", "whep"):
-        with pytest.raises(CameraError, match="refuses the token"):
+        with pytest.raises(CameraError, match="rejected the token"):
             serving.open(kind)
 
 
@@ -161,7 +161,7 @@ def test_others_are_served_over_tls_and_the_token_goes_to_the_right_one_alone(
                 assert camera.read() is not None
             for confirmed, said in (
                 ("", "is not trusted"),
-                (f"&certificate-sha256={wrong}", "has another certificate"),
+                (f"&certificate-sha256={wrong}", "does not match the fingerprint"),
             ):
                 with pytest.raises(CameraError, match=said) as refused:
                     open_camera(parse_camera(f"{address}{confirmed}"))
@@ -189,9 +189,9 @@ def test_a_token_is_not_sent_where_others_read_along(scheme: str, monkeypatch: p
         (["--source", "0", "--host", "0.0.0.0"], "--token-env"),
         (["--source", "0", "--token-env", "NOT_SET_AT_ALL"], "NOT_SET_AT_ALL"),
         (["--source", "0", "--token-env", "CAMERA_TOKEN", "--host", "0.0.0.0"], "--cert and --key"),
-        (["--source", "0", "--cert", "missing.pem"], "belong together"),
+        (["--source", "0", "--cert", "missing.pem"], "must be given together"),
         (["--source", "0", "--cert", "missing.pem", "--key", "missing.pem"], "cannot be used"),
-        (["--source", "robot"], "no camera"),
+        (["--source", "robot"], "not a camera"),
         (["--source", "missing.mp4"], "missing.mp4"),
         (["--source", "ftp://camera"], "ftp://"),
     ],

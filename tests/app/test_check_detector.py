@@ -26,8 +26,8 @@ def test_a_detector_beside_the_scenario_is_named(tmp_path: Path) -> None:
     ("told", "words"),
     [
         ({"model": "gone.onnx"}, "does not exist"),
-        ({"model": "mine.onnx", "sha256": "0" * 64}, "is not the file that the scenario means"),
-        ({"server": "ws://127.0.0.1:1"}, "127.0.0.1:1 does not answer"),
+        ({"model": "mine.onnx", "sha256": "0" * 64}, "is not the file that the scenario expects"),
+        ({"server": "ws://127.0.0.1:1"}, "127.0.0.1:1 does not respond"),
     ],
 )
 def test_what_is_wrong_with_it_is_told_with_advice(tmp_path: Path, told: dict[str, str], words: str) -> None:

@@ -23,7 +23,7 @@ def test_a_model_beside_the_scenario_is_found_and_a_missing_one_is_told(shipped:
     named = replace(shipped, path=tmp_path / "mine.yaml", listening=ListeningSettings(model="small"))
     missing = recogniser_finding(named)
     assert not missing.ok
-    assert "no faster-whisper model" in missing.text
+    assert "not a faster-whisper model" in missing.text
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "model.bin").write_bytes(b"weights")
     found = recogniser_finding(named)
@@ -51,7 +51,7 @@ def test_a_server_is_sent_a_second_of_sound_and_what_it_does_not_take_is_told(sh
         found = recogniser_finding(replace(shipped, listening=listening))
         server.answers = lambda _fields: (404, b'{"error": "no such model"}')
         refused = recogniser_finding(replace(shipped, listening=listening))
-    assert found.ok and "asked for json" in found.text and "a second of sound" in found.text
+    assert found.ok and "json requested" in found.text and "one second of audio" in found.text
     _path, _headers, body = server.asked[0]
     with wave.open(io.BytesIO(body[body.index(b"RIFF") :])) as sent:
         assert sent.getnframes() == sent.getframerate()

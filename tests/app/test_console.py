@@ -142,7 +142,7 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         console.do(intents.LookAt(pan_rad=0.1, tilt_rad=0.0))
         console.do(intents.SetGuard(on=False))
         qtbot.waitUntil(lambda: len(told) >= 10)
-        assert set(told) == {"This scenario does not drive."}
+        assert set(told) == {"This scenario does not allow driving."}
         assert console.state.places.value == scenario.places
         assert console.state.scenario.value == console.scenario == scenario
     finally:
@@ -198,7 +198,7 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
         console.shutdown()
     session = open_session(folder)
     (exchange,) = [event for _, event in session.values("event/llm_exchange")]
-    assert (exchange.outcome, exchange.detail) == ("cancelled", "cancelled as the program closed")
+    assert (exchange.outcome, exchange.detail) == ("cancelled", "cancelled because the program closed")
     assert session.reason == "console_closed"
     appeared = [event for _, event in session.values("event/person_appeared")]
     assert [(event.person_id, event.number) for event in appeared] == 2 * [("p-3", 3), ("p-4", 4)]
@@ -294,7 +294,7 @@ def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) ->
     console.shutdown(during)
     # Before them comes what was asked of the disk last, where it is not done yet: the face is read as a scenario opens.
     assert [what.split()[0] for what in told][-2:] == ["Voice,", "The"]
-    assert "recording is being finished" in told[-1]
+    assert "recording is being completed" in told[-1]
 
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.child_process: camera desk ended")

@@ -125,7 +125,7 @@ def test_a_stopped_console_stops_the_robot(robot: SimulatedRobot, console: Conso
             "zero was sent",
         )
         assert zero is not None and zero.at_ns - stopped_ns < S
-        wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands")
+        wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands still")
     finally:
         os.kill(console.pid, signal.SIGCONT)
     time_of_stop_ns = time.monotonic_ns()
@@ -192,7 +192,7 @@ def test_a_killed_console_leaves_a_session_that_opens(robot: SimulatedRobot, con
             stamps.append(message.log_time)
     assert killed_utc_ns - max(stamps) < 1.0 * S
     assert json.loads((folder / "session.json").read_text("utf-8"))
-    wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands")
+    wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands still")
 
 
 def _messages(folder: Path, topic: str) -> list[dict]:

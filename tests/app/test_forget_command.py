@@ -72,8 +72,8 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
     assert found_in(study) == []
     told, noted = capsys.readouterr()
     assert "Incomplete" not in noted
-    assert "1 film changed" in told
-    assert "found 0 times" in told
+    assert "1 video changed" in told
+    assert ": 0 matches" in told
     with closing(PeopleStore(study / "people.sqlite")) as store:
         assert {
             each.person_id: (each.about, store.portrait(each.person_id), [one.vectors.tobytes() for one in looks])
@@ -88,8 +88,8 @@ def test_what_could_not_be_looked_into_makes_it_incomplete(study: Path, capsys: 
     assert run(study, NAME, "--text", "redact", "--yes") == 1
     noted = capsys.readouterr().err
     assert noted.startswith("Incomplete: ")
-    assert "could not be unpacked: torn.zip" in noted
-    assert "Nothing looked for people in interview.mp3" in noted
+    assert "could not be decompressed: torn.zip" in noted
+    assert "interview.mp3 was not searched for people" in noted
     (review,) = (study / "forgotten").glob("review-*.txt")
     text = review.read_text(encoding="utf-8")
     review.write_text(re.sub(r"^\?", "keep", text, flags=re.MULTILINE), encoding="utf-8")
@@ -141,8 +141,8 @@ def test_what_is_kept_of_others_names_them_no_more(study: Path) -> None:
     assert run(study, PERSON, "--yes") == 1
     (review,) = (study / "forgotten").glob("review-*.txt")
     listed = review.read_text(encoding="utf-8")
-    assert f"what is kept of p-2: {OTHER}, this is »{NAME}«." in listed
-    assert "what is kept of p-1" not in listed
+    assert f"data stored about p-2: {OTHER}, this is »{NAME}«." in listed
+    assert "data stored about p-1" not in listed
     review.write_text(
         "\n".join(line.replace("?", "redact", 1) if line[:1] == "?" else line for line in listed.splitlines())
     )
@@ -180,7 +180,7 @@ def test_a_list_with_a_wrong_word_changes_nothing(study: Path, capsys: pytest.Ca
     review.write_text("delete 0123456789 0:01: words\n", encoding="utf-8")
     before = found_in(study)
     assert run(study, PERSON, "--yes", "--review", str(review)) == 1
-    assert "'delete', which is no decision" in capsys.readouterr().err
+    assert "'delete', which is not a decision" in capsys.readouterr().err
     assert found_in(study) == before
 
 

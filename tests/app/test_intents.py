@@ -239,10 +239,10 @@ def test_to_dictate_is_to_turn_speech_into_text_to_be_said_and_the_end_of_either
     bench.permit(own_voice=False)
     assert bench.console.do(dictate) == ""
     bench.permit(transcription=False)
-    assert bench.console.do(dictate) == "This scenario turns no speech into text."
+    assert bench.console.do(dictate) == "This scenario does not allow transcription."
     assert bench.console.do(replace(dictate, on=False)) == ""
     bench.permit(speech=False)
-    assert bench.console.do(dictate) == "In this scenario the robot does not speak."
+    assert bench.console.do(dictate) == "This scenario does not allow robot speech."
 
 
 @pytest.mark.logs(r"live\.bus: ")
@@ -253,7 +253,7 @@ def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked
     bench.sent.clear()
     moves = (INTENTS[type(asked)].moves or isinstance(asked, intents.UseControl)) and not asked.reduces_motion
     refused = bench.console.do(asked)
-    assert refused == (f"{words_for(asked)} is not possible: the emergency stop is on." if moves else "")
+    assert refused == (f"{words_for(asked)} is not possible: the emergency stop is active." if moves else "")
     assert bench.done == ([] if moves else [asked])
     assert bench.sent == []
 
@@ -262,7 +262,7 @@ def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked
 def test_a_language_model_asks_for_nothing_by_itself(bench: Bench) -> None:
     for asked in SAMPLES:
         refused = bench.console.do(replace(asked, actor=MODEL))
-        assert refused.endswith(" is not possible: a language model asks for nothing by itself."), asked
+        assert refused.endswith(" is not possible: a language model cannot do this directly."), asked
     assert bench.done == [] and bench.sent == []
 
 
@@ -294,7 +294,7 @@ def test_while_one_drives_the_base_is_refused_to_others_but_this_computers_wizar
             refuses = base and actor not in (driver, WIZARD)
             bench.done.clear()
             refused = bench.console.do(replace(asked, actor=actor))
-            what = f"{words_for(asked)} is not possible: {who} is driving by hand."
+            what = f"{words_for(asked)} is not possible: {who} is driving manually."
             assert refused == (what if refuses else ""), (driver, actor)
             assert bench.done == ([] if refuses else [replace(asked, actor=actor)]), (driver, actor)
     assert bench.sent == []
@@ -335,7 +335,7 @@ def test_a_value_that_cannot_be_is_refused(bench: Bench) -> None:
         for name, (least, greatest) in INTENTS[type(asked)].bounds.items():
             for value in (least - 0.1, greatest + 0.1, float("nan"), float("inf")):
                 refused = bench.console.do(replace(asked, **{name: value}))
-                assert refused == f"{words_for(asked)} is not possible: {name} cannot be {value:g}.", asked
+                assert refused == f"{words_for(asked)} is not possible: {value:g} is out of range for {name}.", asked
     assert bench.done == [] and bench.sent == []
 
 
@@ -345,9 +345,9 @@ def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Benc
     bench.console.state.event_happened.connect(told.append)
     bench.permit(driving=False)
     assert bench.console.do(intents.Drive(1.0, 0.0, 0.0, "keyboard"))
-    assert bench.console.do(intents.GoToPlace("Kitchen")) == "This scenario does not drive."
+    assert bench.console.do(intents.GoToPlace("Kitchen")) == "This scenario does not allow driving."
     qapp.processEvents()
-    assert [event.what for event in told if isinstance(event, Problem)] == ["This scenario does not drive."]
+    assert [event.what for event in told if isinstance(event, Problem)] == ["This scenario does not allow driving."]
 
 
 def test_a_language_model_may_propose_no_driving_no_release_and_nothing_about_its_own_rights() -> None:

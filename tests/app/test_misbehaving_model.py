@@ -37,11 +37,11 @@ def whole(status: str, *headers: str, body: bytes = b"") -> Answer:
 
 # What it does, what the wizard reads, and what there is of an answer.
 WAYS: dict[str, tuple[Answer, str, str]] = {
-    "never": (sends(then_waits=True), "did not begin to answer within 0.5 s", ""),
+    "never": (sends(then_waits=True), "did not start to answer within 0.5 s", ""),
     "500": (whole("500 Oh"), "failed (HTTP status 500)", ""),
-    "429": (whole("429 Busy", "Retry-After: 600"), "takes no more questions now", ""),
-    "half": (sends(SSE_HEAD, delta("Half an"), then_waits=True), "fell silent for 0.5 s", "Half an"),
-    "json": (sends(SSE_HEAD, b"data: {broken\n\n"), "is not JSON", ""),
+    "429": (whole("429 Busy", "Retry-After: 600"), "is not accepting questions now", ""),
+    "half": (sends(SSE_HEAD, delta("Half an"), then_waits=True), "sent nothing for 0.5 s", "Half an"),
+    "json": (sends(SSE_HEAD, b"data: {broken\n\n"), "is not valid JSON", ""),
     "page": (whole("200 OK", "Content-Type: text/html", body=b"<html>"), "it is a web page", ""),
     "line": (sends(SSE_HEAD, b"data: " + b"x" * 10_000_000), "one line is over a megabyte", ""),
     "plain": (sends(b"SSH-2.0-OpenSSH_9.2\r\n"), "failed", ""),

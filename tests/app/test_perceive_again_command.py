@@ -90,7 +90,7 @@ def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, caps
 
     status, said, told = perceive_again(capsys, session, "--model", str(INT8_WEIGHTS), "--name", "better")
     assert (status, said) == (1, "")
-    assert "there is a layer better already" in told
+    assert "a layer better already exists" in told
     assert people_in(layer) == people
 
 
@@ -129,7 +129,7 @@ def test_looking_back_fills_what_was_missed(street: Path, capsys: pytest.Capture
 def test_what_is_wrong_is_said_and_leaves_nothing(
     street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "is no session and no study" in perceive_again(capsys, tmp_path)[2]
+    assert "is not a session or a study" in perceive_again(capsys, tmp_path)[2]
     status, _, told = perceive_again(capsys, street, "--model", str(tmp_path / "none.onnx"))
     assert status == 1
     assert "none.onnx does not exist" in told

@@ -23,11 +23,11 @@ def perceive(*words: str) -> int:
 @pytest.mark.parametrize(
     ("token", "words", "said"),
     [
-        ("", ("--host", "0.0.0.0"), "put a token of 16 characters or more"),
-        (TOKEN, ("--host", "0.0.0.0"), "who could read the pictures on their way"),
-        (TOKEN, ("--host", "an-address"), "who could read the pictures on their way"),
-        ("short", (), "is short"),
-        ("", ("--cert", "cert.pem"), "belong together"),
+        ("", ("--host", "0.0.0.0"), "put a token of at least 16 characters"),
+        (TOKEN, ("--host", "0.0.0.0"), "could intercept the images"),
+        (TOKEN, ("--host", "an-address"), "could intercept the images"),
+        ("short", (), "is too short"),
+        ("", ("--cert", "cert.pem"), "must be given together"),
         ("", ("--cert", "missing.pem", "--key", "missing.pem"), "cannot be used"),
         ("", ("--model", "missing.onnx"), "missing.onnx does not exist"),
         ("", ("--model", "https://example.org/yolo.onnx"), "has no checksum"),
@@ -48,8 +48,8 @@ def test_a_console_finds_the_people_of_its_pictures_there(monkeypatch: pytest.Mo
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         first = process.stdout.readline()
-        assert "yolov8n_int8.tflite, LiteRT on CPU, 320x320 px answers at ws://127.0.0.1:" in first
-        address = first.split(" answers at ")[1].split(";")[0]
+        assert "yolov8n_int8.tflite, LiteRT on CPU, 320x320 px is available at ws://127.0.0.1:" in first
+        address = first.split(" is available at ")[1].split(";")[0]
         monkeypatch.setenv(SERVER_VARIABLE, address)
         detector = RemoteDetector(address, confidence=0.25)
         found = detector.detect(bus_picture())
@@ -58,6 +58,6 @@ def test_a_console_finds_the_people_of_its_pictures_there(monkeypatch: pytest.Mo
         process.send_signal(signal.SIGINT)
         rest, wrong = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert "has come" in rest
+    assert " connected" in rest
     assert "Traceback" not in wrong
     assert TOKEN not in first + rest + wrong

@@ -211,7 +211,7 @@ def test_what_is_taken_away_is_refused_before_any_service_follows(
     monkeypatch.setattr(first, "use_scenario", noting)
     strict = replace(bench.scenario, permissions=replace(EVERYTHING, photos=False))
     console._scenario._use((strict, "the text of its file"), WIZARD)
-    assert refused == ["This scenario takes no photos."]
+    assert refused == ["This scenario does not allow photos."]
 
 
 @pytest.mark.logs(r"live\.bus: ")

@@ -23,7 +23,7 @@ def test_a_whole_session_is_read_replayed_and_exported_to_every_format(folder: P
     back = read_back(folder, tmp_path / "exports")
     assert back.problems == ()
     counts = json.loads((folder / "session.json").read_text("utf-8"))["counts"]
-    assert back.found[0].startswith(f"{sum(counts.values())} values of {len(counts)} streams read back, 4 s replayed")
+    assert back.found[0].startswith(f"{sum(counts.values())} values from {len(counts)} streams read back, 4 s replayed")
     assert {path.name for path in (tmp_path / "exports").iterdir()} == {each.name for each in FORMATS}
     assert all(any(path.iterdir()) for path in (tmp_path / "exports").iterdir())
 

@@ -40,7 +40,7 @@ def test_an_unknown_robot_is_explored_saved_and_listened_to(
     with SimulatedRobot(ros=2) as robot:
         assert run("--explore", robot.address, "--save", "Robot of the lab") == 0
         printed = capsys.readouterr().out
-        assert "It looks like Simulated robot (ROS 2): --robot simulated-ros2 (100% of its names)." in printed
+        assert "It resembles Simulated robot (ROS 2): --robot simulated-ros2 (100% of its names)." in printed
         assert load_profile("robot-of-the-lab").address == robot.address
         assert (own_robots / "robot-of-the-lab.yaml").is_file()
         assert run("--explore", robot.address, "--save", "Robot of the lab") == 1

@@ -255,7 +255,7 @@ def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_aski
     console.say("release A")
     console.say("press D")
     console.say("go 1.5 5.0")
-    refusal = "Driving there is not possible: the emergency stop is on."
+    refusal = "Driving there is not possible: the emergency stop is active."
     wait_for(lambda: any(refusal in problem for problem in console.shown["problems"]), "the goal is refused")
     console.say("release D")
     assert _moving(wire) == []
@@ -285,7 +285,7 @@ def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
             wait_for(lambda: not robot.state()["goal_id"], f"{how} in the replay ends it")
             if how != "key Escape":
                 wait_for(lambda: robot.state()["emergency_stopped"], "latched at the robot")
-                replay.wait_until_shown(red_button="Emergency stop is on (live)")
+                replay.wait_until_shown(red_button="Emergency stop active (live)")
                 console.wait_until_shown(drive_allowed=False)
                 console.say("clear")
                 console.wait_until_shown(drive_allowed=True)

@@ -94,7 +94,11 @@ def test_a_name_that_is_taken_or_cannot_be_is_refused_and_everything_stays(tmp_p
     for name in ("visit", "other"):
         save_scenario(replace(tour, title=name), user_scenarios_dir() / f"{name}.yaml")
     before = {path: path.read_text() for path in list_own()}
-    for name, why in (("other", "called 'other' already"), ("../x", "cannot be a name"), ("tour-guide", "already")):
+    for name, why in (
+        ("other", "named 'other' already exists"),
+        ("../x", "is not a valid name"),
+        ("tour-guide", "already"),
+    ):
         with pytest.raises(UserFacingError) as told:
             import_scenario(tmp_path / "v.caris", [SameName("scenario", "visit", name)])
         assert why in told.value.meaning

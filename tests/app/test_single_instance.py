@@ -72,7 +72,7 @@ def test_a_second_start_shows_the_window_that_is_there_and_another_study_is_anot
     wait_for(lambda: second.poll() is not None or first.poll() is not None, "one of both goes", timeout_s=60.0)
     gone, stays = (second, first) if second.poll() is not None else (first, second)
     assert gone.returncode == 0 and gone.stdout is not None
-    assert re.search(r"is open already: its window was brought to the front\.$", gone.stdout.read().strip())
+    assert re.search(r"is already open: its window was brought to the front\.$", gone.stdout.read().strip())
     assert "another window asked for show_window" in program.logged()
     assert stays.poll() is None
     elsewhere = program.start("b")
@@ -93,14 +93,14 @@ def test_what_was_killed_holds_nothing(program: Program, tmp_path: Path) -> None
 
 def test_a_study_that_another_computer_has_open_stays_with_it(tmp_path: Path) -> None:
     (tmp_path / _LOCK).write_text(f"{os.getpid()}\npython3.11\nlab-2\n\n\n")
-    why = r"is open on the computer lab-2\. .* give another folder with --study"
+    why = r"is open on the computer lab-2\. .* choose another folder with --study"
     with pytest.raises(StartError, match=why), single_instance.held(tmp_path, tmp_path / "live"):
         pass
 
 
 def test_one_that_does_not_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(single_instance, "_WAITS_S", 0.0)
-    why, there = rf"process {os.getpid()}\), which does not answer", tmp_path / "live"
+    why, there = rf"process {os.getpid()}\), which does not respond", tmp_path / "live"
     with (
         single_instance.held(tmp_path, there),
         pytest.raises(StartError, match=why),

@@ -292,7 +292,7 @@ def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: B
     bench.console.do(intents.StartRecording(TrialDetails(participant="P4"), anyway=True))
     bench.console.do(intents.Mark("last"))
     named = _close_as_the_disk_answers(bench)
-    assert "What was asked last is being written to disk." in named
+    assert "The last changes are being written to disk." in named
     assert bench.console.session_folder is not None
     session = open_session(bench.console.session_folder)
     assert (session.reason, _marks(session)) == ("console_closed", ["last"])

@@ -139,7 +139,7 @@ def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
     torn.write_bytes(content)
     status, said, told = track(capsys, torn, result, "--model", str(INT8_WEIGHTS), "--no-looks")
     assert status == 0, told
-    assert "Torn pictures in torn.mp4, passed over: 1." in told
+    assert "Damaged frames in torn.mp4, skipped: 1." in told
     assert json.loads(said)["frames"] == 70
     assert np.loadtxt(result, delimiter=",")[:, 0].max() == 71
 
@@ -147,13 +147,13 @@ def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
 WRONG: dict[str, tuple[str, str, list[str], str]] = {
     # Video, result, further words, and what is said of it; in the test's folder.
     "missing": ("none.mp4", "result.txt", [], "none.mp4 does not exist"),
-    "folder": (".", "result.txt", [], "is no file"),
+    "folder": (".", "result.txt", [], "is not a file"),
     "text": ("text.mp4", "result.txt", [], "text.mp4 cannot be read as a video"),
     "letters": ("text.txt", "result.txt", [], "text.txt cannot be read as a video"),
     "cut": ("cut.mp4", "result.txt", [], "cut.mp4 cannot be read as a video"),
     "result is a folder": ("grey.mp4", ".", [], "is a folder"),
-    "no such folder": ("grey.mp4", "none/result.txt", [], "there is no folder"),
-    "result is the video": ("grey.mp4", "grey.mp4", [], "would replace the video"),
+    "no such folder": ("grey.mp4", "none/result.txt", [], "none does not exist"),
+    "result is the video": ("grey.mp4", "grey.mp4", [], "would overwrite the video"),
     "no model": ("grey.mp4", "result.txt", ["--model", "none.onnx"], "none.onnx does not exist"),
     "truncated model": ("grey.mp4", "result.txt", ["--model", "short.tflite"], "short.tflite could not be"),
     "truncated network": ("grey.mp4", "result.txt", ["--model", "short.onnx"], "short.onnx could not be"),

@@ -77,7 +77,7 @@ class Tour:
 
         wait_for(step, what, timeout_s=40.0, every_s=0.004)
         hold(False)
-        wait_for(self.standing, "the robot stands")
+        wait_for(self.standing, "the robot stands still")
 
     def square(self, *, forward: Callable[[bool], None], left: Callable[[bool], None]) -> tuple[float, float]:
         """Drive one; how far from its start and how much turned against it (rad) the robot is at its end."""

@@ -31,7 +31,7 @@ HELD_S = 4.6
 LET_GO_S = 0.4
 MARK_EVERY_MS = 500
 SETTLED_S = 4.0
-ENDED_BY_THE_CONSOLE = "The console stopped answering for a moment"
+ENDED_BY_THE_CONSOLE = "The console stopped responding for a moment"
 # Side by side, three rows of them.
 _ROWS: tuple[tuple[PanelName, ...], ...] = (
     ("video", "map", "people"),

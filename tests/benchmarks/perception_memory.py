@@ -119,7 +119,7 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--model", type=Path, help="the detector (default: as the console finds one)")
+    parser.add_argument("--model", type=Path, help="detector (default: the same as the console)")
     arguments = parser.parse_args()
     print(json.dumps(measure(arguments.seconds, model=arguments.model)))
 

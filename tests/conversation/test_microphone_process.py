@@ -174,6 +174,6 @@ def test_without_a_microphone_the_session_goes_on_quietly(monkeypatch: pytest.Mo
         assert microphone.wait_for(MicrophoneFailed).problem is None, "none was asked for by name"
         microphone.connection.send(OpenMicrophone("Headset of the lab"))
         problem = microphone.wait_for(MicrophoneFailed).problem
-        assert problem is not None and "cannot be heard" in problem.what
+        assert problem is not None and "is not working" in problem.what
     finally:
         microphone.close()

@@ -316,7 +316,7 @@ def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(st
     speech.wait_state("u3", "interrupted")
     assert speech.actors == {("started", "wizard:a"), ("finished", "wizard:a"), ("interrupted", "wizard:b")}
     assert [problem.severity for problem in speech.problems] == ["warning"]
-    assert "Nobody hears" in speech.problems[0].meaning
+    assert "Utterances cannot be heard" in speech.problems[0].meaning
 
 
 def test_a_sound_server_that_dies_and_returns(own_sound: SoundServer, start_speech: StartSpeech) -> None:
@@ -359,7 +359,7 @@ def test_a_voice_that_hangs_is_replaced(start_speech: StartSpeech) -> None:
     hung.suspend()
     speech.say("u1")
     failed = speech.wait_state("u1", "failed")
-    assert "too long" in failed.detail
+    assert "timed out" in failed.detail
     speech.say("u2")
     speech.wait_state("u2", "finished")
     assert not hung.is_running()

@@ -53,13 +53,13 @@ SENDS = "'publish', 'call' or 'action'"
 @pytest.mark.parametrize(
     ("control", "path", "sentence"),
     [
-        ({"kind": "readout"}, ("kind",), "'kind' is 'readout', which needs 'shows' beside it."),
+        ({"kind": "readout"}, ("kind",), "'kind': 'readout' also requires 'shows'."),
         (
             {"kind": "readout", "shows": SHOWS, "call": CALL},
             ("call",),
-            "'call' belongs to 'kind: button, toggle, slider, choice or text', found 'readout'.",
+            "'call' is allowed only with 'kind: button, toggle, slider, choice or text', found 'readout'.",
         ),
-        ({"kind": "button"}, ("kind",), f"'kind' is 'button', which needs {SENDS} beside it."),
+        ({"kind": "button"}, ("kind",), f"'kind': 'button' also requires {SENDS}."),
         (
             {"kind": "button", "cal": CALL},
             ("cal",),
@@ -69,9 +69,9 @@ SENDS = "'publish', 'call' or 'action'"
         (
             {"kind": "button", "call": CALL, "publish": PUBLISH},
             ("call",),
-            "'call' does not go with 'publish': keep one of the two.",
+            "'call' cannot be combined with 'publish': remove one of the two.",
         ),
-        ({"kind": "slider", "call": CALL}, ("kind",), "'kind' is 'slider', which needs 'range' beside it."),
+        ({"kind": "slider", "call": CALL}, ("kind",), "'kind': 'slider' also requires 'range'."),
         (
             {"kind": "slider", "call": CALL, "range": [1]},
             ("range",),
@@ -80,9 +80,9 @@ SENDS = "'publish', 'call' or 'action'"
         (
             {"kind": "button", "call": CALL, "range": [0, 1]},
             ("range",),
-            "'range' belongs to 'kind: slider', found 'button'.",
+            "'range' is allowed only with 'kind: slider', found 'button'.",
         ),
-        ({"kind": "choice", "call": CALL}, ("kind",), "'kind' is 'choice', which needs 'choices' beside it."),
+        ({"kind": "choice", "call": CALL}, ("kind",), "'kind': 'choice' also requires 'choices'."),
         (
             {"kind": "knob", "call": CALL},
             ("kind",),
@@ -129,7 +129,7 @@ def test_velocities_are_no_matter_of_a_control() -> None:
     other = {**wave, "id": "b", "publish": {"topic": "base/cmd", "type": "std_msgs/String"}}
     assert [index for index, _sentence in control_problems([stamped, other])] == [0]
     ((index, sentence),) = control_problems([other], lambda: "/base/cmd")
-    assert (index, "Only driving sends those" in sentence) == (0, True)
+    assert (index, "Only driving may send them" in sentence) == (0, True)
 
 
 def test_two_controls_of_one_name_and_an_upside_down_range_are_told() -> None:

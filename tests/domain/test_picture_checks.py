@@ -23,7 +23,7 @@ def test_large_pictures_keep_their_shape() -> None:
         (np.zeros((0, 64, 3), np.uint8), "too small"),
         (np.zeros((2, 4_000_000), np.uint8), "too small"),
         (np.broadcast_to(np.uint8(0), (10_000, 10_000)), "too large"),
-        (np.zeros((48, 64, 2), np.uint8), "not one of light"),
+        (np.zeros((48, 64, 2), np.uint8), "not a greyscale or colour image"),
         (np.zeros((48, 64, 3), np.float64), "float64"),
         (np.zeros(64, np.uint8), "64"),
     ],

@@ -5,10 +5,11 @@ import re
 
 import pytest
 
-from caris_desktop.domain.recorded_messages import TEXTS_PATH, retranslate
+from caris_desktop.domain.recorded_messages import EARLIER_PATH, TEXTS_PATH, parse_recorded, retranslate
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized, tr
 
 TEXTS: list[str] = json.loads(TEXTS_PATH.read_text("utf-8"))
+EARLIER: dict[str, str] = json.loads(EARLIER_PATH.read_text("utf-8"))
 VALUES = ("7A", "B8", "9C", "D6", "5E", "F4", "3G", "H2")
 
 
@@ -54,3 +55,20 @@ def test_every_text_is_found_again() -> None:
 def _shape(why: str) -> str:
     """The text with places that have no names: two that differ in them alone read alike."""
     return re.sub(r"\{\w+\}", "{}", why.template) if isinstance(why, LocalizedText) else ""
+
+
+def test_an_earlier_wording_has_a_present_one_with_the_same_values() -> None:
+    assert set(EARLIER.values()) <= set(TEXTS) and not set(EARLIER) & set(TEXTS)
+    for before, now in EARLIER.items():
+        assert set(names_in(before)) == set(names_in(now)) and ("%n" in before) == ("%n" in now), before
+
+
+@pytest.mark.usefixtures("trial_language")
+def test_sentences_of_older_sessions_are_translated_in_their_present_wording() -> None:
+    lost = []
+    for before, now in EARLIER.items():
+        if names_in(before) or "%n" in before:
+            read = parse_recorded(str.__str__(recorded(before)), (now,))
+            if _shape(read) != _shape(recorded(now)):
+                lost.append(before)
+    assert lost == []

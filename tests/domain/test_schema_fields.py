@@ -129,7 +129,7 @@ def test_a_setting_that_is_declared_is_checked_told_read_written_and_explained()
             ("light", "brightness"),
             "'light.brightness' is 101. Allowed: at most 100.",
         ),
-        ({"colours": ["red", "blue", "red"]}, ("colours", 2), "'colours' lists 'red' twice."),
+        ({"colours": ["red", "blue", "red"]}, ("colours", 2), "'colours': duplicate entry 'red'."),
         ({"top": {}}, ("top",), "a thing is a book or a box."),
         (
             {"top": {"boook": "x"}},
@@ -282,16 +282,16 @@ FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, 
 @pytest.mark.parametrize(
     ("wrong", "path", "sentence"),
     [
-        ({"plug": {"kind": "wall"}}, ("plug", "kind"), "'plug.kind' is 'wall', which needs 'volts' beside it."),
+        ({"plug": {"kind": "wall"}}, ("plug", "kind"), "'plug.kind': 'wall' also requires 'volts'."),
         (
             {"plug": {"kind": "battery", "volts": 1}},
             ("plug", "volts"),
-            "'plug.volts' belongs to 'kind: wall', found 'battery'.",
+            "'plug.volts' is allowed only with 'kind: wall', found 'battery'.",
         ),
         (
             {"plug": {"kind": "battery", "fuse_a": 1}},
             ("plug", "fuse_a"),
-            "'plug.fuse_a' belongs to 'volts', which is not there.",
+            "'plug.fuse_a' is allowed only with 'volts', which is missing.",
         ),
         (
             {"plug": {"kind": "battery", "fuse_a": 1, "vols": 1}},
@@ -308,7 +308,7 @@ FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, 
         (
             {"bulb": {"lumens": 1, "watts": 1}},
             ("bulb", "lumens"),
-            "'bulb.lumens' does not go with 'watts': keep one of the two.",
+            "'bulb.lumens' cannot be combined with 'watts': remove one of the two.",
         ),
         ({"corner": {"at_cm": [1, 2, 3]}}, ("corner", "at_cm"), "'corner.at_cm' has 3 entries. Allowed: 2."),
         ({"corner": {"at_cm": []}}, ("corner", "at_cm"), "'corner.at_cm' is empty. Allowed: 2."),
@@ -365,7 +365,7 @@ def test_tables_are_written_between_their_marks() -> None:
     written = with_tables(page, {"fitting": Fitting})
     assert written == (
         "Before\n<!-- keys of fitting.plug: fuse_a volts -->\n\n"
-        "| key | what may stand there, default | meaning |\n| --- | --- | --- |\n"
+        "| key | values, default | meaning |\n| --- | --- | --- |\n"
         "| `fuse_a` | number, only with `volts`, none | Its fuse. |\n"
         "| `volts` | number, required and only with `kind: wall` | Of the wall. |\n"
         "\n<!-- end of keys -->\nAfter\n"

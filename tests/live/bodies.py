@@ -59,7 +59,9 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
         if value == 13:
             os.abort()
         if value == 7:
-            problem = Problem(0, "warning", "lab does not answer.", "No boxes.", "See whether it runs.", until="people")
+            problem = Problem(
+                0, "warning", "lab does not respond.", "No boxes.", "See whether it runs.", until="people"
+            )
             connection.send(DetectorAway(0, problem))
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue

@@ -169,7 +169,7 @@ def test_a_condition_without_an_end_of_its_own_ends_with_itself(desk: Desk) -> N
 
 def test_what_needs_nothing_done_and_answers_are_no_alarms(desk: Desk) -> None:
     desk.told("The map was saved.", severity="info")
-    desk.told("This scenario takes no photos.", cause=ANSWER)
+    desk.told("This scenario does not allow photos.", cause=ANSWER)
     assert desk.raised == []
 
 
@@ -195,9 +195,9 @@ def test_of_one_cause_the_gravest_words_stand(desk: Desk) -> None:
 
 
 def test_somebody_sees_to_what_does_not_end_by_itself(desk: Desk) -> None:
-    desk.told("The detector does not know: cake.", until="")
+    desk.told("Classes unknown to the detector: cake.", until="")
     desk.told("People are not found.", until="people")
-    unknown, lost = desk.alarms["The detector does not know: cake."], desk.alarms["People are not found."]
+    unknown, lost = desk.alarms["Classes unknown to the detector: cake."], desk.alarms["People are not found."]
     assert not desk.book.dismiss(lost.alarm_id, "wizard", desk.now_ns)
     assert desk.book.dismiss(unknown.alarm_id, "wizard", desk.now_ns)
     assert not desk.book.dismiss(unknown.alarm_id, "wizard", desk.now_ns)

@@ -65,7 +65,7 @@ def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: Q
 def test_what_nobody_thought_of_is_told_in_words_and_does_not_end_the_work(bench: Bench, qtbot: QtBot) -> None:
     bench.ask(lambda: _raise(KeyError("x")))
     bench.ask(lambda: "next")
-    qtbot.waitUntil(lambda: bench.told == ["Something that was asked for could not be done.", "next"], timeout=20_000)
+    qtbot.waitUntil(lambda: bench.told == ["A background task failed.", "next"], timeout=20_000)
 
 
 def test_at_the_end_what_was_asked_is_done_and_what_follows_from_it(bench: Bench) -> None:
@@ -80,7 +80,7 @@ def test_at_the_end_what_was_asked_is_done_and_what_follows_from_it(bench: Bench
 
     bench.work.finish(during)
     assert bench.told == ["second"]
-    assert set(named) == {"What was asked last is being written to disk."}
+    assert set(named) == {"The last changes are being written to disk."}
     bench.ask(lambda: "too late")
     bench.finish()
     assert bench.told == ["second"]

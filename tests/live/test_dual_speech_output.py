@@ -81,7 +81,7 @@ def test_one_that_refuses_leaves_it_to_the_other_and_two_that_refuse_say_so() ->
     voice.handle(of("computer", "interrupted", 11))
     assert [(event.state, event.detail) for event in told] == [
         ("started", ""),
-        ("interrupted", "the robot has no voice now"),
+        ("interrupted", "the robot's voice is not available"),
     ]
     nobody, told, _ = both(robot=False, computer=False)
     assert not nobody.say(ASKED, "Hello")

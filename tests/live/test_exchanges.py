@@ -206,7 +206,7 @@ def test_no_more_than_a_few_are_asked_at_once_and_the_oldest_answers_make_room(d
     desk.waits = True
     for _ in range(MOST_UNDER_WAY):
         desk.ask()
-    with pytest.raises(UserFacingError, match="kept in the field"):
+    with pytest.raises(UserFacingError, match="still in the field"):
         desk.asking.prepare("One more?")
     desk.asking.cancel("enough")
     assert desk.shown.state == "ready"

@@ -329,7 +329,7 @@ def test_a_gamepad_that_falls_silent_moves_nothing(
     monkeypatch.setattr(gamepad_module, "_HEARTBEAT_NS", 10**12)
     gamepads.stop()
     gamepads._watch.start()
-    qtbot.waitUntil(lambda: heard.lost == ["The gamepad stopped answering"])
+    qtbot.waitUntil(lambda: heard.lost == ["The gamepad stopped responding"])
 
 
 @pytest.mark.logs("gamepads cannot be used")

@@ -157,16 +157,19 @@ def test_why_there_is_no_answer_is_english_in_the_record_and_has_its_words_apart
     qtbot.waitUntil(lambda: bool(talk.published))
     detail = talk.published[0].detail
     place = "The language model server at models.example.org"
-    assert detail == f"{place} broke off. Use what is there, or ask again."
+    assert detail == f"{place} stopped in the middle of the answer. Use the partial answer, or ask again."
     server = tr("The language model server at {server}").format(server=_SERVER)
-    broke, then = tr("{place} broke off.").format(place=server), tr("Use what is there, or ask again.")
+    broke, then = (
+        tr("{place} stopped in the middle of the answer.").format(place=server),
+        tr("Use the partial answer, or ask again."),
+    )
     assert broke in tr(detail) and then in tr(detail)
     assert then in tr(retranslate(str.__str__(json.loads(json.dumps(detail))))), "in a replay"
 
 
 @pytest.mark.usefixtures("trial_language")
 def test_why_it_is_still_waited_for_is_said_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
-    why = localized(QT_TR_NOOP("{what} It is asked again in {seconds} s."), what="Busy.", seconds=3)
+    why = localized(QT_TR_NOOP("{what} The console tries again in {seconds} s."), what="Busy.", seconds=3)
     asking = talk.ask("this waits")
     talk.client._waits.emit(asking.exchange_id, why)
     qtbot.waitUntil(lambda: bool(talk.waits))

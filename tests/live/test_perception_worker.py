@@ -142,7 +142,7 @@ def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: 
 def test_a_machine_that_looks_for_this_one_may_go_and_come_back(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     _show_until(qtbot, setup, 7, lambda: setup.statuses[-1] == "failed")
-    assert setup.of(Problem)[0].what == "lab does not answer."
+    assert setup.of(Problem)[0].what == "lab does not respond."
     _show_until(qtbot, setup, 200, lambda: setup.statuses[-1] == "ready")
     assert setup.models[-1] == "brightness test"
 

@@ -127,7 +127,7 @@ def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language()
         ("listening", "not checked", {"listening": ListeningStatus()}),
         ("voice", "pending", {"speech": SpeechStatus()}),
         ("voice", "major", {"speech": SpeechStatus(detail="the voice stopped")}),
-        ("voice", "major", {"speech": SpeechStatus(ready=True, detail="no sound device: nobody hears it")}),
+        ("voice", "major", {"speech": SpeechStatus(ready=True, detail="no sound device: speech cannot be heard")}),
         ("voice", "not checked", {"voice": VoiceStatus("robot"), "link": LinkStatus("lost")}),
         ("voice", "passed", {"voice": VoiceStatus("robot"), "speech": SpeechStatus()}),
         ("voice", "minor", {"voice": VoiceStatus("robot"), "robot": MUTE}),
@@ -174,9 +174,9 @@ def test_the_robots_own_camera_and_microphone_wait_for_it_while_it_is_away() -> 
 
 def test_whoever_chose_a_shipped_profile_is_told_that_its_address_is_this_computer() -> None:
     silent = replace(GOOD, link=LinkStatus("connecting", "TIAGo", address="ws://127.0.0.1:9090"))
-    assert "Its address is that of this computer." in by_id(silent)["robot"].advice
+    assert "Its address is this computer." in by_id(silent)["robot"].advice
     elsewhere = replace(silent, robot=replace(ROBOT, address="ws://tiago-0c:9090"))
-    assert "Switch it on" in by_id(elsewhere)["robot"].advice
+    assert "Turn on the robot" in by_id(elsewhere)["robot"].advice
 
 
 def test_of_a_robot_that_does_not_answer_the_address_is_told_and_what_to_do() -> None:

@@ -101,7 +101,7 @@ def test_what_is_ticked_off_stays_with_its_step(walk: ProtocolRun) -> None:
     assert walk.status().ticked == ("Consent", "Coat")
     walk.next(at(4), WIZARD)
     assert walk.status().ticked == ()
-    with pytest.raises(UserFacingError, match="The present step has no “Coat” to tick off"):
+    with pytest.raises(UserFacingError, match="The current step has no item “Coat”"):
         walk.tick("Coat", False, at(5), WIZARD)
     walk.back(at(6), WIZARD)
     assert walk.tick("Consent", False, at(7), WIZARD) == StepTicked(at(7), "greet", "Consent", False, WIZARD)
@@ -139,7 +139,7 @@ def test_what_cannot_be_done_is_told() -> None:
         with pytest.raises(UserFacingError, match="This scenario has no protocol"):
             move()
     for move in (lambda: fresh.skip(0, WIZARD), lambda: fresh.back(0, WIZARD), lambda: fresh.branch("x", 0, WIZARD)):
-        with pytest.raises(UserFacingError, match="No step is under way"):
+        with pytest.raises(UserFacingError, match="No step is active"):
             move()
     with pytest.raises(UserFacingError, match="no step “nowhere”"):
         fresh.choose("nowhere", 0, WIZARD)

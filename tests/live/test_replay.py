@@ -540,8 +540,8 @@ def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_languag
     table.write_bytes(table.read_bytes() + b"\0\0")
     console.import_annotations(table, "Kim", told.append)
     qtbot.waitUntil(lambda: bool(told))
-    why = tr(QT_TR_NOOP("It is no text. Save the table as CSV in UTF-8."))
-    assert told == [tr(QT_TR_NOOP("{file} cannot be taken over. {error}")).format(file="kim.csv", error=why)]
+    why = tr(QT_TR_NOOP("The file is not a text file. Save the table as CSV in UTF-8."))
+    assert told == [tr(QT_TR_NOOP("{file} cannot be imported. {error}")).format(file="kim.csv", error=why)]
     (folder / "annotations").touch()
     console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim"))
     qtbot.waitUntil(lambda: bool(problems), timeout=10_000)

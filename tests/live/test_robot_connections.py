@@ -109,7 +109,9 @@ def test_it_is_told_where_the_robot_is_out_of_reach(
     qtbot.waitUntil(lambda: replay.status.robots == ("Simulated robot",))
     replay.robots.emergency_stop()
     qtbot.waitUntil(lambda: bool(replay.told))
-    assert replay.told[0].startswith("error: The live console cannot reach the robot now. Simulated robot may not")
+    assert replay.told[0].startswith(
+        "error: The live console cannot currently reach the robot. Simulated robot may not"
+    )
 
 
 _SILENT = """
@@ -137,12 +139,14 @@ def test_a_console_that_does_not_answer_or_is_killed_is_told(
         qtbot.waitUntil(lambda: replay.status.robots == ("Lab robot",))
         replay.robots.stop(pytest.fail)
         qtbot.waitUntil(lambda: bool(replay.told))
-        assert replay.told[0].startswith("error: The live console does not answer. Lab robot may not have been stopped")
+        assert replay.told[0].startswith(
+            "error: The live console does not respond. Lab robot may not have been stopped"
+        )
         replay.robots._patience.setInterval(60_000)
         replay.robots.stop()
         os.kill(silent.pid, signal.SIGKILL)
         qtbot.waitUntil(lambda: len(replay.told) == 2)
-        assert "ended before it answered" in replay.told[1]
+        assert "closed before it responded" in replay.told[1]
         assert replay.status.robots == ()
     finally:
         replay.robots.shutdown()

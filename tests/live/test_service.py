@@ -37,7 +37,7 @@ class Voice(Service):
         return {"speech": self.counted}
 
 
-AGAIN, GIVEN_UP = "It is being started again.", "It failed too often: restart the program."
+AGAIN, GIVEN_UP = "It is being restarted.", "It failed too often: restart the program."
 
 
 def test_the_wizard_is_told_and_then_it_is_begun_again_three_times(qtbot: QtBot) -> None:

@@ -46,7 +46,7 @@ def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told
     library.open_replay(Path("/study/one"))
     qtbot.waitUntil(lambda: bool(told), timeout=10_000)
     why = "/study/one is damaged --told-in-window"
-    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one has ended.", why]
+    assert [told[0][0], told[0][1], told[0][2]] == ["error", "The replay of one ended unexpectedly.", why]
     assert not library._replay_watch.isActive()
 
 
@@ -158,7 +158,7 @@ def test_what_is_exported_and_why_not_is_said_in_the_wizards_language(
     library.start_export([tmp_path / "one"], ["csv", "eaf"], tmp_path / "out")
     assert shown == [tr("starting")] != ["starting"]
     qtbot.waitUntil(lambda: library.export.value.state == "failed", timeout=30_000)
-    no_folder = "{folder} is no folder. A session is a folder with session.json and events.mcap in it."
+    no_folder = "{folder} is not a folder. A session is a folder that contains session.json and events.mcap."
     why = tr(no_folder).format(folder=tmp_path / "one")
     assert library.export.value.detail == tr("{name}: {told}").format(name="one", told=why)
     assert tr("done") in shown

@@ -135,7 +135,7 @@ def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> N
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     queue.say("Two", "typed")
-    queue.on_voice_lost("robot", "the link was lost")
+    queue.on_voice_lost("robot", "the connection was lost")
     assert published[-1].state == "failed" and published[-1].text == "One"
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
 
@@ -144,7 +144,7 @@ def test_what_a_lost_voice_tells_late_is_dropped(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     _report(queue, voice.said[0], "started")
-    queue.on_voice_lost("robot", "the link was lost")
+    queue.on_voice_lost("robot", "the connection was lost")
     queue.say("Two", "typed")
     _report(queue, voice.said[0], "finished")
     queue.report(replace(voice.said[0], utterance_id="u-of-nobody", state="started"))
@@ -160,7 +160,7 @@ def test_a_voice_that_is_lost_after_it_has_told_the_end_has_not_failed(qtbot: Qt
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     queue.report(replace(voice.said[0], state="finished"))  # the GUI thread does not know it yet
-    queue.on_voice_lost("robot", "the link was lost")
+    queue.on_voice_lost("robot", "the connection was lost")
     assert [event.state for event in published] == ["requested", "finished"]
 
 
@@ -255,7 +255,7 @@ def test_a_gap_is_never_spoken(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     queue.say("Hello, {name}!", "suggestion")
     assert [(event.state, event.detail) for event in published] == [
-        ("requested", ""), ("failed", "nobody said what stands for {name}"),
+        ("requested", ""), ("failed", "no value was entered for {name}"),
     ]  # fmt: skip
     assert voice.spoken == [] and state.speech.value.waiting == ()
 

@@ -60,10 +60,10 @@ def test_everything_that_changed_comes_back() -> None:
 def test_what_was_given_up_on_a_busy_machine_is_in_the_record_and_shown_again() -> None:
     state, shown = LiveState(), list[StatusShown]()
     tap = StatusTap(state, shown.append)
-    load = LoadStatus(2, "people less often")
+    load = LoadStatus(2, "people detection less often")
     state.load.set(load)
     del tap
-    assert shown[-1].name == "load" and shown[-1].content == {"step": 2, "detail": "people less often"}
+    assert shown[-1].name == "load" and shown[-1].content == {"step": 2, "detail": "people detection less often"}
     assert _put_back(shown, names={}).load.value == load
 
 

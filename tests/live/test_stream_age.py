@@ -74,7 +74,7 @@ def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
     silent_s = state.odometry.silent_s()
     assert silent_s is not None
     assert silent_s < 1.0
-    assert "arrives 3." in drive_service._missing("odometry", state.odometry)
+    assert "delayed by 3." in drive_service._missing("odometry", state.odometry)
 
 
 def test_without_a_clock_what_comes_later_than_usual_is_known_to_be_old(state: LiveState) -> None:

@@ -341,7 +341,7 @@ def test_forgetting_is_for_good_and_who_still_stands_there_is_nobody_known(room:
 )
 def test_of_somebody_unknown_nothing_is_decided(room: Room, asked: PeopleIntent) -> None:
     (told,) = do(room, asked)
-    assert isinstance(told, Problem) and told.what == "That person is not known any more."
+    assert isinstance(told, Problem) and told.what == "That person is no longer known."
 
 
 def test_so_many_decisions_can_be_taken_back_and_none_where_people_are_not_named(room: Room) -> None:

@@ -283,7 +283,7 @@ def test_what_was_written_is_there_without_closing(path: Path) -> None:
 def test_a_file_that_is_no_database_is_left_untouched(path: Path, content: bytes) -> None:
     path.parent.mkdir()
     path.write_bytes(content)
-    with pytest.raises(PeopleStoreError, match="left untouched"):
+    with pytest.raises(PeopleStoreError, match="left unchanged"):
         PeopleStore(path)
     assert path.read_bytes() == content
 

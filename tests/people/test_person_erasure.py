@@ -40,7 +40,7 @@ def test_somebody_is_found_by_name_or_any_id_with_all_that_is_known(database: Pa
 
 
 def test_of_two_with_one_name_nobody_is_chosen(database: Path) -> None:
-    with pytest.raises(UserFacingError, match=r"2 people of this study are called Ben\..*by id: p-\w+, last seen"):
+    with pytest.raises(UserFacingError, match=r"2 people in this study are called Ben\..*by id: p-\w+, last seen"):
         find_person(database, "Ben")
 
 
@@ -58,6 +58,6 @@ def test_who_is_erased_is_gone_and_may_be_erased_again(database: Path) -> None:
 def test_a_database_of_something_else_is_told_and_left(tmp_path: Path) -> None:
     path = tmp_path / "people.sqlite"
     path.write_bytes(b"no database" * 100)
-    with pytest.raises(UserFacingError, match="Nobody was forgotten"):
+    with pytest.raises(UserFacingError, match="No person was erased"):
         find_person(path, "Ada")
     assert path.read_bytes() == b"no database" * 100

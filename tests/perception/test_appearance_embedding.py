@@ -53,7 +53,7 @@ def test_a_network_for_one_at_a_time_is_asked_one_by_one(tmp_path: Path, model: 
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"no network", "could not be loaded"), (colours_of_places(height=64), "no re-identification model")],
+    [(b"no network", "could not be loaded"), (colours_of_places(height=64), "not a re-identification model")],
 )
 def test_a_file_that_is_no_such_network_is_told_by_name(tmp_path: Path, content: bytes, words: str) -> None:
     (tmp_path / "osnet_bad.onnx").write_bytes(content)
@@ -67,7 +67,7 @@ def test_a_checksum_beside_the_file_has_to_be_its_own(tmp_path: Path, model: App
     checksum.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest().upper()}  osnet_test.onnx\n", encoding="ascii")
     assert AppearanceModel(path).name == model.name
     checksum.write_text("0" * 64, encoding="ascii")
-    with pytest.raises(AppearanceError, match="is not the one that its checksum is of"):
+    with pytest.raises(AppearanceError, match="does not match its checksum"):
         AppearanceModel(path)
 
 

@@ -112,7 +112,7 @@ def test_no_face_is_looked_at_unless_the_scenario_says_so(network: Path) -> None
     [
         (b"no network", None, "could not be loaded"),
         (colours_of_places(), None, "input is not 3 x 112 x 112"),
-        (colours_of_places(height=112, width=112), "0" * 64, "is not the one that its checksum is of"),
+        (colours_of_places(height=112, width=112), "0" * 64, "does not match its checksum"),
     ],
 )
 def test_a_network_that_cannot_be_meant_is_refused_once(

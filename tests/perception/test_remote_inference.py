@@ -73,7 +73,7 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
     running = Running(DetectorSettings(server=server.address))
     try:
         problem = running.next(DetectorAway).problem
-        assert problem.what == f"127.0.0.1:{server.port} does not answer."
+        assert problem.what == f"127.0.0.1:{server.port} does not respond."
         assert "remove perception.server" in problem.advice
         server.start()
         ready = running.next(InferenceReady)
@@ -83,7 +83,7 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
         assert running.next(People).camera == "front"
         server.stop()
         running.ask()
-        assert "does not answer" in running.next(DetectorAway).problem.what
+        assert "does not respond" in running.next(DetectorAway).problem.what
         running.next(FrameSkipped)
         running.ask()
         running.next(FrameSkipped)
@@ -100,8 +100,8 @@ def test_things_and_poses_are_told_beside_people(server: Serving) -> None:
     try:
         running.next(InferenceReady)
         problem = running.next(Problem)
-        assert problem.what == "The detector does not know: unicorn, person."
-        assert "knows: chair, person" in problem.advice
+        assert problem.what == "Classes unknown to the detector: unicorn, person."
+        assert "Classes of this detector: chair, person" in problem.advice
         server.detector.confidences = (0.8, 0.5)
         for _ in range(12):
             running.ask()

@@ -83,7 +83,7 @@ def test_a_pickle_that_nobody_vouches_for_is_not_taken_by_itself(
     (folders[0] / name).write_bytes(b"code of somebody")
     with pytest.raises(WeightsError) as caught:
         find_weights(folders=folders, allow_download=False)
-    assert name != "yolov8n.pt" or "not the file that ultralytics publishes" in "".join(caught.value.searched)
+    assert name != "yolov8n.pt" or "not the file published by ultralytics" in "".join(caught.value.searched)
     assert find_weights(folders[0] / name, folders=folders).path == folders[0] / name
 
 
@@ -125,7 +125,7 @@ def test_the_published_file_is_downloaded(tmp_path: Path, server: tuple[str, dic
 @pytest.mark.logs("download of yolov8n.pt failed")
 @pytest.mark.parametrize(
     ("body", "words"),
-    [(_PUBLISHED[:-1], "thrown away"), (b"code of somebody", "thrown away"), (None, "404")],
+    [(_PUBLISHED[:-1], "was discarded"), (b"code of somebody", "was discarded"), (None, "404")],
     ids=["torn", "another", "missing"],
 )
 def test_anything_else_leaves_no_file(
@@ -225,7 +225,7 @@ def test_a_wrong_checksum_is_refused(folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
     right = DetectorChoice("other.onnx", sha256=_sum(b"network").upper())
     assert find_weights(right, folders=folders).path == folders[0] / "other.onnx"
-    with pytest.raises(WeightsError, match=r"other\.onnx is not the file that the scenario means") as caught:
+    with pytest.raises(WeightsError, match=r"other\.onnx is not the file that the scenario expects") as caught:
         find_weights(DetectorChoice("other.onnx", sha256=_sum(b"another")), folders=folders)
     assert _sum(b"network") in caught.value.searched[0]
     with pytest.raises(WeightsError, match="is not a SHA-256"):
@@ -234,7 +234,7 @@ def test_a_wrong_checksum_is_refused(folders: tuple[Path, Path]) -> None:
 
 def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.pt").write_bytes(b"pickle")
-    with pytest.raises(WeightsError, match="can bring code") as caught:
+    with pytest.raises(WeightsError, match="can contain code") as caught:
         find_weights(DetectorChoice("other.pt"), folders=folders)
     assert _sum(b"pickle") in caught.value.advice
     assert not find_weights(DetectorChoice("other.pt", _sum(b"pickle")), folders=folders).may_run_code
@@ -245,9 +245,9 @@ def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Pa
     ("source", "words"),
     [
         ("missing.onnx", "does not exist"),
-        ("../other.onnx", "outside of the scenario's folder"),
+        ("../other.onnx", "outside the scenario's folder"),
         ("notes.txt", "is not a .pt"),
-        ("empty", "nor a folder for OpenVINO"),
+        ("empty", "or an OpenVINO folder"),
     ],
 )
 def test_what_a_scenario_names_wrongly_is_told(folders: tuple[Path, Path], source: str, words: str) -> None:
@@ -286,7 +286,7 @@ def test_a_named_address_is_fetched_once(folders: tuple[Path, Path], server: tup
 @pytest.mark.parametrize(
     ("address", "sha256", "words"),
     [
-        ("{}/my.onnx", _sum(b"something else"), "thrown away"),
+        ("{}/my.onnx", _sum(b"something else"), "was discarded"),
         ("{}/gone.onnx", _sum(b"network"), "404"),
         ("{}/my.onnx", "", "has no checksum"),
         ("{}/my.zip", _sum(b"network"), "does not end in the name"),

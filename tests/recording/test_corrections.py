@@ -98,7 +98,7 @@ def test_captions_have_both(session: Path, tmp_path: Path) -> None:
     export_session(session, "vtt", tmp_path / "vtt")
     text = (tmp_path / "vtt" / "captions.vtt").read_text(encoding="utf-8")
     assert f"<v Participant>I am {NAME}." in text
-    assert "NOTE p1 was corrected. What was made out: I am quill feather." in text
+    assert "NOTE p1 was corrected. Original transcript: I am quill feather." in text
     assert "<v Somebody>Who was that?" in text
 
 
@@ -115,7 +115,7 @@ def test_the_methods_sheet_tells_of_gaps(session: Path, tmp_path: Path) -> None:
     export_session(session, "methods", tmp_path / "methods")
     text = " ".join(path.read_text(encoding="utf-8") for path in (tmp_path / "methods").iterdir())
     assert "median 0.50 s, quartiles 0.50 and 0.50 s, 100 % under 1 s, 0 of 1 overlapping" in text
-    assert "Median by what the robot said it with: typed 0.50 s (n = 1)." in text
+    assert "Median by means of speech: typed 0.50 s (n = 1)." in text
 
 
 def test_search_finds_what_was_corrected(study: Path) -> None:

@@ -96,7 +96,7 @@ def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys
     assert run(study, "--to", "methods,vtt", tmp_path / "out") == 0
     assert names(tmp_path / "out") == ["methods", "one", "three", "two"]
     assert names(tmp_path / "out" / "methods") == ["methods.html", "methods.md"]
-    assert "Exported 3 of 3 sessions and methods of all" in capsys.readouterr().out
+    assert "Exported 3 of 3 sessions and methods for all" in capsys.readouterr().out
 
 
 def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
@@ -110,7 +110,7 @@ def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
     assert run(study, "--to", "csv", tmp_path / "out") == 1
     said = capsys.readouterr()
     assert "one: " in said.err
-    assert "holds no events.mcap" in said.err
+    assert "does not contain events.mcap" in said.err
     assert "stray: " in said.err
     assert "two exists and is not empty" in said.err
     assert "Exported 1 of 4 sessions" in said.out
@@ -143,7 +143,7 @@ def test_a_format_that_fails_costs_only_itself(
     assert finished.written == (tmp_path / "out" / "one",)
     assert names(tmp_path / "out" / "one") == ["csv"]
     (problem,) = finished.problems
-    assert problem.startswith("one: Captions (WebVTT): It could not be written as vtt (ZeroDivisionError: oh).")
+    assert problem.startswith("one: Captions (WebVTT): The export as vtt failed (ZeroDivisionError: oh).")
     assert "Traceback" in caplog.text, "the log has the details"
     finished = export_all(ExportRequest((session,), ("vtt",), tmp_path / "out2"))
     assert (finished.written, len(finished.problems)) == ((), 1)
@@ -194,7 +194,7 @@ def test_ctrl_c_leaves_whole_exports_only(study: Path, tmp_path: Path) -> None:
     assert ended.returncode == 130, ended.stderr
     assert names(tmp_path / "out") == ["one"]
     assert is_whole(tmp_path / "out" / "one")
-    assert "Cancelled. 1 of 3 exports are whole" in ended.stderr
+    assert "Cancelled. 1 of 3 exports are complete" in ended.stderr
 
 
 def test_progress_is_shown_in_one_line_of_a_terminal(
@@ -222,7 +222,7 @@ def test_checksums_are_compared_first_where_asked_for(
     assert run(study, "--to", "vtt", "--verify", tmp_path / "out") == 1
     said = capsys.readouterr()
     assert "two: speech.txt was changed after the session closed." in said.err
-    assert "three: it has no checksums" in said.err
+    assert "three: no checksums" in said.err
     assert "one:" not in said.err
     assert "Exported 3 of 3" in said.out
 
@@ -243,8 +243,8 @@ def test_unknown_formats_are_refused(
     [
         (lambda path: None, "cannot be read: No such file or directory"),
         (lambda path: path.write_text("x"), "cannot be read: Not a directory"),
-        (lambda path: path.mkdir(), "is no session and no study"),
-        (lambda path: (path / "sessions").mkdir(parents=True), "is no session and no study"),
+        (lambda path: path.mkdir(), "is not a session or a study"),
+        (lambda path: (path / "sessions").mkdir(parents=True), "is not a session or a study"),
     ],
 )
 def test_what_is_no_session_is_told(
@@ -339,8 +339,8 @@ def test_a_full_disk_keeps_what_is_whole_and_ends_the_rest(study: Path, tmp_path
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert "status 1" in result.stdout
-    assert "No space left on device. Nothing was kept of it. Free some room" in result.stderr
-    assert "further session(s) were not tried: the disk is full." in result.stderr
+    assert "No space left on device. Its partial files were deleted. Free some disk space" in result.stderr
+    assert "further session(s) were not exported: the disk is full." in result.stderr
     assert "exporting" not in result.stdout
     assert f"{tmp_path}/disk/out/one/data_dictionary.csv" in result.stdout
     assert "/disk/out/two" not in result.stdout
@@ -354,7 +354,7 @@ def test_a_read_only_disk_is_told(session: Path, tmp_path: Path) -> None:
         str(tmp_path / "disk"), str(session), sys.executable,
     )  # fmt: skip
     assert result.returncode == 1
-    assert "failed: Read-only file system. Nothing was kept of it." in result.stderr
+    assert "failed: Read-only file system. Its partial files were deleted." in result.stderr
 
 
 @in_own_mounts
@@ -388,13 +388,13 @@ def test_a_finished_session_that_was_cut_is_told_by_every_export(
     for number in (1, 2):
         assert run(folder, "--to", "html,methods,csv", "--verify", tmp_path / f"out{number}") == 1
         said = capsys.readouterr().err
-        assert f"of the {recorded - 1} values that were recorded are missing from events.mcap" in said
+        assert f"of the {recorded - 1} recorded values are missing from events.mcap" in said
         assert "one: events.mcap was changed after the session closed." in said
         assert "were saved are there" not in said
         for name in ("html/report.html", "methods/methods.md", "methods/methods.html", "csv/session.csv"):
             told = (tmp_path / f"out{number}" / name).read_text(encoding="utf-8")
-            assert "values that were recorded are missing from events.mcap" in told, name
-            assert "No loss is in the record" not in told
+            assert "recorded values are missing from events.mcap" in told, name
+            assert "No missing data was recorded" not in told
 
 
 def test_a_file_that_is_gone_is_told_by_every_export(
@@ -407,7 +407,7 @@ def test_a_file_that_is_gone_is_told_by_every_export(
     for name in ("html/report.html", "methods/methods.md"):
         told = (tmp_path / "out" / name).read_text(encoding="utf-8")
         assert "speech.txt is missing" in told, name
-        assert "No loss is in the record" not in told
+        assert "No missing data was recorded" not in told
 
 
 @pytest.mark.logs(r"session\.session_reader: ")
@@ -420,7 +420,7 @@ def test_damaged_values_are_no_silent_part_of_an_export(
     content[int(index.offsets[index.count // 2]) + 100] ^= 0xFF
     path.write_bytes(content)
     assert run(path.parent, "--to", "csv", tmp_path / "out") == 1
-    assert "values that were recorded are missing from events.mcap" in capsys.readouterr().err
+    assert "recorded values are missing from events.mcap" in capsys.readouterr().err
 
 
 def test_copies_count_once_where_sessions_are_counted(
@@ -429,7 +429,7 @@ def test_copies_count_once_where_sessions_are_counted(
     assert run(study, "--to", "methods", tmp_path / "out") == 0
     text = (tmp_path / "out" / "methods" / "methods.md").read_text(encoding="utf-8")
     assert "in one session" in text
-    assert "Two copies of sessions did not count." in text
+    assert "Two copies of sessions not counted." in text
     parser = argparse.ArgumentParser()
     statistics_command.add_arguments(parser)
     assert statistics_command.run(parser.parse_args([str(study)])) == 0
@@ -457,7 +457,7 @@ def test_what_is_left_of_sessions_is_listed(study: Path, capsys: pytest.CaptureF
         assert "one: session.json was missing" in said.out
         assert "three: speech.txt is missing" in said.out
         assert said.out.count("incomplete") == 2
-        assert f"{sessions / 'two'} holds neither session.json nor events.mcap any more" in said.err
+        assert f"{sessions / 'two'} no longer contains session.json or events.mcap" in said.err
 
 
 def test_the_terminal_gets_sentences_and_the_log_the_details(study: Path, tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:
     with pytest.raises(ExportError, match=r"Unknown format 'xls'\. Allowed: csv"):
         export_session(session, "xls", tmp_path / "other")
     (tmp_path / "file").write_text("")
-    with pytest.raises(ExportError, match="Nothing was kept"):
+    with pytest.raises(ExportError, match="Its partial files were deleted"):
         export_session(session, "csv", tmp_path / "file" / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "out", "s"]
 
@@ -261,7 +261,7 @@ def test_tampered_values_cost_themselves_and_no_export(tmp_path: Path) -> None:
     write_raw(folder / "events.mcap", values)
     formats = ("csv", "html", "eaf", "textgrid", "vtt", "rosbag2", "frames", "methods")
     done = export_all(ExportRequest((folder,), formats, tmp_path / "out", folder_per_session=False))
-    assert all("were left out" in problem for problem in done.problems), done.problems
+    assert all("were skipped" in problem for problem in done.problems), done.problems
     labels = [row["label"] for row in table(tmp_path / "out" / "csv" / "event_marked.csv")]
     assert labels == ["kept"]
     assert not (tmp_path / "out" / "csv" / "event_llm_exchange.csv").exists()

@@ -296,7 +296,7 @@ def tour(seed: int, *, minutes: float = 8.0, state_hz: float = 10.0, building: b
         EmergencyStopChanged(at(end_s * 0.8 + 4), False, "wizard"),
         LinkChanged(at(end_s * 0.6), "control", "trouble", "ws://127.0.0.1:9090", "no answer for 0.5 s"),
         LinkChanged(at(end_s * 0.6 + 2.5), "control", "connected", "ws://127.0.0.1:9090"),
-        Problem(at(end_s * 0.6), "warning", "The robot does not answer.", "Driving has stopped.", "Wait for it."),
+        Problem(at(end_s * 0.6), "warning", "The robot does not respond.", "Driving has stopped.", "Wait for it."),
         Gap(at(end_s * 0.62), "frame", 12, "the video encoder could not keep up"),
         PersonAppeared(at(end_s * 0.4), "p-2", 7),
         PersonLeft(at(end_s * 0.7), "p-2", 7),

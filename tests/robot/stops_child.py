@@ -64,7 +64,7 @@ class StopsDriver(SafetyDriver):
         state = self._run.console.state
         sign, now = self._signs.signs["moving"].word, self._now.text()
         band = self._band.accessibleName() if self._band.isVisibleTo(self._run.window) else ""
-        stands = sign == "Still" or "Standing still" in now or "The robot stands" in band
+        stands = sign == "Still" or "Standing still" in now or "The robot is standing still" in band
         known = state.odometry.value is not None and state.odometry.freshness in ("fresh", "stale")
         odometry = state.odometry.value if known else None
         wrong = odometry is not None and (stands if moves(odometry.twist) else sign == "Moving")

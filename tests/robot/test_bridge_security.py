@@ -186,13 +186,16 @@ def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued
 
 
 KINDS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
-    ({"by_itself": True}, ("not trusted: it is signed by itself",)),
-    ({}, ("not trusted: nobody known to this computer signed it",)),
-    ({"by_itself": True, "expired": True}, ("signed by itself", "has expired", "Renew it")),
-    ({"expired": True, "host": "robot.example"}, ("nobody known", "has expired", "for another name: robot.example")),
-    ({"by_itself": True, "early": True}, ("signed by itself", "is not valid yet", "Check the date")),
-    ({"by_itself": True, "named": False}, ("signed by itself", "subjectAltName is missing")),
-    ({"by_itself": True, "host": "10.0.0.9"}, ("signed by itself", "for another name: 10.0.0.9")),
+    ({"by_itself": True}, ("not trusted: it is self-signed",)),
+    ({}, ("not trusted: this computer does not know its issuer",)),
+    ({"by_itself": True, "expired": True}, ("self-signed", "has expired", "Renew it")),
+    (
+        {"expired": True, "host": "robot.example"},
+        ("does not know its issuer", "has expired", "for another name: robot.example"),
+    ),
+    ({"by_itself": True, "early": True}, ("self-signed", "is not valid yet", "Check the date")),
+    ({"by_itself": True, "named": False}, ("self-signed", "subjectAltName is missing")),
+    ({"by_itself": True, "host": "10.0.0.9"}, ("self-signed", "for another name: 10.0.0.9")),
 )
 
 
@@ -228,7 +231,7 @@ def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, 
         assert await ros.ask("/any", "std_srvs/Empty") == {}
 
     async def not_let_in(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
-        await is_told(observer, "another certificate than the one that was confirmed")
+        await is_told(observer, "is not the one that was confirmed")
         assert server.operations == []
 
     confirmed = SecuritySettings(certificate_sha256=fingerprint(files))
@@ -241,7 +244,7 @@ def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, 
 
 def test_a_fingerprint_that_is_none_is_named(authority: Authority) -> None:
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
-        await is_told(observer, "none of SHA-256", "certificate_sha256")
+        await is_told(observer, "not a SHA-256 fingerprint", "certificate_sha256")
 
     connect(use, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings(certificate_sha256="AB:CD"))
 
@@ -279,7 +282,7 @@ def test_a_certificate_made_as_the_guide_says_is_accepted_here_and_by_the_strict
 
 def test_a_server_without_tls_and_a_client_without_tls_are_told_apart(authority: Authority) -> None:
     async def plain_server(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
-        await is_told(observer, "does not speak TLS", "ws://")
+        await is_told(observer, "does not use TLS", "ws://")
 
     async def plain_client(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "is not a rosbridge server", "wss://")
@@ -349,7 +352,7 @@ def test_a_server_that_demands_a_secret_which_the_profile_does_not_name_is_expla
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").advertise()
         what, advice = (await until(lambda: observer.unreachable, "a reason"))[0]
-        assert "closes each connection at once" in what
+        assert "closes every connection immediately" in what
         assert "rosauth_secret_env" in advice
         assert observer.told.count("connected") == 1
 

@@ -113,7 +113,7 @@ def test_the_robots_own_types_are_asked_for_once() -> None:
         bench.send(OfferControls(now_ns(), (LIGHT,)))
         bench.send(use("light", "slow"), use("light", 3.0, "broken"))
         assert (await ended(bench)).state == "succeeded"
-        assert "the field 'pattern' must be a text, but it is 3.0" in (await ended(bench, "broken")).detail
+        assert "the field 'pattern' must be text, but it is 3.0" in (await ended(bench, "broken")).detail
         assert bench.bridge.published("/leds") == [{"pattern": "slow", "speed": 1}]
         asked = [line["args"]["type"] for line in bench.bridge.operations("call_service", "/rosapi/message_details")]
         assert sorted(asked) == sorted(set(asked))
@@ -146,8 +146,8 @@ def test_an_action_goal_is_followed_to_its_end_and_the_emergency_stop_cancels_it
         bench.send(use("wave", True, "second"))
         await bench.until(lambda: len(bench.bridge.published("/play/goal")) == 2, "another goal")
         bench.send(SetEmergencyStop(now_ns(), True), use("wave", True, "third"))
-        assert (await ended(bench, "second")).detail == "the emergency stop was set"
-        assert (await ended(bench, "third")).detail == "the emergency stop is set"
+        assert (await ended(bench, "second")).detail == "the emergency stop was activated"
+        assert (await ended(bench, "third")).detail == "the emergency stop is active"
         await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
 
     with_link(ROBOT, test)
@@ -164,13 +164,13 @@ def test_the_emergency_stop_holds_for_every_control_that_may_move_the_robot() ->
             bench.send(use(control, True, control))
         for control in ("arm", "eyes", "wave"):
             refused = await ended(bench, control)
-            assert (refused.state, refused.detail) == ("failed", "the emergency stop is set")
+            assert (refused.state, refused.detail) == ("failed", "the emergency stop is active")
         assert (await ended(bench, "lamp")).state == "succeeded"
         await bench.until(lambda: bench.bridge.published("/blink/goal"), "what does not move is obeyed")
         # What was asked for in the same breath as the stop stays unsaid, too.
         bench.send(SetEmergencyStop(now_ns(), False))
         bench.send(use("eyes", True, "late"), SetEmergencyStop(now_ns(), True))
-        assert (await ended(bench, "late")).detail == "the emergency stop is set"
+        assert (await ended(bench, "late")).detail == "the emergency stop is active"
         assert bench.bridge.published("/arm") + bench.bridge.published("/play/goal") == []
         assert bench.bridge.operations("call_service", "/eyes/set") == []
 
@@ -193,7 +193,7 @@ def test_the_emergency_stop_counts_also_while_a_type_is_asked_for() -> None:
             values = {"typedefs": [{"type": asked["args"]["type"], **fields}]}
             answer = {"op": "service_response", "id": asked["id"], "values": values, "result": True}
             await bench.bridge.send(json.dumps(answer))
-        assert (await ended(bench)).detail == "the emergency stop is set"
+        assert (await ended(bench)).detail == "the emergency stop is active"
         assert bench.bridge.published("/leds") == []
 
     with_link(ROBOT, test, prepare=prepare)
@@ -207,7 +207,7 @@ def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
         await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
         bench.send(OfferControls(now_ns(), (lamp,), driving_permitted=False))
         bench.send(use("wave", True), use("lamp", True, "lamp"))
-        assert (await ended(bench, "under way")).detail == "the scenario does not drive"
+        assert (await ended(bench, "under way")).detail == "the scenario does not permit driving"
         await bench.until(lambda: bench.bridge.published("/play/cancel"), "the cancellation")
         assert "does not permit driving" in (await ended(bench)).detail
         assert (await ended(bench, "lamp")).state == "succeeded"
@@ -250,7 +250,7 @@ def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_p
         bench.send(OfferControls(now_ns(), controls), SetEmergencyStop(now_ns(), True))
         for name in (*effects, "unknown"):
             bench.send(use(name, True, f"held {name}"))
-            assert (await ended(bench, f"held {name}")).detail == "the emergency stop is set"
+            assert (await ended(bench, f"held {name}")).detail == "the emergency stop is active"
         bench.send(use("release", True, "release"), use("cancel", True, "cancel"))
         assert "only the wizard's own release" in (await ended(bench, "release")).detail
         assert (await ended(bench, "cancel")).state == "succeeded"
@@ -290,7 +290,7 @@ def test_a_control_that_publishes_velocities_sends_nothing(topic: str, type_: st
 
     async def test(bench: LoopBench) -> None:
         bench.send(OfferControls(now_ns(), (spin,)), use("spin", True))
-        assert "only driving may send those" in (await ended(bench)).detail
+        assert "only driving may send" in (await ended(bench)).detail
         bench.send(use("volume", 1.0, "after"))
         await ended(bench, "after")
         assert bench.bridge.published(topic) == []
@@ -348,7 +348,7 @@ def test_without_a_link_every_use_fails_and_none_comes_later(monkeypatch: pytest
         bench.send(use("volume", 1.0), use("nonsense", True, "unknown"))
         assert (await ended(bench)).detail == "the robot is not connected"
         assert "no such control" not in (await ended(bench)).detail
-        assert "such a control" in (await ended(bench, "unknown")).detail
+        assert "has this control" in (await ended(bench, "unknown")).detail
         await bench.bridge.open()
         await bench.until(lambda: bench.state == "connected", "the link")
         await bench.until(lambda: len(bench.bridge.operations("advertise", "/volume")) == 2, "restored")

@@ -244,7 +244,7 @@ def test_a_robot_that_offers_nothing_is_proposed_nothing_and_still_makes_a_profi
     nothing = RobotOffer({})
     proposal = propose(nothing)
     assert set(proposal.chosen.values()) == {""}
-    assert any("Nothing was found to drive with" in note for note in proposal.notes)
+    assert any("No topic for driving was found" in note for note in proposal.notes)
     profile = profile_of(nothing, proposal.chosen, name="empty", title="Empty", address="ws://10.0.0.5:9090")
     save_profile(profile, tmp_path / "empty.yaml")
     assert read_profile(tmp_path / "empty.yaml") == profile
@@ -387,7 +387,7 @@ def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said
         assert (scan.state, said in scan.detail) == (state, True), scan.detail
         profile = replace(profile, laser=LaserMount(mounting="upright"))
         [scan] = [check for check in asyncio.run(check_streams(profile, seconds=1.2)) if check.field == "scan"]
-        assert "Mounted upright, as the profile says." in scan.detail
+        assert "Mounted upright, as set in the profile." in scan.detail
 
 
 def test_listening_tells_what_rosbridge_does_not_let_through() -> None:
@@ -415,7 +415,7 @@ def test_a_robot_in_another_dress_is_recognized() -> None:
 
 def test_nobody_at_the_address_is_said_and_the_ros_version_is_then_taken_for_1() -> None:
     address = "ws://127.0.0.1:9"
-    with pytest.raises(ExploreError, match="no rosbridge listens") as raised:
+    with pytest.raises(ExploreError, match="no rosbridge is running") as raised:
         asyncio.run(explore_robot(address, timeout_s=2.0))
     assert "Start rosbridge" in raised.value.advice
     assert load_profile_blocking(address, timeout_s=1.0).ros == 1
@@ -459,9 +459,9 @@ def test_a_robot_that_wants_a_secret_is_explored_with_it_and_not_without(monkeyp
     monkeypatch.setenv("EXPLORE_SECRET", "open-sesame-1234")
     security = SecuritySettings(rosauth_secret_env="EXPLORE_SECRET")
     with SimulatedRobot("--rosauth-secret-env", "EXPLORE_SECRET") as robot:
-        with pytest.raises(ExploreError, match="closed the connection while it was asked") as unnamed:
+        with pytest.raises(ExploreError, match="closed the connection during the query") as unnamed:
             asyncio.run(explore_robot(robot.address, timeout_s=5.0))
-        assert "If it demands a secret (rosauth)" in unnamed.value.advice
+        assert "If the robot requires a secret (rosauth)" in unnamed.value.advice
         found = asyncio.run(explore_robot(robot.address, security=security))
         assert found.proposal.chosen["velocity"] == "/cmd_vel"
         monkeypatch.setenv("EXPLORE_SECRET", "another-sesame-1")

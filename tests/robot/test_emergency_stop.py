@@ -29,7 +29,7 @@ def test_a_topic_that_says_that_all_is_well_is_read_the_other_way_round() -> Non
         # The console cannot clear what only the robot can.
         bench.send(SetEmergencyStop(now_ns(), False))
         assert latched(bench) == [(True, "robot")] * 2
-        assert bench.of(Problem)[-1].what == "The robot's own emergency stop is still set."
+        assert bench.of(Problem)[-1].what == "The robot's own emergency stop is still active."
         await bench.bridge.publish("/motors_on", {"data": True})
         await bench.until(lambda: latched(bench)[-1] == (False, "robot"), "released")
 

@@ -113,6 +113,8 @@ def test_without_a_link_nothing_is_kept_for_later() -> None:
 def test_a_robot_without_a_head_says_so() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(MoveHead(now_ns(), 1.0, 0.0))
-        assert ["this robot's profile names no head" in problem.what for problem in bench.of(Problem)] == [True]
+        assert ["this robot's profile does not define a head" in problem.what for problem in bench.of(Problem)] == [
+            True
+        ]
 
     with_link(robot(None), test)

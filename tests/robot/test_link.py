@@ -128,7 +128,7 @@ def test_without_renewal_the_robot_is_stopped(bridge: BridgeDouble, link: LinkPr
     assert first_zero_s - twists[0][0] <= 0.3
     # Told by another way than the zero, and perhaps later.
     wait_for(lambda: link.of(DriveEnded), "why it ended")
-    assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped answering for a moment"]
+    assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped responding for a moment"]
 
 
 def test_a_console_that_has_stopped_reading_cannot_keep_the_robot_moving(
@@ -407,7 +407,7 @@ def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble
 def test_a_goal_that_waited_too_long_is_refused(bridge: BridgeDouble, link: LinkProcess) -> None:
     link.send(GoTo(now_ns() - 1_000_000_000, "old", Pose2D(3.0, 4.0, 0.0)))
     [refused] = wait_for(lambda: [c for c in link.of(GoalChanged) if c.goal_id == "old"], "the refusal")
-    assert (refused.state, refused.detail) == ("failed", "The command came too late; give it again")
+    assert (refused.state, refused.detail) == ("failed", "The command arrived too late; send it again")
     assert not bridge.operations("publish", "/move_base/goal")
 
 
@@ -435,7 +435,7 @@ def test_the_emergency_stop_latches_and_clears_only_by_asking(bridge: BridgeDoub
     assert call["args"] == {"data": True}
     count = len(moving(bridge))
     link.drive()
-    wait_for(lambda: [ended.reason for ended in link.of(DriveEnded)] == ["The emergency stop is set"], "refused")
+    wait_for(lambda: [ended.reason for ended in link.of(DriveEnded)] == ["The emergency stop is active"], "refused")
     link.send(SetEmergencyStop(now_ns(), False))
     wait_for(lambda: [change.latched for change in link.of(EmergencyStopChanged)] == [False], "cleared")
     assert len(moving(bridge)) == count

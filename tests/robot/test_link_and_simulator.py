@@ -113,7 +113,7 @@ def test_driving_moves_it_and_an_independent_client_sees_exactly_what_is_reporte
     link.drive(0.3)
     link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.15, "the robot moves")
     link.send(Release(now_ns()))
-    wait_for(lambda: abs(link.of(Odometry)[-1].twist.forward_mps) < 0.02, "the robot stands")
+    wait_for(lambda: abs(link.of(Odometry)[-1].twist.forward_mps) < 0.02, "the robot stands still")
     wait_for(lambda: now_ns() - link.of(CommandSent)[-1].stamp_ns > 300_000_000, "silence")
     reported = [(sent.twist.forward_mps, sent.twist.turn_radps) for sent in link.of(CommandSent)]
     seen = [(twist.forward_mps, twist.turn_radps) for twist in listener.seen]

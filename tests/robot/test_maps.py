@@ -183,7 +183,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_sent() -> None:
     async def test(bench: LoopBench) -> None:
         await first_mapping(bench)
         bench.send(RequestMap(now_ns(), "a", "load", "../etc/passwd"), RequestMap(now_ns(), "b", "start_mapping"))
-        assert "made of letters" in (await ended(bench, "a")).detail
+        assert "can only contain letters" in (await ended(bench, "a")).detail
         assert (await ended(bench, "b")).detail == "the robot offers no service for it"
         called = {line["service"] for line in bench.bridge.operations("call_service")}
         assert not any(name.startswith(("/slam_toolbox", "/map_server")) for name in called)
@@ -218,6 +218,6 @@ def test_the_robot_is_told_where_it_is() -> None:
         assert message["pose"]["covariance"][7] == pytest.approx(0.09)
         assert [told.pose_in_map for told in bench.of(InitialPoseSet)] == [Pose2D(1.0, 2.0, 0.5)]
         bench.send(SetInitialPose(now_ns(), Pose2D(float("nan"), 2.0, 0.5)))
-        assert "not a place in the map" in bench.of(Problem)[-1].what
+        assert "the position on the map is invalid" in bench.of(Problem)[-1].what
 
     with_link(ROBOT, test)

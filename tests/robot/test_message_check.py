@@ -57,14 +57,14 @@ def test_what_fits_is_sent_as_the_type_wants_it(type_: str, message: dict[str, A
         ("std_msgs/Float64", {"data": float("nan")}, "must be a finite number"),
         ("std_msgs/Float64", {"data": 10**400}, "is too large"),
         ("std_msgs/Bool", {"data": 1}, "must be true or false, but it is 1"),
-        ("std_msgs/String", {"data": 1.0}, "must be a text, but it is 1.0"),
-        ("std_msgs/String", {"text": "hi"}, "there is no field 'text'; the robot knows data"),
-        ("std_srvs/Trigger", {"data": True}, "there is no field 'data'; the robot knows none at all"),
-        ("geometry_msgs/Twist", {"linear": {"w": 1.0}}, "there is no field 'linear.w'; the robot knows x, y, z"),
+        ("std_msgs/String", {"data": 1.0}, "must be text, but it is 1.0"),
+        ("std_msgs/String", {"text": "hi"}, "unknown field 'text'; known fields: data"),
+        ("std_srvs/Trigger", {"data": True}, "unknown field 'data'; known fields: none"),
+        ("geometry_msgs/Twist", {"linear": {"w": 1.0}}, "unknown field 'linear.w'; known fields: x, y, z"),
         ("geometry_msgs/Twist", {"linear": 1.0}, "the field 'linear' must be a group of fields, but it is 1.0"),
         ("sensor_msgs/JointState", {"name": "arm"}, "the field 'name' must be a list, but it is the text 'arm'"),
         ("sensor_msgs/JointState", {"position": [1.0, "x"]}, "the field 'position[1]' must be a number"),
-        ("std_msgs/Header", {"stamp": {"secs": 1.5}}, "must be a time of whole seconds"),
+        ("std_msgs/Header", {"stamp": {"secs": 1.5}}, "must be a time in whole seconds"),
     ],
 )
 def test_what_does_not_fit_is_explained(type_: str, message: dict[str, Any], sentence: str) -> None:
@@ -140,7 +140,7 @@ def test_answers_of_rosapi_that_explain_nothing(typedefs: Any) -> None:
 
 def test_what_does_not_fit_is_said_in_the_language_of_the_wizard() -> None:
     german = {
-        "{where} must be a text, but it is {value}": "{where} muss ein Text sein, ist aber {value}",
+        "{where} must be text, but it is {value}": "{where} muss ein Text sein, ist aber {value}",
         "the field {field}": "das Feld {field}",
         "a list": "eine Liste",
     }

@@ -24,7 +24,7 @@ async def under_way_when_the_link_is_lost(bench: LoopBench) -> str:
     await bench.until(lambda: bench.of(GoalChanged)[-1].state == "active", "active")
     await bench.bridge.drop()
     await bench.until(lambda: bench.state == "lost", "the loss")
-    assert "cancelled when it is back" in bench.of(GoalChanged)[-1].detail
+    assert "cancelled when the robot is connected again" in bench.of(GoalChanged)[-1].detail
     await bench.until(lambda: bench.state == "connected", "the link")
     return goal_id
 
@@ -59,7 +59,7 @@ def test_a_robot_that_does_not_tell_how_a_goal_ended_may_still_be_moving(monkeyp
         await bench.until(lambda: bench.of(GoalChanged)[-1].state == "failed", "given up")
         assert "not known" in bench.of(GoalChanged)[-1].detail
         [problem] = [problem for problem in bench.of(Problem) if "navigation goal" in problem.what]
-        assert problem.meaning == "It may still be moving by itself."
+        assert problem.meaning == "The robot may still be moving autonomously."
 
     with_link(ROBOT, test)
 

@@ -93,7 +93,7 @@ def test_nav2_is_told_on_its_topic_and_somebody_has_to_listen() -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": []}
         bench.send(LimitGoals(now_ns(), 0.4))
         await bench.until(lambda: kept(bench) == [0.3, None], "nobody listens any more")
-        assert "nothing listens to /speed_limit" in bench.of(Problem)[0].what
+        assert "nothing subscribes to /speed_limit" in bench.of(Problem)[0].what
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/controller_server"]}
         bench.send(LimitGoals(now_ns(), 0.5))
         await bench.until(lambda: kept(bench)[-1] == 0.5, "back")

@@ -223,14 +223,14 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "scan:\n", 5, ["scan", "found nothing", "{topic: /scan"]),
         (GOOD + "scan: /scan\n", 5, ["scan", "'key: value' lines", "{topic: /scan"]),
         (GOOD + "cameras:\n  - {name: front, topic: /a}\n  - {name: back}\n", 7, ["cameras[2]", "'topic' is missing"]),
-        (GOOD + "cameras:\n  - {name: a, topic: /a}\n  - {name: a, topic: /b}\n", 7, ["two cameras", "a"]),
-        ("version: 1\nros: 1\nros: 2\n", 3, ["ros", "twice"]),
+        (GOOD + "cameras:\n  - {name: a, topic: /a}\n  - {name: a, topic: /b}\n", 7, ["duplicate camera name", "a"]),
+        ("version: 1\nros: 1\nros: 2\n", 3, ["ros", "duplicate key"]),
         ("version: 1\nros: [1\n", 3, ["not valid YAML"]),
         ("version: 7\nros: 1\n", 1, ["version 7", "newer"]),
         ("ros: 1\n", 1, ["version"]),
         (GOOD + "title: &a x\nnamespace: *a\n", 6, ["references"]),
         (GOOD + "title: !!python/name:os.system\n", 5, ["tag"]),
-        (GOOD + "command_rate_hz: .inf\n", 5, ["usable number"]),
+        (GOOD + "command_rate_hz: .inf\n", 5, ["finite number"]),
         (GOOD + "namespace: 1robot\n", 5, ["namespace", "robot1"]),
         (GOOD2 + "scan: {topic: /robot/1/scan}\n", 4, ["scan.topic", "ROS 2", "digit"]),
         (GOOD2 + "scan: {topic: /my__scan}\n", 4, ["ROS 2"]),
@@ -238,14 +238,14 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, 1]]}\n", 5, ["footprint.polygon_m", "2 entries", "at least 3"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [2, 1], [2, 2]]}\n", 5, ["footprint.polygon_m", "centre"]),
         (GOOD + "footprint: {polygon_m: [[1, 1], [-1, -1], [1, -1], [-1, 1]]}\n", 5, ["cross"]),
-        (GOOD + "  timeout_s: 0.5\n", 5, ["'velocity.timeout_s' needs 'timeout_source' beside it", "documented"]),
-        (GOOD + "  timeout_source: a page\n", 5, ["velocity.timeout_source", "belongs to 'timeout_s'"]),
+        (GOOD + "  timeout_s: 0.5\n", 5, ["'velocity.timeout_s' also requires 'timeout_source'", "documented"]),
+        (GOOD + "  timeout_source: a page\n", 5, ["velocity.timeout_source", "is allowed only with 'timeout_s'"]),
         (GOOD + "  timeout_s: 0\n", 5, ["velocity.timeout_s"]),
         (GOOD + "footprint: {}\n", 5, ["either radius_m or polygon_m"]),
-        (GOOD + "footprint: {radius_m: 1}\nfootprint_radius_m: 1\n", 6, ["keep one"]),
+        (GOOD + "footprint: {radius_m: 1}\nfootprint_radius_m: 1\n", 6, ["remove one of the two"]),
         (GOOD + CAMERA % "z_m: 1", 6, ["either horizontal_fov_deg or fx_px"]),
-        (GOOD + CAMERA % "fx_px: 9, heading_deg: 1, heading_rad: 1", 6, ["heading_rad", "keep one"]),
-        (GOOD + CAMERA % "fx_px: 9, on_head: true", 6, ["no head"]),
+        (GOOD + CAMERA % "fx_px: 9, heading_deg: 1, heading_rad: 1", 6, ["heading_rad", "remove one of the two"]),
+        (GOOD + CAMERA % "fx_px: 9, on_head: true", 6, ["also requires 'head'"]),
         (GOOD + "navigation: {kind: navigate_to_pose, name: /n}\n", 5, ["ros: 1", "move_base"]),
         (GOOD + "speech: {action: {name: /say, type: nav2_msgs/Spin, goal: {a: $value}}}\n", 5, ["moves the robot"]),
         (GOOD + "speech: {topic: cmd_vel}\n", 5, ["speech.topic", "moves the robot"]),
@@ -255,11 +255,17 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + "speech: {web: {url: 'ftp://robot/$value'}}\n", 5, ["speech.web.url", "http://HOST:PORT/PATH"]),
         (GOOD + "speech: {web: {url: 'http://me:secret@robot/$value'}}\n", 5, ["speech.web.url", "without a password"]),
         (GOOD + "speech: {action: {name: /s, type: a/B, goal: {text: hi}}}\n", 5, ["speech.action.goal", "$value"]),
-        (GOOD + "emergency_stop: {set_service: /s}\n", 5, ["set_service", "needs 'clear_service'", "never released"]),
-        (GOOD + "emergency_stop: {service: /s, command_topic: /c}\n", 5, ["command_topic' does not", "keep one"]),
-        (GOOD + "emergency_stop: {inverted: true}\n", 5, ["inverted", "topic", "an emergency stop has"]),
+        (
+            GOOD + "emergency_stop: {set_service: /s}\n",
+            5, ["set_service", "also requires 'clear_service'", "never released"],
+        ),
+        (
+            GOOD + "emergency_stop: {service: /s, command_topic: /c}\n",
+            5, ["command_topic' cannot", "remove one of the two"],
+        ),
+        (GOOD + "emergency_stop: {inverted: true}\n", 5, ["inverted", "topic", "an emergency stop requires"]),
         (GOOD + HEAD % "pan_range_rad: [1, -1]", 5, ["head.pan_range_rad", "lower"]),
-        (GOOD + HEAD.replace("tilt_joint: b", "tilt_joint: a") % "speed_radps: 1", 5, ["two joints"]),
+        (GOOD + HEAD.replace("tilt_joint: b", "tilt_joint: a") % "speed_radps: 1", 5, ["two different joints"]),
         (GOOD + "maps: {folder: ../../etc}\n", 5, ["maps.folder"]),
         (GOOD + CONTROL % "button", 6, ["controls[1].kind", "'publish', 'call' or 'action'"]),
         (GOOD + CONTROL % f"readout, {PUBLISH % 1}", 6, ["controls[1].publish", "controls[1].kind", "'shows'"]),
@@ -269,7 +275,10 @@ CAMERA = "cameras:\n  - {name: a, topic: /c, model: {width_px: 64, height_px: 48
         (GOOD + CONTROL % f"button, range: [0, 1], {PUBLISH % 1}", 6, ["'kind: slider', found 'button'"]),
         (GOOD + CONTROL % f"button, {PUBLISH.replace('a/B', 'a/Twist') % 1}", 6, ["Only driving"]),
         (GOOD + CONTROL % f"button, {PUBLISH.replace('/t', 'cmd_vel') % 1}", 6, ["Only driving"]),
-        (GOOD + CONTROL % f"button, {PUBLISH % 1}" + CONTROL.split("\n")[1] % f"text, {PUBLISH % 1}", 7, ["twice"]),
+        (
+            GOOD + CONTROL % f"button, {PUBLISH % 1}" + CONTROL.split("\n")[1] % f"text, {PUBLISH % 1}",
+            7, ["duplicate control"],
+        ),
         (GOOD + "security: {certificate_sha256: 'AB:CD'}\n", 5, ["certificate_sha256", "64 hexadecimal digits"]),
         (GOOD + "security: {rosauth_secret_env: my secret}\n", 5, ["rosauth_secret_env", "environment variable"]),
     ],
@@ -391,7 +400,7 @@ def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
         profile = load_profile("simulated")
         save_profile(replace(profile, limits=replace(profile.limits, forward_mps=0.0)), path)
     assert path.read_text() == "before"
-    with pytest.raises(ProfileError, match="name of a profile"):
+    with pytest.raises(ProfileError, match="valid profile name"):
         save_profile(load_profile("simulated"), tmp_path / "my robot.yaml")
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -69,12 +69,12 @@ def test_pictures_that_are_there_uncompressed_are_told_with_what_to_do() -> None
     only_raw = replace(without(camera), topics={**without(camera).topics, raw: "sensor_msgs/Image"})
     for inventory in (only_raw, replace(WHOLE, topics={**TOPICS, camera: "sensor_msgs/Image"})):
         [sentence] = missing_from(TIAGO, inventory)
-        assert "uncompressed only. Write 'type: Image'" in sentence
+        assert "only available uncompressed. Add 'type: Image'" in sentence
         assert "image_transport republish raw compressed" in sentence
     takes_raw = replace(TIAGO, cameras=(CameraTopic("front", raw, type="Image"),))
     assert missing_from(takes_raw, only_raw) == []
     [sentence] = missing_from(replace(TIAGO, cameras=(CameraTopic("front", camera, type="Image"),)), WHOLE)
-    assert sentence == f"Camera front: {camera} is compressed: leave out 'type: Image'."
+    assert sentence == f"Camera front: {camera} is compressed: remove 'type: Image'."
 
 
 def test_controls_without_effect_are_one_sentence() -> None:
@@ -93,7 +93,7 @@ def test_another_type_is_told_with_the_expected_one_as_the_robot_spells_it() -> 
     [sentence] = missing_from(profile, inventory)
     assert (
         sentence
-        == "Driving: /cmd_vel carries geometry_msgs/msg/Twist, but geometry_msgs/msg/TwistStamped was expected."
+        == "Driving: /cmd_vel has the type geometry_msgs/msg/Twist, but geometry_msgs/msg/TwistStamped was expected."
     )
 
 
@@ -183,7 +183,7 @@ def test_a_rosbridge_with_one_queue_is_named_with_both_parameters() -> None:
     [
         ("Service /rosapi/topics does not exist", "rosbridge says “Service /rosapi/topics does not exist”."),
         ("x" * 5000, "rosbridge says “" + "x" * 300 + "…”."),
-        (None, "rosapi does not answer."),
+        (None, "rosapi does not respond."),
     ],
 )
 def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
@@ -200,8 +200,8 @@ def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
         return checked, raised.value.what
 
     [silent, unknown], what = asyncio.run(ask(Bridge()))
-    assert silent == "LIDAR: nothing comes on /scan."
-    assert unknown == f"What else the robot lacks is not known: {told} Start rosapi beside rosbridge."
+    assert silent == "LIDAR: no messages on /scan."
+    assert unknown == f"Other missing parts are unknown: {told} Start rosapi in addition to rosbridge."
     assert what == f"The robot does not tell what it has: {told}"
 
 

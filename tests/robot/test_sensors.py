@@ -234,8 +234,8 @@ def test_a_robot_that_does_not_tell_its_place_is_to_be_told_it(monkeypatch: pyte
         for step in range(5):
             await tell_transforms(bench, ("odom", "base_footprint", Pose2D(step, 0, 0)), at_ns=START_NS + step * MS)
         [problem] = await bench.until(lambda: bench.of(Problem), "a problem")
-        assert "do not lead from 'map' to 'base_footprint'" in problem.what
-        assert "Set where it is on the map" in problem.advice
+        assert "has no transform from 'map' to 'base_footprint'" in problem.what
+        assert "Set the robot's pose on the map" in problem.advice
         assert "base_footprint, odom" in problem.advice
 
     with_link(ROBOT, test)
@@ -301,7 +301,7 @@ def test_the_distance_left_is_told_also_where_the_robot_does_not_and_the_path_en
         rejected = {"status": status(goal["goal_id"]["id"], 5), "result": {}}
         await bench.bridge.publish("/robot1/move_base/result", rejected)
         await bench.until(lambda: bench.of(GoalChanged)[-1].state == "failed", "refused")
-        assert bench.of(GoalChanged)[-1].detail == "the robot gave up and does not say why"
+        assert bench.of(GoalChanged)[-1].detail == "the robot aborted without giving a reason"
 
     with_link(ROBOT, test)
 
@@ -381,7 +381,7 @@ def test_an_odometry_without_rotation_costs_the_pose_and_not_the_speed() -> None
         assert {odometry.twist for odometry in told} == {Twist2D(0.3, 0.0, 0.1)}
         assert told[-1].pose_in_odom.x_m > told[0].pose_in_odom.x_m, "its way is reckoned"
         [problem] = bench.of(Problem)
-        assert "tells no rotation (a zero quaternion)" in problem.what
+        assert "reports no orientation (a zero quaternion)" in problem.what
 
     with_link(ROBOT, test)
 

@@ -441,7 +441,7 @@ def test_the_good_one_is_decoded(name: str) -> None:
     [
         ({"data": [0] * 5}, "OccupancyGrid.data has 5 cells, but its size is 3 x 2"),
         ({"data": [0] * 5 + [300]}, "between -128 and 127"),
-        ({"data": [0] * 5 + [0.5]}, "whole numbers"),
+        ({"data": [0] * 5 + [0.5]}, "only integers"),
         ({"data": "AAAA"}, "must be a list, but it is a text"),
         ({"info": {"width": 2**31, "height": 2**31, "resolution": 0.05}}, "must be between 0 and"),
         ({"info": {"width": 60000, "height": 60000, "resolution": 0.05}}, "at most 64000000 are accepted"),

@@ -107,7 +107,7 @@ def test_what_swells_is_refused_before_it_does(tmp_path: Path) -> None:
     with pytest.raises(BundleError, match="too large"):
         read_bundle(swelling)
     many = {f"face/f{number}.yaml": "x: 1" for number in range(bundles.MOST_PARTS)}
-    with pytest.raises(BundleError, match="files in it"):
+    with pytest.raises(BundleError, match=r"contains \d+ files"):
         read_bundle(packed(tmp_path / "b.caris", {"scenario/visit.yaml": SCENARIO, **many}))
     (tmp_path / "c.caris").write_bytes(b"0" * (bundles.MAX_BUNDLE_BYTES + 1))
     with pytest.raises(BundleError, match="too large"):
@@ -119,7 +119,7 @@ def test_what_swells_is_refused_before_it_does(tmp_path: Path) -> None:
     [
         ({}, ABOUT, "0 scenarios"),
         ({"scenario/a.yaml": SCENARIO, "scenario/b.yaml": SCENARIO}, ABOUT, "2 scenarios"),
-        ({"scenario/a.yaml": SCENARIO}, {}, "no file with a scenario"),
+        ({"scenario/a.yaml": SCENARIO}, {}, "is not a scenario file"),
         ({"scenario/a.yaml": SCENARIO}, NEWER, "another version"),
         ({"scenario/a.yaml": SCENARIO.replace("Visit", "!!python/object:os.system x")}, ABOUT, "a.yaml, line 3"),
         ({"scenario/a.yaml": b"\xff\xfe"}, ABOUT, "damaged"),

@@ -159,7 +159,7 @@ def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
     changed = TWO_STEPS.replace("to: goodbye", "to: Farewell").replace("title: Goodbye", "title: Farewell")
     assert edit.text == changed.replace("then: Goodbye", "then: Farewell")
     assert [" › ".join(edit.words(each.path)) for each in edit.differences()] == [
-        "Protocol › Steps › Ask › Branches › Leaves › Goes on with",
+        "Protocol › Steps › Ask › Branches › Leaves › Next step",
         "Protocol › Steps › Farewell › Title",
         "Protocol › Steps › Person › Then",
     ]
@@ -219,10 +219,10 @@ def test_text_that_no_form_can_show_keeps_the_form_as_it_was() -> None:
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        (SMALL.replace("permissions:", "permissions: []\nx:"), 8, "a group of 'key: value' lines must stand here."),
-        (SMALL.replace("- Hello", "- [Hello]"), 6, "a group of 'key: value' lines must stand here."),
+        (SMALL.replace("permissions:", "permissions: []\nx:"), 8, "a group of 'key: value' lines is expected here."),
+        (SMALL.replace("- Hello", "- [Hello]"), 6, "a group of 'key: value' lines is expected here."),
         (SMALL.replace("version: 1", "version: 99"), 2, "the file has version 99"),
-        ("- a\n", 1, "a scenario is a list of 'key: value' lines, found something else."),
+        ("- a\n", 1, "a scenario must be a list of 'key: value' lines, found something else."),
         ("", 1, "the file is empty"),
     ],
 )

@@ -48,12 +48,12 @@ def test_without_loose_phrases_there_are_only_the_groups() -> None:
     [
         ("Ctrl+G,", "Ctrl+C,", "line 6: 'phrases[2].key' is 'Ctrl+C'. Allowed: Ctrl or Ctrl+Shift with a letter"),
         ("Ctrl+G,", "F4,", "line 6: 'phrases[2].key' is 'F4'. Allowed: "),
-        ("Ctrl+Shift+G", "Ctrl+G", "line 8: the key Ctrl+G already says 'Goodbye.'."),
-        ("  - Hello, {name}!\n", "  - Hello.\n" * 8, "line 13: more than 8 phrases stand in no group"),
+        ("Ctrl+Shift+G", "Ctrl+G", "line 8: the key Ctrl+G is already assigned to 'Goodbye.'."),
+        ("  - Hello, {name}!\n", "  - Hello.\n" * 8, "line 13: more than 8 phrases without a group"),
         (
             "  - Hello, {name}!\n",
             "  - {group: questions, phrases: [A]}\n",
-            "line 7: the group 'Questions' is there",
+            "line 7: duplicate group 'Questions'",
         ),
         ("group: Questions", "grup: Questions", "line 7: unknown key 'grup' in 'phrases[3]'. Allowed: group, phrases."),
         ("Hello, {name}!", "5", "line 5: 'phrases[1]' must be text, found 5."),
@@ -70,5 +70,5 @@ def test_a_mistake_is_told_where_it_is(before: str, after: str, told: str) -> No
 def test_several_fillers_stand_beside_the_first() -> None:
     scenario = parse_scenario(HEAD + "filler: Hm.\nfillers: [Well., Let me see.]\n", path=Path("x.yaml"))
     assert scenario.every_filler == ("Hm.", "Well.", "Let me see.")
-    with pytest.raises(ScenarioError, match="'fillers' belongs to 'filler'"):
+    with pytest.raises(ScenarioError, match="'fillers' is allowed only with 'filler'"):
         read(HEAD + "fillers: [Well.]\n")

@@ -50,11 +50,11 @@ def test_an_id_follows_from_the_title_and_a_branch_leads_to_either() -> None:
         ),
         (
             "    - title: Cook\n    - title: cook!\n",
-            "t.yaml, line 9: the step 'cook' is there twice: give one of both an id of its own.",
+            "t.yaml, line 9: duplicate step id 'cook': give one of them a different id.",
         ),
         (
             "    - title: Cook\n      branches:\n        - {title: Out, to: Cook}\n        - {title: out, to: Cook}\n",
-            "t.yaml, line 11: the branch 'out' is there twice in one step.",
+            "t.yaml, line 11: duplicate branch 'out' in one step.",
         ),
         (
             "    - title: Cook\n      minutes: -1\n",

@@ -138,7 +138,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
             "max_f",
             "'driving.max_forward_mps' is 0. Allowed: more than 0.",
         ),
-        ("max_forward_mps: 0.5", "max_forward_mps: .inf", "max_f", ".inf is not a usable number"),
+        ("max_forward_mps: 0.5", "max_forward_mps: .inf", "max_f", ".inf is not a finite number"),
         ("photos: true", "photos: maybe", "maybe", "'permissions.photos' must be true or false, found 'maybe'."),
         ("voice: robot", "voice: loud", "loud", "unknown voice 'loud'. Allowed: robot, computer, both."),
         ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, ollama:NAME, openai:NAME or gemini:NAME."),
@@ -147,18 +147,18 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ("version: 1", "version: 2", "version", "has version 2, this program reads up to version 1. Update"),
         ("version: 1", "version: one", "version", "the version must be a whole number, found 'one'"),
         ("weights: [62, 38]", "weights: [70]", "[70]", "1 weights for 2 children. Allowed: one weight for each child."),
-        ("panel: speak", "panel: video", "panel: video", "the panel 'video' is placed twice."),
+        ("panel: speak", "panel: video", "panel: video", "duplicate panel 'video'."),
         (
             "current: people",
             "current: map",
             "current",
             "'map' is not one of these tabs. Allowed: people, assistant, notes, drive, robot, session.",
         ),
-        ("- panel: speak", "- {}", "- {}", "a layout part needs 'panel: NAME', 'tabs: [NAMES]', or 'split' with"),
-        ("voice: robot", "voice: robot\nvoice: computer", "voice: computer", "'voice' is given twice (first in line "),
+        ("- panel: speak", "- {}", "- {}", "a layout part requires 'panel: NAME', 'tabs: [NAMES]', or 'split' with"),
+        ("voice: robot", "voice: robot\nvoice: computer", "voice: computer", "duplicate key 'voice' (first in line "),
         ("voice: robot", "voice: !!python/object:os.system x", "voice", "python/object:os.system is not allowed"),
         ("voice: robot", "voice: [robot", "phrases", "not valid YAML: "),
-        ("{name: Kitchen", "{name: reception", "{name: reception", "the place 'reception' is listed twice."),
+        ("{name: Kitchen", "{name: reception", "{name: reception", "duplicate place 'reception'."),
         ("filler: Let me think...", "filler: &a x\nvoice2: *a", "*a", "references (*name) are not allowed"),
     ],
 )
@@ -186,12 +186,12 @@ def test_several_problems_are_told_at_once_in_the_order_of_the_lines(tmp_path: P
     [
         (b"", "the file is empty"),
         (b"# nothing\n", "the file is empty"),
-        (b"just words", "found something else"),
+        (b"just words", "must be a list of 'key: value' lines"),
         (b"\xff\xfe\x00", "not UTF-8 text"),
         (b"a" * (MAX_FILE_BYTES + 1), "too large for a scenario"),
         (b"layout: " + b"[" * 5000, "nested more than 40 levels deep"),
         (b"version: 1\ntitle: {1: 2}: x\n", "not valid YAML"),
-        (b"? [a]\n: b\n", "a key must be a plain word"),
+        (b"? [a]\n: b\n", "a key must be plain text"),
         (b"title: x\n\x00", "line 2: the character #x0000 is not allowed"),
     ],
     ids=["empty", "comment", "words", "binary", "huge", "deep", "syntax", "odd key", "nul"],
@@ -522,7 +522,7 @@ def test_controls_of_a_scenario_are_read_and_checked(tmp_path: Path) -> None:
     path.write_text(good + control, encoding="utf-8")
     assert load_scenario(path).controls[0].effect == CallService("/wave", "std_srvs/Trigger", {})
     path.write_text(good + control + control, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"line 6.*'wave' is listed twice"):
+    with pytest.raises(ScenarioError, match=r"line 6.*duplicate control 'wave'"):
         load_scenario(path)
     path.write_text(good + control.replace("button", "buton"), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"line 5.*button"):

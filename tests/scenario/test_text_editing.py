@@ -312,9 +312,9 @@ def test_a_text_is_written_only_over_what_it_was_made_from(path: Path, tmp_path:
     text = WRITTEN.replace("Café", "Bar")
     assert save_text(text, path, replaces=known) == text
     assert path.read_text(encoding="utf-8") == text
-    with pytest.raises(ScenarioError, match="was changed by somebody else"):
+    with pytest.raises(ScenarioError, match="was changed elsewhere in the meantime"):
         save_text(WRITTEN, path, replaces=known)
-    with pytest.raises(OtherFileError, match="is there already"):
+    with pytest.raises(OtherFileError, match="already exists"):
         save_text(WRITTEN, path)
     with pytest.raises(ScenarioError, match="line 33: unknown panel 'vidoe'"):
         save_text(text.replace("panel: video", "panel: vidoe"), tmp_path / "new.yaml")

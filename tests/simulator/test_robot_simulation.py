@@ -77,7 +77,7 @@ def test_a_goal_is_reached(name: str) -> None:
 def test_a_goal_inside_a_wall_is_refused() -> None:
     robot = Robot(seed=1)
     robot.go("g", Pose2D(-3.0, 5.0, 0.0))
-    assert run(robot, 0.1) == [GoalEnded("g", "aborted", "there is no way to the goal")]
+    assert run(robot, 0.1) == [GoalEnded("g", "aborted", "there is no path to the goal")]
 
 
 def test_a_newer_goal_takes_the_place_of_the_older() -> None:

@@ -112,7 +112,7 @@ def test_it_ends_when_its_starter_is_gone() -> None:
 
 def test_the_camera_on_the_desk_sends_pictures_of_the_same_rooms() -> None:
     with SimulatedRobot("--desk-camera", "0") as robot:
-        address = robot.next_line().removeprefix("Camera on the desk at ").strip()
+        address = robot.next_line().removeprefix("Desk camera at ").strip()
         with urllib.request.urlopen(address, timeout=20) as pictures:  # noqa: S310 - its own address
             assert pictures.headers.get_content_type() == "multipart/x-mixed-replace"
             for _ in range(2):

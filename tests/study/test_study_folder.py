@@ -57,7 +57,7 @@ def test_a_folder_that_cannot_be_used_is_told_in_three_sentences(tmp_path: Path)
         open_study_folder(tmp_path / "file" / "study")
     assert "cannot be used: Not a directory" in caught.value.what
     assert "Driving and speaking still work" in caught.value.meaning
-    assert "Choose a folder" in caught.value.advice
+    assert "Choose a writable folder" in caught.value.advice
 
 
 def test_a_nearly_full_disk_starts_no_session(tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def states(scene: Scene, out: Path) -> None:
     spin(100)
     scene.save(out / "stale.png")
     spin(2200)
-    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
+    console.state.drive.set(DriveStatus(False, "The robot is unreachable"))
     spin(300)
     scene.save(out / "lost.png")
     scene.flowing = True

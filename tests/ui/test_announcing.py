@@ -91,9 +91,9 @@ def test_an_alarm_is_said_once_and_again_when_it_stands_in_the_way(
 
 def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console: FakeConsole) -> None:
     console.state.drive.set(DriveStatus(emergency_stop=True))
-    assert announced(window) == ["Emergency stop is on. The robot gets no motion until you release it."]
+    assert announced(window) == ["Emergency stop active. No motion commands until you release it."]
     console.state.drive.set(DriveStatus(emergency_stop=True, movement="uncommanded"))
-    moves = "Emergency stop is on, but the robot moves. Use the stop on the robot itself."
+    moves = "Emergency stop active, but the robot is moving. Use the stop on the robot itself."
     assert announced(window)[-1] == moves
     console.state.drive.set(DriveStatus(emergency_stop=True, movement="uncommanded", stopped=True))
     assert announced(window).count(moves) == 1

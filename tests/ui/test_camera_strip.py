@@ -87,14 +87,14 @@ def test_a_lost_camera_says_so_in_its_own_picture_and_returns(panel: VideoPanel,
     panel._refresh()
     desk = small(panel, "desk")
     assert not desk.shows_picture, "no old picture passes for the present"
-    assert desk.words()[1] == "No picture for 3.2 s, it is being tried again."
+    assert desk.words()[1] == "No picture for 3.2 s. The console is trying again."
     assert "3.2 s" in desk.accessibleDescription()
     assert small(panel, "rear").words() == ("", "")
     console.state.choose_camera("desk")
     head, sub = panel.view.words_without_picture()
     assert head == "Desk camera"
     assert sub.startswith("No picture for 3.")
-    assert "being tried again" in sub
+    assert "The console is trying again" in sub
     show(console, "desk")
     assert middle(panel.view.grab().toImage()) == COLORS["desk"]
 
@@ -104,7 +104,7 @@ def test_a_camera_that_never_came_says_why(panel: VideoPanel, console: FakeConso
     show(console, "front")
     console.state.take(CameraState(clock.now_ns(), "desk", "lost", "There is no device /dev/video7."))
     assert small(panel, "desk").words()[1] == (
-        "No picture yet, it is being tried again. There is no device /dev/video7."
+        "No picture yet. The console is trying again. There is no device /dev/video7."
     )
     show(console, "desk")
     assert small(panel, "desk").words() == ("", "")
@@ -113,7 +113,7 @@ def test_a_camera_that_never_came_says_why(panel: VideoPanel, console: FakeConso
     console.state.check_freshness()
     assert small(panel, "desk").words()[1] == "The video was played to its end."
     console.state.forget_camera("desk")
-    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "This scenario does without it."))
+    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "This scenario does not use this camera."))
     assert console.state.cameras.value == ("front",)
 
 

@@ -27,7 +27,7 @@ def test_it_says_what_takes_long_and_is_gone_afterwards(qtbot: QtBot, theme: The
     closing.during("The recording is being finished.", lambda: None if go_on.wait(20) else pytest.fail("never seen"))
     watch.stop()
     assert seen[0][0] == "The recording is being finished."
-    assert "Do not switch the computer off" in seen[0][1]
+    assert "Do not turn off the computer" in seen[0][1]
     closing.close()
     assert not closing.isVisible()
 

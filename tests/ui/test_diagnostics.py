@@ -70,7 +70,7 @@ def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPan
     tell(panel, console, topic("/scan", 10.0), topic("/map", 1.0), topic("/path", 0.0, last_s=None))
     for _second in range(3):
         tell(panel, console, topic("/scan", 10.0), latched, topic("/path", 0.0, last_s=None))
-    assert shown(panel, 1) == ["rare", "nothing", "flowing"]
+    assert shown(panel, 1) == ["infrequent", "nothing", "flowing"]
     tell(
         panel,
         console,
@@ -78,7 +78,7 @@ def test_a_topic_that_fell_silent_is_called_stale_in_words(panel: DiagnosticsPan
         topic("/map", 0.0, last_s=41.0),
         topic("/path", 0.0, last_s=None),
     )
-    assert shown(panel, 1) == ["rare", "nothing", "stale"]
+    assert shown(panel, 1) == ["infrequent", "nothing", "stale"]
     assert panel.fact == ("1 stale", "amber")
 
 
@@ -114,20 +114,20 @@ def test_a_link_that_measures_nothing_any_more_says_so() -> None:
 
 def test_the_report_has_everything(qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole) -> None:
     measure(console, topic("/scan", 10.0, refused=3), refused=3)
-    assert panel.fact == ("3 refused", "amber")
+    assert panel.fact == ("3 rejected", "amber")
     click(qtbot, find(panel.window(), "diagnostics_copy"))
     text = QGuiApplication.clipboard().text()
     assert "Lab robot at ws://lab:9090: connected" in text
     assert "round trip 12.0 ms, robot clock 3.1 ± 0.4 ms ahead" in text
-    assert "control link: CBOR, 1 topics, 10 messages/s, 1.0 kB/s, 3 refused" in text
+    assert "control link: CBOR, 1 topics, 10 messages/s, 1.0 kB/s, 3 rejected" in text
     assert "/scan\tflowing\t10.0 Hz\t50 ms\t4 ms\t1.0 kB/s\t3\tstd_msgs/String\tcontrol" in text
 
 
 def test_it_says_how_often_people_are_looked_for_in_each_camera() -> None:
     shown = PerceptionStatus("ready", inference_ms=41.2, looks_per_s={"front": 7.5, "desk": 3.25})
-    assert detection_words(shown) == ["Looks for people per second: front camera 7.5, desk camera 3.2 · 41 ms a look"]
+    assert detection_words(shown) == ["Detector runs per second: front camera 7.5, desk camera 3.2 · 41 ms per run"]
     named = PerceptionStatus("ready", "yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)")
-    assert detection_words(named) == ["People are found by yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)"]
+    assert detection_words(named) == ["Person detector: yolo11s.pt, onnxruntime on CPU, 640 px, 31 ms (torch 52 ms)"]
     assert detection_words(PerceptionStatus("failed", looks_per_s={"front": 0.0})) == []
 
 
@@ -137,10 +137,10 @@ def test_it_says_which_process_of_the_program_failed(
     summary = find(panel.window(), "diagnostics_summary")
     assert "Processes" not in summary.toolTip()
     console.state.health.set({"recorder": "running", "speech": "failed", "camera desk": "restarting"})
-    assert "Processes: camera desk is starting again, speech failed too often" in summary.toolTip()
+    assert "Processes: camera desk restarting, speech failed too often" in summary.toolTip()
     click(qtbot, find(panel.window(), "diagnostics_copy"))
     text = QGuiApplication.clipboard().text()
-    assert "camera desk is starting again, speech failed too often, recording runs" in text
+    assert "camera desk restarting, speech failed too often, recording running" in text
     console.state.health.set({"recorder": "running"})
     assert "Processes" not in summary.toolTip()
 
@@ -162,6 +162,6 @@ def test_figures_are_words() -> None:
     now_ms = text_formatting.session_clock_ms(ANCHOR)
     assert text_formatting.clock_offset(now_ms - 12_345.6, 20.0, ANCHOR) == "12,346 ± 20 ms behind"
     assert text_formatting.clock_offset(now_ms + 3.14, None, ANCHOR) == "3.1 ms ahead"
-    assert text_formatting.clock_offset(-5000.0, 1.0, ANCHOR) == "set to a time of its own, known to ± 1.0 ms", (
+    assert text_formatting.clock_offset(-5000.0, 1.0, ANCHOR) == "on a separate time base, known to ± 1.0 ms", (
         "a simulation"
     )

@@ -98,7 +98,7 @@ def test_a_button_is_learned_by_pressing_it(
     kept: list[str] = []
     gamepads.mappings_changed.connect(kept.append)
     click(qtbot, row(dialog, "mark").change)
-    assert text_of(dialog, "gamepad_hint") == "Mark: press the button for it."
+    assert text_of(dialog, "gamepad_hint") == "Mark: press a button to assign it."
     console.calls.clear()
     pad.press(3)
     qtbot.waitUntil(lambda: dialog.learned_action == "")
@@ -128,7 +128,7 @@ def test_a_stick_is_learned_the_way_it_is_pushed(
     qtbot.waitUntil(lambda: abs(gamepads.sample.raw.axes[2]) < 0.1)
     click(qtbot, row(dialog, "left").change)
     pad.press(0)
-    qtbot.waitUntil(lambda: "other way" in text_of(dialog, "gamepad_hint"))
+    qtbot.waitUntil(lambda: "opposite direction" in text_of(dialog, "gamepad_hint"))
     pad.let_go(0)
     qtbot.waitUntil(lambda: not gamepads.sample.raw.buttons[0])
     pad.press(1)

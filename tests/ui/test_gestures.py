@@ -96,7 +96,7 @@ def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow,
     assert (keys["gesture_1"], keys["photo"]) == ((), ("Ctrl+P",))
     assert [(lost.text, other.id) for lost, other in table.settled.clashes] == [("Gesture: Nod", "photo")]
     told = [label.text() for label in gestured.board.panels["speak"].findChildren(QLabel) if label.isVisible()]
-    assert any("the gesture “Nod” is without it" in text for text in told)
+    assert any("the gesture “Nod” has no key" in text for text in told)
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,10 @@ def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow,
     [
         (
             "  - {title: A, does: nod, key: Ctrl+G}\n  - {title: B, does: look, key: Ctrl+G}\n",
-            "of the gesture 'A'",
+            "to the gesture 'A'",
         ),
-        ("  - {title: A, does: nod}\n  - {title: B, does: look, key: Ctrl+4}\n", "'A' by its place"),
-        ("  - {title: A, does: nod, key: Ctrl+H}\n", "already says a phrase"),
+        ("  - {title: A, does: nod}\n  - {title: B, does: look, key: Ctrl+4}\n", "'A' by its position"),
+        ("  - {title: A, does: nod, key: Ctrl+H}\n", "already assigned to a phrase"),
         ("  - {title: A, does: nod, key: Ctrl+C}\n", "key"),
         ("  - {title: A, does: nod, key: G}\n", "key"),
     ],

@@ -130,7 +130,7 @@ def test_a_link_leads_to_its_heading_and_back_returns(qtbot: QtBot, window: Main
     browser.setSource(QUrl("conversation.md#response-time"))
     assert browser.verticalScrollBar().value() > 0
     browser.setSource(QUrl("keys.md"))
-    assert browser.source().fileName() == "keys.md" and "Changing keys" in browser.toPlainText()
+    assert browser.source().fileName() == "keys.md" and "Change keys" in browser.toPlainText()
     back = help_window.findChild(QAbstractButton, "help_back")
     assert back is not None
     back.click()

@@ -156,7 +156,7 @@ def test_the_guard_is_on_show_and_can_be_switched(window: MainWindow, console: F
     assert console.calls == [], "one click is a slip"
     assert reason.property("text") == "Blocked · obstacle 0.1 m away", "what the guard does comes first"
     console.state.drive.set(dataclasses.replace(drive, guard="clear"))
-    assert reason.property("text") == "Hold Guard for a second to switch it off."
+    assert reason.property("text") == "Hold Guard for one second to turn it off."
     qtbot.mousePress(button, LEFT)
     QTest.keyClick(button, Qt.Key.Key_Escape)
     assert not button.holding

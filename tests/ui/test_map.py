@@ -294,7 +294,7 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
     trail.add(Pose2D(0.0, 50.0, 0.0))
     assert all(np.abs(np.diff(points, axis=0)).max() < 1.0 for _, points in trail.pieces()), "no line for a jump"
     panel.view.shown.trail.add(Pose2D(1.0, 1.0, 0.0))
-    action = next(action for action in panel.fill_menu().actions() if action.text().startswith("Forget"))
+    action = next(action for action in panel.fill_menu().actions() if action.text().startswith("Clear the driven path"))
     action.trigger()
     assert len(panel.view.shown.trail) == 0
 
@@ -303,7 +303,7 @@ def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole)
     failed = GoalChanged(clock.now_ns(), "g", "failed", Pose2D(1, 1, 0), place="Kitchen", detail="no way found")
     console.state.goal.set(failed)
     console.state.take(failed)
-    assert panel.view.chips == [("Could not get to Kitchen: no way found", "bad")]
+    assert panel.view.chips == [("Could not reach Kitchen: no way found", "bad")]
 
 
 # Saying where
@@ -328,7 +328,7 @@ def test_a_goal_with_heading_takes_the_tool(
     assert console.calls == [], "without the tool a drag moves the map"
     panel.view.fit()
     click(qtbot, find(window, "map_tool_goal"))
-    assert panel.view.hint.startswith("Press where to go")
+    assert panel.view.hint.startswith("Press at the goal")
     assert panel.view.cursor().shape() == Qt.CursorShape.CrossCursor
     start = at(panel, 8.0, 3.0)
     drag(panel.view, start, start + QPoint(0, -60))
@@ -362,14 +362,14 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
     panel.view.zoom(6.0, panel.view.to_view(*wall))
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, *wall))
     assert console.named("go_to") == []
-    assert panel.view.hint == "There is an obstacle: choose free ground"
+    assert panel.view.hint == "Obstacle here: choose a free spot"
     assert panel.view.shown.tool == "goal", "another place can be chosen at once"
 
 
 def test_the_robot_is_told_where_it_is(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0))
     click(qtbot, find(window, "map_robot_here"))
-    assert panel.view.hint.startswith("Click where it should look")
+    assert panel.view.hint.startswith("Click the direction to face")
     QTest.mouseMove(panel.view, at(panel, 5.0, 3.0) + QPoint(-50, 0))
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0) + QPoint(-50, 0))
     (pose,) = console.named("set_initial_pose")
@@ -428,7 +428,7 @@ def test_a_place_clicked_while_another_card_is_open_has_its_whole_card(panel: Ma
 def test_two_places_do_not_share_a_name(
     panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
-    next(action for action in panel.fill_menu().actions() if action.text().startswith("Add a place where")).trigger()
+    next(action for action in panel.fill_menu().actions() if action.text().startswith("Add a place at")).trigger()
     field = find(window, "map_name_field")
     assert isinstance(field, QLineEdit)
     QTest.keyClicks(field, "kitchen")
@@ -447,8 +447,8 @@ def test_the_map_menu_offers_what_the_robot_offers(
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True, mapping=True))
     texts = {action.text(): action for action in panel.fill_menu().actions()}
     assert "Load map…" not in texts
-    assert texts["Build the map on"].isChecked()
-    texts["Only find the place in it"].trigger()
+    assert texts["Extend the map"].isChecked()
+    texts["Localise only"].trigger()
     assert console.named("set_mapping") == [False]
     next(action for action in panel.fill_menu().actions() if action.text() == "Save map…").trigger()
     QTest.keyClicks(find(window, "map_name_field"), "lab 2")
@@ -539,7 +539,7 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
     tell_odometry(console, 5.0, at_ns=now_ns)
     tell_odometry(console, 5.0, at_ns=clock.now_ns())
     panel._refresh()
-    assert ("No map: drawn by odometry", "hint") in view.chips
+    assert ("No map: position from odometry", "hint") in view.chips
     image = view.grab().toImage()
     hit = view.to_view(7.1, 1.0).toPoint()
     near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]

@@ -123,7 +123,7 @@ def test_a_stretch_by_two_presses(focused: QWidget, window: MainWindow, console:
     alt = alt_of(console, window)
     QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
     assert console.state.marks.value.open
-    assert "Stretch · 0:0" in window.marking.card.text
+    assert "Interval · 0:0" in window.marking.card.text
     QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
     assert [name for name, _ in console.calls] == ["begin_mark", "end_mark"]
     assert not console.state.marks.value.open
@@ -137,17 +137,17 @@ def test_it_was_earlier_and_earlier_still(focused: QWidget, window: MainWindow, 
     QTest.keyClick(focused, Qt.Key.Key_J, CTRL | alt)
     (moved,) = present(console)
     assert moved.start_ns == mark.stamp_ns - 6_000_000_000
-    assert "moved 6 s back" in window.marking.card.text
+    assert "moved 6 s earlier" in window.marking.card.text
     QTest.keyClick(focused, Qt.Key.Key_J, CTRL | SHIFT | alt)
     assert present(console) == []
-    assert "taken back" in window.marking.card.text
+    assert "Mark removed" in window.marking.card.text
 
 
 def test_alt_is_for_driving_also_when_driving_has_ended_by_itself(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
-    window.hold.release_all("The console stopped answering for a moment")
+    window.hold.release_all("The console stopped responding for a moment")
     console.calls.clear()
     QTest.keyClick(field, Qt.Key.Key_N, CTRL | ALT)
     assert window.marking.card.writes_note
@@ -352,7 +352,7 @@ def test_the_end_of_the_recording_ends_what_the_card_offers(window: MainWindow, 
     console.calls.clear()
     QTest.keyClick(note, Qt.Key.Key_Return)
     assert console.calls == []
-    assert window.marking.card.text == "The note was not kept. Nothing is being recorded now."
+    assert window.marking.card.text == "The note was not saved. No recording is running."
 
 
 def test_nothing_is_marked_while_paused(window: MainWindow, console: FakeConsole) -> None:

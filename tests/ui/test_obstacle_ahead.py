@@ -62,24 +62,24 @@ def test_where_the_lidar_does_not_look_nothing_is_said_to_be_free(scan: LaserSca
     assert ahead.covered == pytest.approx(covered, abs=0.06)
     text, _warns = ahead_words(ahead)
     assert text.startswith(
-        {1.0: "Nothing in reach ahead", 0.0: "The LIDAR does not look ahead"}.get(covered, "Nothing ahead where the LI")
+        {1.0: "Nothing within range ahead", 0.0: "No LIDAR coverage ahead"}.get(covered, "Nothing detected ahead; LI")
     )
 
 
 def test_the_words_speak_of_the_base_while_the_picture_looks_elsewhere() -> None:
     head = HeadState(1, None, pan_rad=0.6, tilt_rad=0.0)
     on_head = robot_with(dataclasses.replace(MODEL, on_head=True))
-    assert gaze_is_away(on_head, FRAME, head) == "the picture looks left"
-    assert gaze_is_away(on_head, FRAME, dataclasses.replace(head, pan_rad=-0.6)) == "the picture looks right"
+    assert gaze_is_away(on_head, FRAME, head) == "the camera faces left"
+    assert gaze_is_away(on_head, FRAME, dataclasses.replace(head, pan_rad=-0.6)) == "the camera faces right"
     assert gaze_is_away(on_head, FRAME, dataclasses.replace(head, pan_rad=0.1)) == ""
-    assert gaze_is_away(on_head, FRAME, None) == "the head may look elsewhere"
+    assert gaze_is_away(on_head, FRAME, None) == "the head may be turned"
     assert gaze_is_away(robot_with(MODEL), FRAME, head) == "", "this camera is not on the head"
     assert gaze_is_away(robot_with(dataclasses.replace(MODEL, heading_rad=math.pi)), FRAME, None) == (
-        "the picture looks back"
+        "the camera faces backward"
     )
     assert gaze_is_away(robot_with(None), FRAME, None) == gaze_is_away(None, None, None) == ""
-    assert ahead_words(Ahead(0.4, 1.0), "the picture looks left") == (
-        "Close! Obstacle 0.4 m ahead of the base · the picture looks left",
+    assert ahead_words(Ahead(0.4, 1.0), "the camera faces left") == (
+        "Close! Obstacle 0.4 m ahead of the base · the camera faces left",
         True,
     )
 
@@ -92,15 +92,15 @@ def test_the_video_says_so(window: MainWindow, console: FakeConsole) -> None:
     freshen(console)
     panel._refresh()
     said = next(text for text, _role in panel.view.chips if "ahead" in text)
-    assert said.endswith("ahead of the base · the picture looks left")
+    assert said.endswith("ahead of the base · the camera faces left")
     console.state.take(dataclasses.replace(scan_from(90, 270, 2.0), stamp_ns=clock.now_ns()))
     panel._refresh()
-    assert any(text.startswith("The LIDAR does not look ahead of the base") for text, _role in panel.view.chips)
+    assert any(text.startswith("No LIDAR coverage ahead of the base") for text, _role in panel.view.chips)
 
 
 def test_a_guard_that_does_not_see_says_why() -> None:
-    blind = DriveStatus(True, "", guard="blind", guard_detail="the LIDAR does not see there")
-    assert guard_chip(blind) == ("The guard lets it crawl only: the LIDAR does not see there", "warning")
+    blind = DriveStatus(True, "", guard="blind", guard_detail="the LIDAR does not cover this direction")
+    assert guard_chip(blind) == ("The guard allows crawling only: the LIDAR does not cover this direction", "warning")
 
 
 @pytest.mark.parametrize("nothing_m", [0.0, -0.0, 1e-45])

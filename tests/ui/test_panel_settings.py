@@ -76,8 +76,8 @@ def seen(window: MainWindow, console: FakeConsole) -> dict[str, object]:
     drive.resize(260, 150)
     return {
         "follows": the_map._follow.isChecked(),
-        "turns": lines["Turn with the robot"],
-        "trail": lines["Show where it has driven"],
+        "turns": lines["Rotate with the robot"],
+        "trail": lines["Show the driven path"],
         "camera": console.state.camera.value,
         "stick": drive._stick.isVisible() and not drive._pad.isVisible(),
         "log": session._filter.text(),

@@ -306,8 +306,8 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
     assert line.text() == "Nothing commanded"
     console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
     assert reason.text() == "Limited to 50 %: the picture is late"
-    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
-    assert (line.text(), reason.text()) == ("Driving is off", "The robot is out of reach")
+    console.state.drive.set(DriveStatus(False, "The robot is unreachable"))
+    assert (line.text(), reason.text()) == ("Driving is off", "The robot is unreachable")
     assert not find(window, "drive_pad").isEnabled()
 
 
@@ -331,11 +331,11 @@ def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, conso
     console.go_to_place("Kitchen")
     strip, reason = find(window, "robot_now"), find(window, "drive_reason")
     assert strip.property("text") == "Going to Kitchen, 3.2 m left · 0.30 m/s at most"
-    assert reason.property("text") == "0.30 m/s at most. Esc stops it."
+    assert reason.property("text") == "0.30 m/s at most. Esc stops the robot."
     assert window.panels["drive"].fact == ("0.30 m/s at most", "dim")
     console.state.drive.set(dataclasses.replace(console.state.drive.value, goal_limit_mps=None))
-    assert strip.property("text").endswith("at its navigation’s own speed, up to 0.60 m/s")
-    assert reason.property("text") == "At its navigation’s own speed, up to 0.60 m/s. Esc stops it."
+    assert strip.property("text").endswith("at the robot’s navigation speed, up to 0.60 m/s")
+    assert reason.property("text") == "At the robot’s navigation speed, up to 0.60 m/s. Esc stops the robot."
     assert window.panels["drive"].fact == ("goals: own speed", "amber")
 
 
@@ -434,7 +434,7 @@ def test_letters_for_somebody_who_is_no_more_go_nowhere(qtbot: QtBot, window: Ma
         focused = QApplication.focusWidget()
         assert focused is field, "letters that are still typed reach nothing else"
         QTest.keyClicks(focused, "a Silva wasd")
-        assert (field.text(), field.placeholderText()) == ("", "Nobody is named: this person is gone")
+        assert (field.text(), field.placeholderText()) == ("", "Cannot be named: this person has left")
     QTest.keyClick(field, Qt.Key.Key_Return)
     assert not field.isVisible()
     assert panel.isAncestorOf(QApplication.focusWidget()) or QApplication.focusWidget() is None
@@ -665,7 +665,7 @@ def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeCons
     console.state.take(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
     console.state.take(Marked(clock.now_ns(), "laughed"))
     lines = session(window).log_lines()
-    assert lines[-2:] == ["The robot is out of reach: no answer for 1 s", "Marked: laughed"]
+    assert lines[-2:] == ["The robot is unreachable: no answer for 1 s", "Marked: laughed"]
 
 
 @pytest.mark.panels("session")
@@ -880,8 +880,8 @@ def test_the_picture_says_why_the_robot_does_not_drive(window: MainWindow, conso
     assert panel._hints() == [("Alt+W A S D drives while you type", "hint")]
     console.state.drive.set(DriveStatus(True, "", 0.5, "the picture is late"))
     assert panel._hints() == [("Slowed down: the picture is late", "warning")]
-    console.state.drive.set(DriveStatus(False, "The robot is out of reach"))
-    assert panel._hints() == [("Driving is off: The robot is out of reach", "warning")]
+    console.state.drive.set(DriveStatus(False, "The robot is unreachable"))
+    assert panel._hints() == [("Driving is off: The robot is unreachable", "warning")]
 
 
 @pytest.mark.panels("video")
@@ -896,7 +896,7 @@ def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeC
     assert not small.isVisible(), "it is not kept yet"
     console.state.take(PhotoTaken(clock.now_ns(), "front", frame.sequence, "photos/0001.png"))
     assert small.isVisible()
-    assert small.accessibleName() == "Photo kept with the session: photos/0001.png"
+    assert small.accessibleName() == "Photo saved with the session: photos/0001.png"
     middle = small.grab().toImage().pixelColor(small.width() // 2, 60)
     assert (middle.blue(), middle.green(), middle.red()) == (20, 200, 40), "the one that was taken"
     assert view.rect().contains(small.geometry())
@@ -904,7 +904,7 @@ def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeC
     assert not small.isVisible()
     console.state.recording.set(RecordingStatus())
     console.state.take(PhotoTaken(clock.now_ns(), "front", 999, "photos/0002.png"))
-    assert small.accessibleName() == "Photo kept in the study’s folder: photos/0002.png"
+    assert small.accessibleName() == "Photo saved in the study’s folder: photos/0002.png"
     assert small.image is None, "that picture was not seen here"
 
 

@@ -69,7 +69,7 @@ OF_THE_WINDOW_ALONE = ("Window", "Panel", "Theme", "Scenario", "Session", "Wizar
 MENUS_OF_THE_WINDOW_ALONE = ("Panels", "Layout", "Appearance", "Size", "Wizard", "Who is the wizard?")
 LINES_OF_THE_WINDOW_ALONE = {
     *THEME_WORDS.values(), *SEES_WORDS.values(), "Edit this scenario…", "Import a scenario…",
-    "Write this scenario as one file…", "Practise on the simulated robot", "Set up…", "All shortcuts", "Gamepad…",
+    "Export this scenario as one file…", "Practise on the simulated robot", "Set up…", "All shortcuts", "Gamepad…",
 }  # fmt: skip
 """The same in the menus of the top bar."""
 

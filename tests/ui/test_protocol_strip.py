@@ -324,7 +324,7 @@ def test_steps_and_branches_are_found_by_name(desk: Desk) -> None:
     desk.begin("ask-questions")
     entries = {entry.text: entry for entry in desk.window.palette_entries()}
     assert entries["Next step"].key in ("Ctrl PgDown", "PgDown")
-    entries["Cries: on to Close"].do()
+    entries["Cries: continue to Close"].do()
     entries["Step 1: Greet"].do()
     assert desk.asked == [intents.TakeBranch("Cries"), intents.GoToStep("greet")]
 
@@ -419,7 +419,7 @@ def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Sc
     QTest.mouseClick(find(desk.strip, "step_4"), Qt.MouseButton.LeftButton)
     rows = [row for row in desk.window.findChildren(ActionButton) if row.objectName().startswith("step_row_")]
     assert [row.text().partition(" · ")[2] for row in rows] == [
-        "1:15 of 1:00 · 0:15 late", "0:20 of 0:30 · skipped · begun 2 times", "not begun", "2:05",
+        "1:15 of 1:00 · 0:15 late", "0:20 of 0:30 · skipped · started 2 times", "not started", "2:05",
     ]  # fmt: skip
     QTest.mouseClick(rows[1], Qt.MouseButton.LeftButton)
     QTest.mouseClick(find(desk.strip, "step_3"), Qt.MouseButton.LeftButton)

@@ -64,7 +64,7 @@ def test_nothing_closes_while_something_drives(quiet: MainWindow, console: FakeC
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
     assert not ask_to_close(quiet)
     # What ended the drive leaves the fingers where they are.
-    quiet.hold.release_all("The window manager took the keyboard")
+    quiet.hold.release_all("The window manager took over the keyboard")
     assert not ask_to_close(quiet)
     QTest.keyRelease(field, Qt.Key.Key_W, ALT)
     QTest.keyRelease(field, Qt.Key.Key_Alt)
@@ -105,7 +105,11 @@ def test_phrases_are_said_while_alt_drives(quiet: MainWindow, console: FakeConso
 
 @pytest.mark.parametrize(
     ("state", "words"),
-    [("recording", "The recording ends and is saved."), ("paused", "The recording ends and is saved."), ("", "")],
+    [
+        ("recording", "The recording will stop and be saved."),
+        ("paused", "The recording will stop and be saved."),
+        ("", ""),
+    ],
 )
 def test_closing_asks_while_recording_or_moving(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, state: str, words: str
@@ -148,7 +152,7 @@ def test_what_began_after_the_question_is_asked_too(qtbot: QtBot, quiet: MainWin
     console.state.recording.set(RecordingStatus("recording"))
     click(qtbot, find(quiet, "question_yes"))
     assert quiet.isVisible()
-    assert "The recording ends" in find(quiet, "question_band").accessibleName()
+    assert "The recording will stop" in find(quiet, "question_band").accessibleName()
     console.state.goal.set(None)
     with qtbot.waitSignal(quiet.closed):
         click(qtbot, find(quiet, "question_yes"))

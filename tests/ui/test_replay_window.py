@@ -116,7 +116,7 @@ def test_what_was_latched_then_is_not_latched_now(window: MainWindow, replay: Fa
     shown = [widget for widget in window.findChildren(QWidget, "emergency_release") if widget.isVisible()]
     assert shown == [], "nothing is released by a replay"
     replay.live_robots.set(LiveRobotsStatus(("Simulated robot",), emergency_stop=True))
-    assert red_button(window).text() == "Emergency stop is on (live)"
+    assert red_button(window).text() == "Emergency stop active (live)"
 
 
 def test_over_a_dialog_the_button_says_the_same(qtbot: QtBot, window: MainWindow, replay: FakeReplay) -> None:

@@ -111,17 +111,17 @@ def test_what_is_recorded_is_shown_as_it_is_set_now(window: MainWindow, console:
     assert isinstance(box, CheckBox)
     permissions = console.scenario.permissions
     assert permissions.video_recording and "video" in box.text() and "No sound" in box.text()
-    assert "Language models may be asked, on other computers too." in box.text()
+    assert "Language models may be used, including on other computers." in box.text()
     assert "Suggested replies: Off." in box.text()
     console.state.levels.set(LevelsStatus(replies="suggest"))
-    assert "Suggested replies: Suggest: my key does it." in box.text()
+    assert "Suggested replies: Suggest (I confirm by key)." in box.text()
     console.scenario = replace(
         console.scenario,
         permissions=replace(permissions, video_recording=False, cloud_models=False, transcription=True),
     )
     console.state.scenario.reset_value(console.scenario)
-    assert "No video" in box.text() and "Language models are asked on this computer only." in box.text()
-    assert "What participants say is turned into text." in box.text()
+    assert "No video" in box.text() and "Language models are used on this computer only." in box.text()
+    assert "Participants’ speech is transcribed." in box.text()
     assert card.height() >= card.layout().heightForWidth(card.width()), "all of it can be read"
     click(qtbot, box)
     assert console.named("ConfirmAsBefore") == [intents.ConfirmAsBefore("permissions")]

@@ -109,8 +109,8 @@ def test_looking_shows_what_is_proposed_and_all_that_is_offered(
 ) -> None:
     look(dialog, explorer, "lab-robot:9090")
     assert explorer.asked == [("explore", (ADDRESS, SecuritySettings()))]
-    explorer.progress("Asking what the robot has")
-    assert dialog.note_text == "Asking what the robot has…"
+    explorer.progress("Querying the robot")
+    assert dialog.note_text == "Querying the robot…"
     explorer.done(Exploration(ADDRESS, OFFER, propose(OFFER), ()))
     scan = dialog.row("scan")
     assert scan is not None
@@ -139,11 +139,11 @@ def test_a_chosen_topic_is_checked_and_saved_and_then_the_robot_is_used(
     assert (name, profile.scan.topic, profile.address) == ("check", "/scan_rear", ADDRESS)
     good = StreamCheck("scan", "LIDAR", "/scan_rear", "good", 10.0, 0.05, "720 beams.")
     explorer.progress(good)
-    assert scan.verdict_text == "comes, 10.0 Hz, 50 ms old · 720 beams."
+    assert scan.verdict_text == "active, 10.0 Hz, 50 ms old · 720 beams."
     wrong = StreamCheck("odometry", "Odometry", "/odom", "nothing", None, None, "")
     explorer.progress(wrong)
     explorer.done((good, wrong))
-    assert dialog.note_text == "Not right yet: Odometry. Choose another topic, or leave it out."
+    assert dialog.note_text == "Not working yet: Odometry. Choose another topic or leave it out."
     type_into(dialog, "robot_name", "Lab robot")
     click(qtbot, find(dialog, "robot_save"))
     name, (profile, title) = explorer.asked[-1]
@@ -168,14 +168,14 @@ def test_a_known_robot_gives_its_whole_profile_for_this_address(
     explorer.done(UserFacingError("The profile cannot be used.", "Line 3.", "Choose another."))
     assert "Line 3." in dialog.note_text
     click(qtbot, find(dialog, "robot_check"))
-    assert dialog.note_text == "Reading its profile…", "the disk has not told yet"
+    assert dialog.note_text == "Reading the robot profile…", "the disk has not told yet"
     explorer.done(load_profile("generic-ros1"))
     name, profile = explorer.asked[-1]
     assert (name, profile.address, profile.velocity.topic) == ("check", ADDRESS, "/cmd_vel")
     explorer.progress(StreamCheck("scan", "LIDAR", "/scan", "good", 10.0, 0.05, ""))
     row = dialog.row("scan")
     assert row is not None
-    assert row.verdict_text == "comes, 10.0 Hz, 50 ms old"
+    assert row.verdict_text == "active, 10.0 Hz, 50 ms old"
 
 
 @pytest.mark.parametrize(
@@ -207,10 +207,10 @@ def test_the_file_that_its_speeds_are_to_be_set_in_is_named(dialog: RobotDialog,
 def test_failures_are_words_and_nothing_is_lost(dialog: RobotDialog, explorer: MemoryExplorer) -> None:
     look(dialog, explorer, "http://lab")
     assert explorer.asked == []
-    assert "is not a robot's address" in dialog.note_text
+    assert "is not a robot address" in dialog.note_text
     look(dialog, explorer)
-    explorer.done(UserFacingError("Nothing answers at ws://lab-robot:9090.", "The robot was not asked.", "Check it."))
-    assert dialog.note_text == "Nothing answers at ws://lab-robot:9090. The robot was not asked. Check it."
+    explorer.done(UserFacingError("No response from ws://lab-robot:9090.", "The robot was not asked.", "Check it."))
+    assert dialog.note_text == "No response from ws://lab-robot:9090. The robot was not asked. Check it."
     assert dialog.address_field.text() == ADDRESS
     look(dialog, explorer)
     explorer.done(UserFacingError("The certificate of lab-robot is not trusted.", "", "Name its file."))

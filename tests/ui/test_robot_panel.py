@@ -78,14 +78,14 @@ def test_a_button_is_used_with_one_click_and_its_panel_gets_the_keys(
     assert window.focusWidget() is not button, "a key that follows does not press it once more"
     QTest.keyClick(window.focusWidget(), Qt.Key.Key_Space)
     assert console.named("use_control") == [("wave", True)]
-    assert panel.fact == ("Wave: asked", "blue")
+    assert panel.fact == ("Wave: requested", "blue")
 
 
 def test_what_failed_is_said_in_words_beside_it(panel: RobotPanel, console: FakeConsole) -> None:
     answer(console, "wave", ControlStatus("failed", True, "the service did not answer"))
-    assert entry(panel, "wave").note_text == "Wave did not work: the service did not answer"
+    assert entry(panel, "wave").note_text == "Wave failed: the service did not answer"
     assert entry(panel, "wave").note.isVisible()
-    assert panel.fact == ("1 did not work", "amber")
+    assert panel.fact == ("1 failed", "amber")
     answer(console, "wave", ControlStatus("succeeded", True))
     assert entry(panel, "wave").note_text == ""
     assert panel.fact == ("8 controls", "dim")
@@ -124,7 +124,7 @@ def test_many_controls_come_a_few_at_a_time_and_each_shows_how_it_stands(
         return [entry.control.id for entry in panel.findChildren(ControlEntry) if entry.isVisible()]
 
     qtbot.waitUntil(lambda: shown() == [control.id for control in many])
-    assert panel.fact == ("1 did not work", "amber")
+    assert panel.fact == ("1 failed", "amber")
 
 
 def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
@@ -138,10 +138,10 @@ def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
     reason = find(panel, "robot_reason")
     assert isinstance(reason, QLabel)
     assert reason.isVisible()
-    assert "emergency stop is on" in reason.text()
+    assert "Emergency stop active" in reason.text()
     assert not find(panel, "control_wave_button").isEnabled()
-    assert "emergency stop is on" in find(panel, "control_wave_button").parentWidget().toolTip()
-    assert panel.fact == ("held by the emergency stop", "amber")
+    assert "Emergency stop active" in find(panel, "control_wave_button").parentWidget().toolTip()
+    assert panel.fact == ("emergency stop active", "amber")
     click(qtbot, find(panel, "control_wave_button"))
     click(qtbot, find(panel, "control_lamp_button"))
     assert console.named("use_control") == [("lamp", True)]
@@ -162,7 +162,7 @@ def test_a_toggle_shows_what_the_robot_tells(qtbot: QtBot, panel: RobotPanel, co
     click(qtbot, find(panel, "control_eyes_switch"))
     assert console.named("use_control") == [("eyes", False)]
     assert eyes.value_text == "off"
-    answer(console, "eyes", ControlStatus("failed", False, "it refused"))
+    answer(console, "eyes", ControlStatus("failed", False, "the robot refused"))
     assert eyes.value_text == "on", "it did not go off"
 
 
@@ -226,11 +226,11 @@ def test_a_text_is_sent_with_enter_and_the_rest_of_the_window_hears_nothing(
 def test_a_readout_says_when_nothing_was_told(panel: RobotPanel, console: FakeConsole) -> None:
     warmth = entry(panel, "warmth")
     labels = {label.text() for label in warmth.findChildren(QLabel)}
-    assert "not told yet" in labels
+    assert "no value yet" in labels
     tell(console, warmth=31.25)
     assert warmth.value_text == "31.2 °C"
     console.state.clear_robot_streams()
-    assert "not told yet" in {label.text() for label in warmth.findChildren(QLabel)}
+    assert "no value yet" in {label.text() for label in warmth.findChildren(QLabel)}
 
 
 def test_without_a_link_nothing_can_be_used_and_the_reason_is_there(

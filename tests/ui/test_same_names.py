@@ -67,7 +67,9 @@ def test_what_is_ones_own_can_be_replaced_and_what_comes_with_the_program_cannot
     assert imported(console) == [ImportScenario(FILE, decided)]
 
 
-@pytest.mark.parametrize(("name", "said"), [("tour", "is taken"), ("a b", "letters, digits"), ("", "letters, digits")])
+@pytest.mark.parametrize(
+    ("name", "said"), [("tour", "already exists"), ("a b", "letters, digits"), ("", "letters, digits")]
+)
 def test_a_name_that_cannot_be_is_told_at_once(dialog: QWidget, name: str, said: str) -> None:
     field, refusal = find(dialog, "new_name_scenario"), dialog.findChild(QLabel, "same_names_refusal")
     assert isinstance(field, QLineEdit) and refusal is not None

@@ -64,7 +64,7 @@ def test_the_scenario_in_force_is_written_where_that_is_chosen(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, tmp_path: Path
 ) -> None:
     console.scenario = replace(console.scenario, path=tmp_path / "my-tour.yaml")
-    dialog = choose(qtbot, window, "Write this scenario as one file…")
+    dialog = choose(qtbot, window, "Export this scenario as one file…")
     line = dialog.findChild(QLineEdit, "fileNameEdit")
     assert line is not None and line.text() == f"my-tour{SUFFIX}", "a name is offered"
     dialog.setDirectory(str(tmp_path))

@@ -92,7 +92,7 @@ def test_a_recording_is_paused_and_goes_on(qtbot: QtBot, window: MainWindow, con
     assert window.status_bar.items["recording"].text == "paused, 184 MB"
     assert "Recording paused" in panel.log_lines()
     click(qtbot, button)
-    choose(window, "record_menu", "Go on recording")
+    choose(window, "record_menu", "Resume recording")
     assert console.calls[-1] == ("pause_session", False)
     assert str(button.property("text")).startswith("Recording")
     click(qtbot, find(panel, "session_toggle"))
@@ -117,7 +117,7 @@ def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: Fake
     change(console, dropped={"frame": 3, "audio": 1})
     window.status_bar.refresh()  # as it does four times a second
     assert items["dropped"].text == "4 values not recorded"
-    assert "1 piece of sound was not recorded" in items["dropped"].toolTip()
+    assert "1 audio chunk was not recorded" in items["dropped"].toolTip()
 
 
 @pytest.mark.panels()
@@ -150,13 +150,13 @@ def test_a_mark_is_one_line_of_the_log_whatever_becomes_of_it(window: MainWindow
     panel = session_panel(window)
     before = len(panel.log_lines())
     mark_id = console.begin_mark("Laughs")
-    assert panel.log_lines()[before:] == ["Laughs began"]
+    assert panel.log_lines()[before:] == ["Laughs started"]
     console.state.take(StopRequested(clock.now_ns()))
     began_ns = console.marks[mark_id].start_ns or 0
     console.state.take(Marked(began_ns + 1, "Laughs", "mark", mark_id, began_ns, began_ns + 12_000_000_000))
     assert panel.log_lines()[before:] == ["Marked: Laughs, 12 s", "Stop"]
     console.withdraw_mark(mark_id)
-    assert panel.log_lines()[before:] == ["Taken back: Laughs", "Stop"]
+    assert panel.log_lines()[before:] == ["Mark removed: Laughs", "Stop"]
 
 
 def test_a_jump_in_time_rebuilds_the_log(window: MainWindow, console: FakeConsole) -> None:
@@ -255,7 +255,7 @@ def test_it_is_said_that_people_will_be_pixelated() -> None:
     film = Permissions(photos=False, audio_recording=False)
     assert "video (people pixelated)" in stored_words(film, None, BlurSettings("everybody"))
     faces = stored_words(film, None, BlurSettings("without_consent", "faces"))
-    assert "video (faces pixelated of those who did not agree)" in faces
+    assert "video (faces of people without consent pixelated)" in faces
     nothing = Permissions(video_recording=False, photos=False)
     assert "pixelated" not in stored_words(nothing, None, BlurSettings("everybody"))
 
@@ -404,7 +404,7 @@ def test_what_was_said_is_found_and_replayed(qtbot: QtBot, sessions: SessionsWin
     qtbot.waitUntil(lambda: sessions.hits.rowCount() == 2, timeout=2000)
     assert len(library.named("find")) <= 3, "not one search for each letter"
     assert shown(sessions) == ["P2", "P1"]
-    assert find(sessions, "sessions_found").property("text") == "2 places with “robot”"
+    assert find(sessions, "sessions_found").property("text") == "2 matches for “robot”"
     rect = sessions.hit_list.visualRect(sessions.hits.index(1, 0))
     for act in (QTest.mouseClick, QTest.mouseDClick):
         act(sessions.hit_list.viewport(), Qt.MouseButton.LeftButton, pos=rect.center())
@@ -446,14 +446,14 @@ def test_a_session_that_is_being_recorded_waits(sessions: SessionsWindow, librar
 
 
 def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, library: FakeLibrary) -> None:
-    lost = "4671 of the 4673 values that were recorded are missing from events.mcap."
+    lost = "4671 of the 4673 recorded values are missing from events.mcap."
     cut, copy = entry(5, losses=(lost,)), entry(6, copy_of="s1")
     library.found.set(LibraryStatus(sessions=(entry(1), cut, copy), total=3))
     states = dict(zip(shown(sessions, "Date"), shown(sessions, "State"), strict=True))
     assert sorted(states.values()) == ["Complete", "Copy", "Incomplete"]
     label = sessions.findChild(QWidget, "sessions_lacks")
     assert label is not None
-    for session, words in ((cut, lost), (copy, "This is a copy of s1: it counts once."), (entry(1), "")):
+    for session, words in ((cut, lost), (copy, "This is a copy of s1 and is not counted again."), (entry(1), "")):
         row = sessions.model.row_of(session.folder)
         assert row is not None
         sessions.table.selectRow(row)
@@ -462,7 +462,7 @@ def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, libr
 
 @pytest.mark.usefixtures("trial_language")
 def test_what_a_session_lacks_is_told_in_the_wizards_language() -> None:
-    told = read_loss("audio.wav is missing: 3.0 s of sound.")
+    told = read_loss("audio.wav is missing: 3.0 s of audio.")
     assert lacks_words(entry(5, losses=(told,))).startswith("[audio.wav îš mîššîñğ: 3.0 š")
 
 
@@ -526,7 +526,7 @@ def test_sessions_are_exported_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     assert not folder.isEnabled()
     click(qtbot, find(dialog, "export_cancel"))
     assert library.named("cancel_export") == [None]
-    assert find(dialog, "export_what").property("text") == "Cancelled. Nothing was written."
+    assert find(dialog, "export_what").property("text") == "Cancelled. Nothing was saved."
 
 
 def test_csv_files_are_written_as_chosen(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
@@ -551,7 +551,7 @@ def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialo
     assert find(dialog, "export_what").property("text") == "Done: 2 exports in /exports/several."
     assert find(dialog, "export_open").isVisible()
     library.export.set(ExportStatus("failed", 0.5, "", written[:1], "The disk is full."))
-    assert find(dialog, "export_what").property("text") == "The disk is full. What was finished stays (1 export)."
+    assert find(dialog, "export_what").property("text") == "The disk is full. Finished exports remain (1 export)."
 
 
 def test_names_leave_the_study_only_where_that_is_chosen(
@@ -665,7 +665,7 @@ def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWin
 
 def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConsole) -> None:
     console.state.recording.set(RecordingStatus("failed", detail="The disk is full."))
-    assert find(window, "record_button").property("text") == "Not recording: failed"
+    assert find(window, "record_button").property("text") == "Recording failed"
     panel = session_panel(window)
     assert panel.fact == ("not recording", "red")
 
@@ -683,7 +683,7 @@ def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWind
     window.status_bar.refresh()
     QApplication.processEvents()
     items = window.status_bar.items
-    assert items["load"].text.startswith("busy: people seldom")
+    assert items["load"].text.startswith("busy: people detection much less often")
     shown = sorted((item.geometry() for item in items.values() if item.isVisible()), key=lambda place: place.left())
     assert all(left.right() < right.left() for left, right in itertools.pairwise(shown)), "nothing lies over another"
     assert items["recording"].isVisible() and window.width() == 1366
@@ -696,7 +696,7 @@ def test_all_that_is_found_is_counted_and_comes_as_one_scrolls_there(
     library.hits = tuple(replace(hit, session_s=float(number)) for number in range(1200))
     QTest.keyClicks(sessions.search, "robot")
     qtbot.waitUntil(lambda: sessions.hits.rowCount() == 500, timeout=2000)
-    assert find(sessions, "sessions_found").property("text") == "1200 places with “robot”"
+    assert find(sessions, "sessions_found").property("text") == "1200 matches for “robot”"
     bar = sessions.hit_list.verticalScrollBar()
 
     def scrolled_to_the_end() -> bool:

@@ -71,13 +71,13 @@ def test_an_open_microphone_is_told_at_once_and_whose_it_is(window: MainWindow, 
     assert (item.text, item.role) == ("your microphone opens…", "amber")
     console.state.wizard_microphone.set(WIZARD)
     assert (item.text, item.role) == ("the participant hears you", "green")
-    assert item.toolTip() == "The participant is heard by Desk\nYou are heard by Headset"
+    assert item.toolTip() == "Desk is picking up the participant\nHeadset is picking you up"
     console.state.sound.set(SoundStatus())
     console.state.microphone.set(MicrophoneStatus())
     assert item.text == "your microphone is open", "also while nothing of it goes anywhere"
     console.state.wizard_microphone.set(MicrophoneStatus(role="wizard"))
     console.state.microphone.set(MicrophoneStatus("failed", "Desk", detail="It is unplugged."))
-    assert (item.text, item.role) == ("microphone not heard", "amber")
+    assert (item.text, item.role) == ("microphone failed", "amber")
     console.state.microphone.set(MicrophoneStatus())
     assert item.text == ""
 

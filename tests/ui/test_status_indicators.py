@@ -62,12 +62,12 @@ def picture(signs: StatusIndicators) -> QImage:
 
 
 def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: StatusIndicators, state: LiveState) -> None:
-    assert said(signs)[0] == "Not known", "no odometry has come yet"
+    assert said(signs)[0] == "Unknown", "no odometry has come yet"
     drive(state, 0.0)
     assert said(signs) == ALL_OFF
     turn_all_on(state)
     assert said(signs) == ALL_ON
-    assert signs.accessibleName() == "The robot now: Moving, Speaking, Recording, Listening"
+    assert signs.accessibleName() == "Robot status: Moving, Speaking, Recording, Listening"
     drive(state, 0.0)
     qtbot.waitUntil(lambda: said(signs)[0] == "Still", timeout=10_000)
     state.recording.set(RecordingStatus("paused"))
@@ -86,19 +86,19 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
     assert said(signs)[0] == "Still"
     now_ns += 2_500_000_000
     state.check_freshness()
-    assert said(signs)[0] == "Not known", "the odometry is gone"
+    assert said(signs)[0] == "Unknown", "the odometry is gone"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
-    assert said(signs)[0] == "Not known", "and it was there before"
+    assert said(signs)[0] == "Unknown", "and it was there before"
     state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
     state.drive.set(DriveStatus(True, "", target_turn_radps=-0.5, movement="not_following"))
     assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == (
-        "Not driving", "turning right 29°/s commanded, but the robot does not follow"
+        "Not driving", "turning right 29°/s commanded, but the robot is not following"
     )  # fmt: skip
     state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(0.3)))
     state.drive.set(DriveStatus(True, "", movement="uncommanded"))
     assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == (
         "Moving",
-        "Moving without a command from here",
+        "Moving without a console command",
     )
 
 
@@ -131,11 +131,11 @@ def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(
 
 
 def test_a_robot_without_odometry_is_never_said_to_stand(signs: StatusIndicators, state: LiveState) -> None:
-    assert said(signs)[0] == "Not known"
+    assert said(signs)[0] == "Unknown"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
     assert said(signs)[0] == "Moving", "as it was asked to"
     state.drive.set(DriveStatus(True, ""))
-    assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == ("Not known", "Nothing commanded")
+    assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == ("Unknown", "Nothing commanded")
 
 
 def test_on_and_off_differ_without_colour_and_move_nothing(signs: StatusIndicators, state: LiveState) -> None:
@@ -194,7 +194,7 @@ def test_they_are_large_enough_for_two_metres(
                 if not compact:
                     assert inked_px(image, word - 2, word + 14)[1] * 0.277 >= 4.5, (all_on, compact)
                 left += width_px + 8
-    assert signs.toolTip() == signs.accessibleName() == f"The robot now: {', '.join(ALL_ON)}"
+    assert signs.toolTip() == signs.accessibleName() == f"Robot status: {', '.join(ALL_ON)}"
     theme.set_choice("dark")
 
 

@@ -70,7 +70,7 @@ def name_of(person_id: str) -> str:
     ("event", "entry"),
     [
         (LinkQuality(1, 12.0), None),
-        (LevelChanged(1, "replies", "act"), ("Session", "Suggested replies: By itself, after a countdown")),
+        (LevelChanged(1, "replies", "act"), ("Session", "Suggested replies: Automatic (after a countdown)")),
         (
             ProposalChanged(1, "a-1", "displayed", "t-1", 1, "GoToPlace", {"place": "Kitchen"}, "small"),
             ("Said", "Proposed: go to Kitchen"),
@@ -80,15 +80,15 @@ def name_of(person_id: str) -> str:
             ("Said", "Proposal rejected: use wave"),
         ),
         (
-            ProposalChanged(1, "a-1", "refused", "t-1", 1, "", {}, "small", "the answer is no JSON"),
-            ("Problems", "A proposal was refused: the answer is no JSON"),
+            ProposalChanged(1, "a-1", "refused", "t-1", 1, "", {}, "small", "the answer is not valid JSON"),
+            ("Problems", "A proposal was refused: the answer is not valid JSON"),
         ),
-        (EmergencyStopChanged(1, latched=True, by="robot"), ("Moved", "Emergency stop on by the robot")),
+        (EmergencyStopChanged(1, latched=True, by="robot"), ("Moved", "Emergency stop activated by the robot")),
         (GoalChanged(1, "g", "reached", Pose2D(0, 0, 0), "Kitchen"), ("Moved", "Arrived at Kitchen")),
         (GoalChanged(1, "g", "active", Pose2D(0, 0, 0), "Kitchen"), None),
         (
             GoalChanged(1, "g", "failed", Pose2D(0, 0, 0), "Kitchen", detail="the way is blocked"),
-            ("Problems", "Could not get to Kitchen: the way is blocked"),
+            ("Problems", "Could not reach Kitchen: the way is blocked"),
         ),
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "requested"), None),
         (UtteranceChanged(1, "u", "robot", "Hi", "typed", "interrupted"), ("Said", "Cut short: “Hi”")),
@@ -97,23 +97,23 @@ def name_of(person_id: str) -> str:
             ("Said", "Robot: “Hi Luis, see {place}”"),
         ),
         (PersonRenamed(1, "p1"), ("People", "Named Luis")),
-        (GuardChanged(1, "overridden"), ("Moved", "Obstacle guard switched off")),
+        (GuardChanged(1, "overridden"), ("Moved", "Obstacle guard turned off")),
         (GuardChanged(1, "slowing", 0.5), None),
         (
-            GuardChanged(1, "blind", None, "the LIDAR does not see there"),
-            ("Problems", "The obstacle guard lets the robot crawl only: the LIDAR does not see there"),
+            GuardChanged(1, "blind", None, "the LIDAR does not cover this direction"),
+            ("Problems", "The obstacle guard allows crawl speed only: the LIDAR does not cover this direction"),
         ),
         (MapRequestChanged(1, "r", "save", "lab", "succeeded"), ("Session", "The map lab was saved")),
         (
-            MapRequestChanged(1, "r", "start_mapping", "", "failed", "it refused"),
-            ("Problems", "Mapping was not switched: it refused"),
+            MapRequestChanged(1, "r", "start_mapping", "", "failed", "the robot refused"),
+            ("Problems", "The mapping mode was not changed: the robot refused"),
         ),
-        (MappingChanged(1, mapping=True), ("Session", "The robot builds the map")),
+        (MappingChanged(1, mapping=True), ("Session", "The robot is building the map")),
         (PlacesChanged(1, "Kitchen", None), ("Session", "Place Kitchen removed")),
         (ControlUsed(1, "r", "wave", True, "requested"), None),
         (
-            ControlUsed(1, "r", "wave", True, "failed", "it refused"),
-            ("Problems", "Robot: wave did not work: it refused"),
+            ControlUsed(1, "r", "wave", True, "failed", "the robot refused"),
+            ("Problems", "Robot: wave failed: the robot refused"),
         ),
         (ControlUsed(1, "r", "screen", "Hi", "succeeded"), ("Session", "Robot: screen “Hi”")),
         (ControlUsed(1, "r", "volume", 35.0, "succeeded"), None),
@@ -125,10 +125,13 @@ def name_of(person_id: str) -> str:
         (Problem(1, "warning", "Late", "Slow.", "Wait."), ("Problems", "Late. Slow.")),
         (AlarmChanged(1, "a", "pace", "raised", "warning", "Late", "", ""), None),
         (AlarmChanged(1, "a", "pace", "raised", "warning", "Late", "", "", told=False), ("Problems", "Late")),
-        (AlarmChanged(1, "a", "pace", "ended", "warning", "Late", "", "", actor="console"), ("Problems", "Over: Late")),
+        (
+            AlarmChanged(1, "a", "pace", "ended", "warning", "Late", "", "", actor="console"),
+            ("Problems", "Ended: Late"),
+        ),
         (
             AlarmChanged(1, "a", "pace", "ended", "warning", "Late", "", "", actor="script"),
-            ("Problems", "Seen to: Late · by a script"),
+            ("Problems", "Dismissed: Late · by a script"),
         ),
         (StepEntered(1, "arm", "Robot arm", 3), ("Session", "Step 3: Robot arm")),
         (
@@ -136,7 +139,7 @@ def name_of(person_id: str) -> str:
             ("Session", "Step 3: Robot arm (Asks again) · by wizard Ada"),
         ),
         (StepTicked(1, "arm", "Coffee"), ("Session", "Ticked off: Coffee")),
-        (StepTicked(1, "arm", "Coffee", on=False), ("Session", "Not done after all: Coffee")),
+        (StepTicked(1, "arm", "Coffee", on=False), ("Session", "Unticked: Coffee")),
         (ProtocolEnded(1, "arm"), ("Session", "The protocol ended")),
         (ProtocolOpened(1), None),
         (StopRequested(1), ("Moved", "Stop")),
@@ -154,8 +157,10 @@ def name_of(person_id: str) -> str:
         # That it was the console says the reason already.
         (DriveEnded(1, "The link was lost", "console"), ("Moved", "Driving ended: The link was lost")),
         (
-            GoalChanged(1, "g", "cancelled", Pose2D(0, 0, 0), "Kitchen", detail="the link was lost", actor="console"),
-            ("Moved", "No longer going to Kitchen: the link was lost"),
+            GoalChanged(
+                1, "g", "cancelled", Pose2D(0, 0, 0), "Kitchen", detail="the connection was lost", actor="console"
+            ),
+            ("Moved", "Going to Kitchen was cancelled: the connection was lost"),
         ),
         (object(), None),
     ],
@@ -184,10 +189,10 @@ def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
     assert text_formatting.camera_in_text("OAK-D_camera") == "OAK-D camera"
     level = LevelChanged(1, "replies", "act")
     assert event_messages.event_sentence(level, name_of) == (
-        "Session", "<<Suggested replies>: <By itself, after a countdown>>"
+        "Session", "<<Suggested replies>: <Automatic (after a countdown)>>"
     )  # fmt: skip
     checked = PreflightChecked(1, "robot", "Robot", "minor", at_start=True)
-    assert preflight_words.log_line(checked) == ("Session", "<Began with: <Robot> (minor)>")
+    assert preflight_words.log_line(checked) == ("Session", "<Started with: <Robot> (minor)>")
 
 
 @pytest.mark.usefixtures("marked")
@@ -197,7 +202,7 @@ def test_a_session_says_what_it_was_for() -> None:
 
 
 def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_language() -> None:
-    why = localized("The server at {place} does not answer.", place="front door")
+    why = localized("The server at {place} does not respond.", place="front door")
     lost, ended = (CameraState(0, "front", state, why) for state in ("lost", "ended"))
     link = LinkStatus("lost", "Robot", "ws://there", why)
     for say in (

@@ -121,7 +121,7 @@ def test_a_system_that_does_not_say_reads_as_dark() -> None:
 
 def test_a_size_is_kept_for_the_next_start(window: MainWindow, settings: MemorySettings) -> None:
     assert window.appearance.scale == ""
-    entry = next(entry for entry in window.palette_entries() if entry.text == "Size: 150 % from the next start")
+    entry = next(entry for entry in window.palette_entries() if entry.text == "Size: 150 % after a restart")
     entry.do()
     assert window.appearance.scale == "1.5" and settings.values["appearance/scale"] == "1.5"
     settings.values["appearance/scale"] = "enormous"

@@ -204,7 +204,7 @@ def test_what_would_overlap_is_refused_in_words_beside_it(coder: Coder) -> None:
     middle = coder.point(ANA, (first[0] + first[1]) / 2)
     coder.drag(middle, middle + QPoint(40, 0))
     assert coder.document == before
-    assert "lies there already" in coder.timeline.words
+    assert "is already on the tier" in coder.timeline.words
     bubble = find(coder.canvas, "words_bubble")
     rect = coder.canvas.places.rect_of(coder.document.of_tier(ANA)[0])
     assert rect is not None
@@ -322,7 +322,7 @@ def test_a_label_that_goes_on_ends_before_what_is_there_already(coder: Coder) ->
     assert coder.values(ANA)[1] == (free_ms + 100, second[0], "confused")
     coder.replay.at_ms(second[0] + 100)
     coder.key(Qt.Key.Key_1)
-    assert f"“{second[2]}” lies here already" in coder.timeline.words
+    assert f"“{second[2]}” is already here" in coder.timeline.words
 
 
 def test_label_keys_name_what_is_selected_while_it_stands_still(coder: Coder) -> None:
@@ -558,7 +558,7 @@ def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: C
     assert name is not None
     QTest.keyClicks(name, "Stance")
     click(qtbot, find(dialog, "tier_save"))
-    assert "Ana has a tier" in find(dialog, "tier_refusal").property("text")
+    assert "Ana already has a tier" in find(dialog, "tier_refusal").property("text")
     assert dialog.isVisible()
     dialog.reject()
 
@@ -628,7 +628,7 @@ def test_an_uncoded_session_asks_for_a_tier(qtbot: QtBot, theme: Theme) -> None:
     assert dialog is not None
     dialog.reject()
     scene.timeline.acts.code(1)
-    assert scene.timeline.words == "Add a tier to code on first."
+    assert scene.timeline.words == "Add a tier for coding first."
 
 
 def test_before_the_session_was_looked_through_it_can_be_coded(qtbot: QtBot, theme: Theme) -> None:

@@ -63,7 +63,7 @@ def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed
     assert all(
         entry.kind in name(line) and entry.key in name(line) for line, entry in zip(lines, entries, strict=False)
     )
-    assert [line.text(QAccessible.Text.Description) for line in lines[:2]] == ["Chosen: Enter does it", ""]
+    assert [line.text(QAccessible.Text.Description) for line in lines[:2]] == ["Selected: press Enter to run it", ""]
     tops = [line.rect().top() for line in lines]
     assert tops == sorted(set(tops)) and all(line.rect().height() == 40 for line in lines)
     photo = next(line for line in lines if name(line).startswith("Photo"))
@@ -94,7 +94,7 @@ def test_the_rows_of_people_tell_everything_and_their_buttons_can_be_pressed(
         button = next(one for one in told(panel, QAccessible.Role.Button) if name(one) == tip)
         corner = panel.list.viewport().mapToGlobal(place.topLeft())
         assert button.rect().topLeft() == corner
-    meant = next(one for one in told(panel, QAccessible.Role.Button) if name(one).startswith("I mean "))
+    meant = next(one for one in told(panel, QAccessible.Role.Button) if name(one).startswith("Select "))
     press(meant)
     qtbot.waitUntil(lambda: console.named("attend_person") == [persons[0].person_id])
 

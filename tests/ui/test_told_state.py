@@ -138,7 +138,7 @@ def test_the_head_stick_turns_the_head(qtbot: QtBot, theme: Theme) -> None:
         (Pose2D(0, 0, math.pi / 2), "Nearest obstacle 1.0 m behind"),
         (Pose2D(0, 0, -math.pi / 2), "Nearest obstacle 1.0 m ahead"),
         (Pose2D(1.0, 0, 0), "Nearest obstacle 1.4 m ahead on the left"),
-        (None, "Where the LIDAR looks is not known"),
+        (None, "The direction of the LIDAR is unknown"),
     ],
 )
 def test_the_nearest_obstacle_has_a_direction(mount: Pose2D | None, words: str) -> None:
@@ -149,7 +149,7 @@ def test_the_nearest_obstacle_has_a_direction(mount: Pose2D | None, words: str) 
 def test_no_return_is_no_obstacle() -> None:
     nothing = scan_of([math.inf, math.nan, 0.0, 11.0], Pose2D(0, 0, 0))
     assert nearest_of(nothing) is None
-    assert nearest_words(nothing) == "No obstacle in reach of the LIDAR"
+    assert nearest_words(nothing) == "No obstacle within LIDAR range"
 
 
 @pytest.mark.usefixtures("screen_reader")

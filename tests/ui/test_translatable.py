@@ -125,7 +125,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
         ('self.set_fact("quiet", "dim")', ["quiet"]),
         ('label.setText(f"{count} people")', ["{} people"]),
         ('label.setText(tr("{count} of {all}").format(count=f"{n} people", all=3))', ["{} people"]),
-        ('TABLE = {"Some key": "The robot is out of reach"}', ["The robot is out of reach"]),
+        ('TABLE = {"Some key": "The robot is unreachable"}', ["The robot is unreachable"]),
         ('raise UserFacingError("It stays.", *more)', ["It stays."]),
         ('raise ValueError("that is out of bounds")', []),
         ('_log.warning("the robot is %s", name)\nlogging.getLogger("x").error("no way out of it")', []),

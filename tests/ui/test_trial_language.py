@@ -58,8 +58,8 @@ class Spoken:
         self.console = FakeConsole(scenarios[0], {one.path: one for one in scenarios if one.path is not None})
         samples.fill_console(self.console)
         along = (
-            ContextPartStatus("history", "What is known of them", 2, 12),
-            ContextPartStatus("things", "Things in view", 1, 3),
+            ContextPartStatus("history", "Person history", 2, 12),
+            ContextPartStatus("things", "Objects in view", 1, 3),
         )
         self.console.state.assistant_setup.set(AssistantSetup(parts=along))
         said = [text for name in SAID for text in strings_of(SAMPLES.with_name(name)) if not is_unnamed_label(text)]

@@ -85,7 +85,7 @@ def test_a_click_on_the_floor_asks_and_then_goes(
     QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
     assert console.calls == []
     # How fast it will go is said before.
-    assert find(window, "video_card_line").property("text") == "3.0 m from the robot · at its navigation’s own speed"
+    assert find(window, "video_card_line").property("text") == "3.0 m from the robot · at the robot’s navigation speed"
     click(qtbot, find(window, "video_go_there"))
     (target,) = console.named("go_to")
     expected = Pose2D(6.6, 3.4, 0.5) @ Pose2D(3.0, 0.4, 0.1326)
@@ -114,7 +114,7 @@ def test_the_point_asked_about_stays_on_the_floor(panel: VideoPanel, console: Fa
 
 @pytest.mark.parametrize(
     ("share_y", "age_s", "words"),
-    [(0.02, 0.0, "That is not on the floor"), (0.9, 0.9, "The picture is too old to aim with")],
+    [(0.02, 0.0, "That is not on the floor"), (0.9, 0.9, "The picture is too old to choose a target")],
 )
 def test_what_cannot_be_aimed_at_is_refused_with_the_reason(
     panel: VideoPanel, console: FakeConsole, share_y: float, age_s: float, words: str
@@ -281,5 +281,5 @@ def test_things_are_boxed_thinly_and_named_and_people_say_what_they_do(panel: Vi
     inside = panel.view.to_view(120.0, 300.0).toPoint()
     assert (inside.x(), inside.y() // 4 * 4) not in differing
     assert text_formatting.person_state(person) == "sitting · hand raised"
-    assert text_formatting.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9, "standing", False, True)) == "looks here"
+    assert text_formatting.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9, "standing", False, True)) == "faces robot"
     assert text_formatting.person_state(PersonBox(1, "", 0, 0, 1, 1, 0.9)) == ""

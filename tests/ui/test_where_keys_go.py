@@ -431,12 +431,17 @@ def without_naming(console: FakeConsole) -> None:
 
 IN_VAIN = {
     "name nobody": (nobody_in_view, Qt.Key.Key_I, CTRL, "Nobody is in view"),
-    "name in a scenario without names": (without_naming, Qt.Key.Key_I, CTRL, "no “Name who is in front”"),
-    "note without a recording": (not_recording, Qt.Key.Key_N, CTRL, "Nothing is being recorded"),
-    "error without a recording": (not_recording, Qt.Key.Key_M, CTRL | SHIFT, "Nothing is being recorded"),
-    "edit what is not suggested": (lambda _console: None, Qt.Key.Key_1, CTRL | SHIFT, "not suggested"),
-    "say what is not suggested": (lambda _console: None, Qt.Key.Key_2, CTRL, "not suggested"),
-    "change an empty queue": (lambda _console: None, Qt.Key.Key_L, CTRL | SHIFT, "Nothing waits to be said"),
+    "name in a scenario without names": (
+        without_naming,
+        Qt.Key.Key_I,
+        CTRL,
+        "“Name the nearest person” is not available",
+    ),
+    "note without a recording": (not_recording, Qt.Key.Key_N, CTRL, "No recording is running"),
+    "error without a recording": (not_recording, Qt.Key.Key_M, CTRL | SHIFT, "No recording is running"),
+    "edit what is not suggested": (lambda _console: None, Qt.Key.Key_1, CTRL | SHIFT, "suggestion is not available"),
+    "say what is not suggested": (lambda _console: None, Qt.Key.Key_2, CTRL, "suggestion is not available"),
+    "change an empty queue": (lambda _console: None, Qt.Key.Key_L, CTRL | SHIFT, "The speech queue is empty"),
 }
 
 

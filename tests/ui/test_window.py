@@ -368,8 +368,8 @@ def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> 
     assert "wss://lab:8768" in bar.items["models"].toolTip()
     console.state.assistant_setup.set(AssistantSetup("gemini:large", "generativelanguage.googleapis.com"))
     bar.refresh()
-    assert bar.items["models"].text == "language model: gemini:large, pictures leave too"
-    assert "What is asked goes to generativelanguage.googleapis.com." in bar.items["models"].toolTip()
+    assert bar.items["models"].text == "language model: gemini:large, pictures sent too"
+    assert "Questions are sent to generativelanguage.googleapis.com." in bar.items["models"].toolTip()
     permissions = replace(console.scenario.permissions, transcription=True)
     console.scenario = replace(console.scenario, permissions=permissions)
     bar.refresh()
@@ -383,7 +383,7 @@ def test_the_status_bar_uses_words(window: MainWindow, console: FakeConsole) -> 
     console.state.link.set(LinkStatus("lost", "Simulated robot", "ws://127.0.0.1:9090", "no answer"))
     console.state.clear_robot_streams()
     bar.refresh()
-    assert bar.items["link"].text == "Simulated robot out of reach"
+    assert bar.items["link"].text == "Simulated robot unreachable"
     assert bar.items["lidar"].text == "no LIDAR yet"
     assert isinstance(find(window, "status_link"), StatusItem)
 
@@ -503,7 +503,7 @@ def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end
     assert console.named("use_robot") == []
     question = find(window, "question_band").accessibleName()
     assert "is on its way to Robot arm and will stop" in question
-    assert "recording goes on" in question
+    assert "recording continues" in question
     click(qtbot, find(window, "question_no"))
     assert not window.findChild(QWidget, "question_band").isVisible()  # type: ignore[union-attr]
     choose(window, "robot_menu", "TIAGo")
@@ -658,7 +658,7 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
     bar.refresh()
     assert bar.items["refused"].text == "3 messages refused"
     assert bar.items["pose"].text == "pose delayed 1.2 s"
-    assert bar.items["battery"].text == "battery 60 %, told 3 min ago"
+    assert bar.items["battery"].text == "battery 60 %, reported 3 min ago"
     assert "Robot clock 3.1 ± 0.4 ms behind." in bar.items["round_trip"].toolTip()
 
 

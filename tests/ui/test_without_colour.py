@@ -126,7 +126,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
     heard = TranscriptRow("u", 0, "10:00:01", "Participant", "participant", "Where is the kitchen")
     rows = {
         "heard": heard,
-        "still being made out": replace(heard, text="Where", tentative="is the kitchen"),
+        "still being transcribed": replace(heard, text="Where", tentative="is the kitchen"),
         "cut short": replace(heard, cut_short=True),
         "corrected": replace(heard, heard_text="Where is the kitten"),
         "not sure": replace(heard, who=who_spoke("", "", {}), speaker=""),
@@ -155,7 +155,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
         images[name] = image
     assert_shapes_differ(images)
     # Paler letters have other edges; a line of dots below them is something else.
-    surely, maybe = (shapes(images[name]) for name in ("heard", "still being made out"))
+    surely, maybe = (shapes(images[name]) for name in ("heard", "still being transcribed"))
     lines = range(0, len(surely), rect.width())
     assert any(sum(maybe[at : at + rect.width()]) - sum(surely[at : at + rect.width()]) > 20 for at in lines)
 

@@ -96,13 +96,13 @@ def test_the_window_menu_and_find_anything_choose_the_wizard(window: MainWindow,
     window.menus.open_window_menu()
     names = names_of(window)
     offered = [(action.text(), action.isChecked()) for action in names.actions() if not action.isSeparator()]
-    assert offered == [("Ana", False), ("T && M", True), ("Nobody in particular", False), ("Another wizard…", False)]
+    assert offered == [("Ana", False), ("T && M", True), ("Not specified", False), ("Another wizard…", False)]
     names.actions()[0].trigger()
     assert window.wizards.current == "Ana"
     close_menus(window)
     wanted = {entry.text: entry for entry in window.palette_entries() if entry.kind == "Wizard"}
-    assert list(wanted) == ["Wizard: T & M", "Wizard: nobody in particular"]
-    wanted["Wizard: nobody in particular"].do()
+    assert list(wanted) == ["Wizard: T & M", "Wizard: not specified"]
+    wanted["Wizard: not specified"].do()
     assert window.wizards.current == ""
     palette = window.findChild(CommandPalette)
     assert palette is not None

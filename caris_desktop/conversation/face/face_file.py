@@ -29,13 +29,13 @@ _Colour = Annotated[str, FieldSpec(pattern="^#[0-9a-fA-F]{6}$", allowed="a colou
 class Eyes:
     """Two rounded shapes, the middle of each `apart`/2 from the middle of the face."""
 
-    width: Annotated[float, FieldSpec("Of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
-    height: Annotated[float, FieldSpec("Of one eye that is open.", unit=_SHARE, at_least=2, at_most=60)] = 22.0
+    width: Annotated[float, FieldSpec("Width of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
+    height: Annotated[float, FieldSpec("Height of one open eye.", unit=_SHARE, at_least=2, at_most=60)] = 22.0
     apart: Annotated[
-        float, FieldSpec("From the middle of one to that of the other.", unit=_SHARE, at_least=5, at_most=90)
+        float, FieldSpec("Distance between the centres of the eyes.", unit=_SHARE, at_least=5, at_most=90)
     ] = 34.0
     above: Annotated[
-        float, FieldSpec("How far above the middle of the face.", unit=_SHARE, at_least=-30, at_most=45)
+        float, FieldSpec("Distance above the centre of the face.", unit=_SHARE, at_least=-30, at_most=45)
     ] = 12.0
     roundness: Annotated[float, FieldSpec("1: as round as can be; 0: with corners.", at_least=0, at_most=1)] = 1.0
 
@@ -44,10 +44,10 @@ class Eyes:
 class Mouth:
     """One stroke, which opens while the robot speaks."""
 
-    width: Annotated[float, FieldSpec("From corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
-    stroke: Annotated[float, FieldSpec("How thick its line is.", unit=_SHARE, at_least=0.5, at_most=10)] = 2.4
+    width: Annotated[float, FieldSpec("Width from corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
+    stroke: Annotated[float, FieldSpec("Line thickness.", unit=_SHARE, at_least=0.5, at_most=10)] = 2.4
     below: Annotated[
-        float, FieldSpec("How far below the middle of the face.", unit=_SHARE, at_least=-10, at_most=45)
+        float, FieldSpec("Distance below the centre of the face.", unit=_SHARE, at_least=-10, at_most=45)
     ] = 20.0
 
 
@@ -55,17 +55,15 @@ class Mouth:
 class Expression:
     """How the face looks with one expression."""
 
-    name: Annotated[str, FieldSpec("What it is called; each name once.", shortest=1, longest=30)]
+    name: Annotated[str, FieldSpec("Name of the expression; each name must be unique.", shortest=1, longest=30)]
     eyes_open: Annotated[float, FieldSpec("0: closed, 1: open, more: wide open.", at_least=0, at_most=1.4)] = 1.0
     lids_deg: Annotated[
         float,
-        FieldSpec(
-            "How the upper lids slant: above 0 worried, below 0 stern.", unit="degrees", at_least=-30, at_most=30
-        ),
+        FieldSpec("Slant of the upper lids: above 0 worried, below 0 stern.", unit="degrees", at_least=-30, at_most=30),
     ] = 0.0
     smile: Annotated[float, FieldSpec("1: a broad smile, -1: the corners hang.", at_least=-1, at_most=1)] = 0.3
-    mouth_open: Annotated[float, FieldSpec("How far the mouth is open at rest.", at_least=0, at_most=1)] = 0.0
-    look_up: Annotated[float, FieldSpec("Where the eyes look at rest: 1 up, -1 down.", at_least=-1, at_most=1)] = 0.0
+    mouth_open: Annotated[float, FieldSpec("Opening of the mouth at rest.", at_least=0, at_most=1)] = 0.0
+    look_up: Annotated[float, FieldSpec("Gaze direction at rest: 1 up, -1 down.", at_least=-1, at_most=1)] = 0.0
 
 
 _USUAL_EXPRESSIONS = (
@@ -81,14 +79,14 @@ _USUAL_EXPRESSIONS = (
 class Face:
     """A face. The first of its expressions is the one that it begins with."""
 
-    title: Annotated[str, FieldSpec("How the wizard finds it.", shortest=1, longest=60)]
+    title: Annotated[str, FieldSpec("Name shown to the wizard.", shortest=1, longest=60)]
     background: Annotated[_Colour, FieldSpec("Behind everything.")] = "#10151c"
     ink: Annotated[_Colour, FieldSpec("Eyes and mouth.")] = "#bfe3ff"
     words: Annotated[_Colour, FieldSpec("Captions.")] = "#9fc4e6"
     eyes: Eyes = field(default_factory=Eyes)
     mouth: Mouth = field(default_factory=Mouth)
     blink_every_s: Annotated[
-        float, FieldSpec("How often it blinks, more or less; 0: never.", unit="seconds", at_least=0, at_most=60)
+        float, FieldSpec("Approximate interval between blinks; 0: never.", unit="seconds", at_least=0, at_most=60)
     ] = 4.0
     expressions: Annotated[
         tuple[Expression, ...], FieldSpec("On Ctrl+Shift+F1 to Ctrl+Shift+F8 in this order.", shortest=1, longest=8)
@@ -127,7 +125,7 @@ def load_face(name: str, user_dir: Path | None = None) -> Face:
     known = ", ".join(face_names(user_dir))
     raise FaceError(
         tr("There is no face “{name}”.").format(name=name),
-        tr("The robot shows another one."),
+        tr("The robot shows another face."),
         tr("Choose one of these: {known}.").format(known=known),
     )
 
@@ -139,14 +137,14 @@ def read_face(path: Path) -> Face:
             raw = file.read(MAX_FILE_BYTES + 1)
         if len(raw) > MAX_FILE_BYTES:
             raise _unusable(
-                tr("{path}: too large for a face.").format(path=path),
+                tr("{path} is too large for a face.").format(path=path),
                 tr("Allowed: {most} bytes.").format(most=MAX_FILE_BYTES),
             )
         return parse_face(raw.decode("utf-8-sig"), file_name=str(path), name=path.stem)
     except (OSError, UnicodeDecodeError) as error:
         raise _unusable(
             tr("{path} cannot be read ({error}).").format(path=path, error=error),
-            tr("Look whether it is there, and text."),
+            tr("Check that the file exists and is a text file."),
         ) from error
 
 
@@ -157,16 +155,16 @@ def parse_face(text: str, *, file_name: str, name: str) -> Face:
     except YamlSourceError as error:
         raise _unusable(
             tr("{file}, line {line}: {error}").format(file=file_name, line=error.line, error=error),
-            tr("Mend the file."),
+            tr("Correct the file."),
         ) from error
     if not isinstance(source.data, dict):
         raise _unusable(
             tr("{file}, line 1: a face is a list of 'key: value' lines.").format(file=file_name),
-            tr("Mend the file."),
+            tr("Correct the file."),
         )
     wrong = list(problems(Face, source.data)) or list(_twice(source.data))
     if wrong:
-        raise _unusable(problem_lines(file_name, source, wrong), tr("Mend the file."))
+        raise _unusable(problem_lines(file_name, source, wrong), tr("Correct the file."))
     face: Face = value_from(Face, source.data)
     return replace(face, name=name)
 
@@ -185,8 +183,8 @@ def save_face(face: Face, user_dir: Path | None = None) -> Path:
     """Save it to the user's faces, atomically. Raises FaceError."""
     if not face.name or not all(character.isalnum() or character in "-_" for character in face.name):
         raise FaceError(
-            tr("“{name}” cannot be the name of a face.").format(name=face.name),
-            tr("Nothing was written."),
+            tr("“{name}” is not a valid face name.").format(name=face.name),
+            tr("Nothing was saved."),
             tr("Use letters and digits."),
         )
     folder = user_faces_dir() if user_dir is None else user_dir
@@ -197,8 +195,8 @@ def save_face(face: Face, user_dir: Path | None = None) -> Path:
     except OSError as error:
         raise FaceError(
             tr("The face was not saved ({error}).").format(error=error),
-            tr("The file is as it was."),
-            tr("Look at the disk."),
+            tr("The file is unchanged."),
+            tr("Check the disk."),
         ) from error
     return path
 
@@ -213,7 +211,7 @@ def _twice(data: dict[str, Any]) -> Iterator[Problem]:
         if expression["name"] in seen:
             yield (
                 ("expressions", index),
-                tr("the expression '{expression}' is listed twice.").format(expression=expression["name"]),
+                tr("duplicate expression '{expression}'.").format(expression=expression["name"]),
             )
         seen.add(expression["name"])
 

@@ -16,7 +16,7 @@ from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, ch
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _RATE_HZ = 16_000
-_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
+_NO_TEXT = QT_TR_NOOP("Speech is not transcribed; everything else works.")
 _FRAMES_PER_S = 100
 # Whisper always processes 30 s. Padding with silence costs four fifths of the time: this much is enough.
 _BEAM_AT_PAUSE = 5
@@ -54,7 +54,7 @@ class LocalEngine:
                     error=error,
                 ),
                 _NO_TEXT,
-                QT_TR_NOOP("Get the model anew, or correct listening.model."),
+                QT_TR_NOOP("Download the model again, or correct listening.model."),
             ) from error
         several = bool(self._model.model.is_multilingual)
         self.language = settings.language if several else "en"
@@ -64,12 +64,12 @@ class LocalEngine:
             raise NoEngineError(
                 localized(
                     QT_TR_NOOP(
-                        "The speech recogniser {model} knows English only, and the scenario's language is another."
+                        "The speech recogniser {model} supports English only, but the scenario uses another language."
                     ),
                     model=self.model,
                 ),
                 _NO_TEXT,
-                QT_TR_NOOP("Set listening.model to a model that knows the language, or listening.language to en."),
+                QT_TR_NOOP("Set listening.model to a model that supports the language, or listening.language to en."),
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # warm-up: the first run is slower
 

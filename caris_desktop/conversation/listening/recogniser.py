@@ -76,7 +76,7 @@ class _Recogniser:
     def run(self) -> None:
         """Run until the console is gone."""
         self._words.start()
-        no_text = QT_TR_NOOP("What is said is not turned into text.")
+        no_text = QT_TR_NOOP("Speech is not transcribed.")
         try:
             VoiceActivity()
             self._turn_model = TurnModel.find()
@@ -189,7 +189,7 @@ class _Recogniser:
                     detail = (
                         ""
                         if self._turn_model
-                        else QT_TR_NOOP("No model tells how a turn's end sounds: silence alone does.")
+                        else QT_TR_NOOP("No endpointing model is available: only silence ends a turn.")
                     )
                     self._ready = RecogniserReady(ready.model, ready.language, ready.load_s, detail)
                     self._connection.send(self._ready)
@@ -226,8 +226,8 @@ def _silent(source: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        localized(QT_TR_NOOP("Nothing at all is heard from the {source}."), source=source),
-        QT_TR_NOOP("What the participant says there is neither heard nor turned into text."),
-        QT_TR_NOOP("Look whether it is muted or switched off, or choose another one."),
+        localized(QT_TR_NOOP("No sound is received from the {source}."), source=source),
+        QT_TR_NOOP("The participant's speech there is neither heard nor transcribed."),
+        QT_TR_NOOP("Check whether it is muted or turned off, or choose another one."),
         until="quiet",
     )

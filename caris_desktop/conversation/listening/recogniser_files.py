@@ -18,7 +18,7 @@ _FILES = {_WEIGHTS, "config.json", "tokenizer.json", "preprocessor_config.json",
 _FOLDER_NAMES = ("faster-whisper", "whisper")
 _AT_MOST_BYTES = 4_000_000_000
 _ADDRESS = re.compile(r"https?://", re.IGNORECASE)
-_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
+_NO_TEXT = QT_TR_NOOP("Speech is not transcribed; everything else works.")
 _ADVICE = localized(
     QT_TR_NOOP(
         "Put a faster-whisper model folder (with model.bin) into a models folder as faster-whisper, or run: "
@@ -43,7 +43,7 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     if not (path / _WEIGHTS).is_file():
         raise _no(
             localized(
-                QT_TR_NOOP("{path} is no faster-whisper model: it has no {weights}."), path=path, weights=_WEIGHTS
+                QT_TR_NOOP("{path} is not a faster-whisper model: {weights} is missing."), path=path, weights=_WEIGHTS
             ),
             QT_TR_NOOP("Correct listening.model."),
         )
@@ -57,11 +57,11 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     if found != wanted:
         raise _no(
             localized(
-                QT_TR_NOOP("{name} is not the recogniser that the scenario means: its checksum is another."),
+                QT_TR_NOOP("{name} is not the recogniser that the scenario specifies: the checksum does not match."),
                 name=path.name,
             ),
             localized(
-                QT_TR_NOOP("Get it anew, or correct listening.sha256 (its {weights} has {found})."),
+                QT_TR_NOOP("Download it again, or correct listening.sha256 (its {weights} has {found})."),
                 weights=_WEIGHTS,
                 found=found,
             ),
@@ -86,8 +86,8 @@ def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
         return path
     if ".." in path.parts:
         raise _no(
-            localized(QT_TR_NOOP("The recogniser {model} is outside of the scenario's folder."), model=settings.model),
-            QT_TR_NOOP("Name the whole path, or put it beside the scenario or into a models folder."),
+            localized(QT_TR_NOOP("The recogniser {model} is outside the scenario's folder."), model=settings.model),
+            QT_TR_NOOP("Enter the full path, or put the model next to the scenario or into a models folder."),
         )
     places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
     return next((place for place in places if place.exists()), places[0])
@@ -98,10 +98,10 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     if not sha256:
         raise _no(
             localized(
-                QT_TR_NOOP("The recogniser {url} has no checksum, so nobody can tell whether the right file arrives."),
+                QT_TR_NOOP("The recogniser {url} has no checksum, so the download cannot be verified."),
                 url=url,
             ),
-            QT_TR_NOOP("Write its SHA-256 into the scenario's listening.sha256."),
+            QT_TR_NOOP("Enter its SHA-256 as listening.sha256 in the scenario."),
         )
     if not re.fullmatch(r"[\w.-]+\.zip", name):
         raise _no(
@@ -114,7 +114,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     if not allow_download:
         raise _no(
             localized(QT_TR_NOOP("The recogniser {name} is not on this computer yet."), name=name),
-            QT_TR_NOOP("Start once with a connection."),
+            QT_TR_NOOP("Start the program once with an internet connection."),
         )
     packed = target.with_name(f"{target.name}.zip")
     try:
@@ -142,7 +142,7 @@ def _unpack(packed: Path, target: Path) -> None:
     try:
         with zipfile.ZipFile(packed) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > 2 * _AT_MOST_BYTES:
-                raise zipfile.BadZipFile(localized(QT_TR_NOOP("it holds more than a model does")))
+                raise zipfile.BadZipFile(localized(QT_TR_NOOP("it is too large for a model")))
             for entry in archive.infolist():
                 name = entry.filename.rsplit("/", maxsplit=1)[-1]
                 if name in _FILES:
@@ -151,7 +151,7 @@ def _unpack(packed: Path, target: Path) -> None:
                     # Verified at each load, which detects later corruption.
                     (folder / f"{name}.sha256").write_text(f"{sha256_of(folder / name)}  {name}\n", encoding="ascii")
         if not (folder / _WEIGHTS).is_file():
-            raise zipfile.BadZipFile(localized(QT_TR_NOOP("there is no {file} in it"), file=_WEIGHTS))
+            raise zipfile.BadZipFile(localized(QT_TR_NOOP("{file} is missing"), file=_WEIGHTS))
         folder.rename(target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -37,7 +37,7 @@ _ANSWER_WITHIN_S = 20.0
 _ANSWER_AT_MOST_BYTES = 1_000_000
 _REFUSED = (400, 422)
 _OPTIONAL = ("response_format", "temperature", "language", "prompt")
-_NO_TEXT = QT_TR_NOOP("What is said is not turned into text; all else goes on.")
+_NO_TEXT = QT_TR_NOOP("Speech is not transcribed; everything else works.")
 
 
 class ServerEngine:
@@ -49,14 +49,16 @@ class ServerEngine:
         """Sends nothing. Raises NoEngineError."""
         if not settings.server:
             raise NoEngineError(
-                QT_TR_NOOP("The scenario does not say which server turns speech into text."),
+                QT_TR_NOOP("The scenario does not specify a transcription server."),
                 _NO_TEXT,
                 QT_TR_NOOP("Set listening.server."),
             )
         if not is_encrypted_or_local(settings.server):
             raise NoEngineError(
                 localized(
-                    QT_TR_NOOP("What participants say is not sent to {server}, where others could read it on the way."),
+                    QT_TR_NOOP(
+                        "Participants' speech is not sent to {server}, because others could read it in transit."
+                    ),
                     server=without_credentials(settings.server),
                 ),
                 _NO_TEXT,
@@ -89,21 +91,21 @@ class ServerEngine:
             late = isinstance(error, (TimeoutError, httpx.TimeoutException))
             detail = shortened(without(self._key, str(error))) or type(error).__name__
             what = (
-                QT_TR_NOOP("The transcription server at {server} did not answer in time.")
+                QT_TR_NOOP("The transcription server at {server} timed out.")
                 if late
                 else QT_TR_NOOP("The transcription server at {server} cannot be reached ({detail}).")
             )
-            again = QT_TR_NOOP("It is asked again with what is said next.")
+            again = QT_TR_NOOP("The console tries again with the next utterance.")
             raise self._away(what, again, detail=detail) from error
         if status != 200:
-            refused = QT_TR_NOOP("The transcription server at {server} answered {status} ({reason}).")
+            refused = QT_TR_NOOP("The transcription server at {server} returned the status {status} ({reason}).")
             raise self._away(refused, _advice(status), status=status, reason=_reason(body, self._key))
         try:
             answer = parse_json(body)
             language = str(answer.get("language") or self.language)
             return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
-            what = QT_TR_NOOP("The transcription server at {server} answered with something that is no transcription.")
+            what = QT_TR_NOOP("The transcription server at {server} returned an invalid transcription.")
             raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error
 
     def close(self) -> None:
@@ -113,7 +115,10 @@ class ServerEngine:
     @property
     def asked_with(self) -> str:
         """Fields that the server refuses, as text; empty for none."""
-        instead = {"json": "asked for json, as it takes no verbose_json", "": "asked without {name}, which it refuses"}
+        instead = {
+            "json": "json requested, because the server does not support verbose_json",
+            "": "{name} not sent, because the server rejects it",
+        }
         return "; ".join(instead[value].format(name=name) for name, value in self._refused.items())
 
     def _ask(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
@@ -154,7 +159,7 @@ class ServerEngine:
             finally:
                 await response.aclose()
         if len(body) > _ANSWER_AT_MOST_BYTES:
-            raise httpx.DecodingError("the answer has no end")
+            raise httpx.DecodingError("the answer is too long")
         return response.status_code, body
 
     def _away(self, what: str, advice: str, **values: object) -> EngineUnavailableError:
@@ -210,7 +215,7 @@ def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWor
 def _reason(body: bytes, key: str | None) -> str:
     told = object_in(body)
     said = error_in(told) if told else body.decode("utf-8", "replace")
-    return shortened(without(key, said), 100) or QT_TR_NOOP("without a reason")
+    return shortened(without(key, said), 100) or QT_TR_NOOP("no reason given")
 
 
 def _advice(status: int) -> str:
@@ -218,8 +223,8 @@ def _advice(status: int) -> str:
         case 401 | 403:
             return localized(
                 QT_TR_NOOP(
-                    "Set {name} to a key that this server takes and {server_name} to its address, before starting the "
-                    "console."
+                    "Before starting the console, set {name} to a key that this server accepts and "
+                    "{server_name} to its address."
                 ),
                 name=KEY_NAME,
                 server_name=SERVER_NAME,
@@ -227,5 +232,7 @@ def _advice(status: int) -> str:
         case 404:
             return QT_TR_NOOP("Correct listening.server and listening.model.")
         case 429:
-            return QT_TR_NOOP("It has too much to do, or your account has no credit left; it is asked again by itself.")
-    return QT_TR_NOOP("It is asked again with what is said next.")
+            return QT_TR_NOOP(
+                "The server is overloaded, or your account has no credit left. The console tries again automatically."
+            )
+    return QT_TR_NOOP("The console tries again with the next utterance.")

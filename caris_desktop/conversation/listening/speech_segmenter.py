@@ -306,9 +306,7 @@ class SpeechSegmenter:
             self._report_hearing(turn)
             return
         if not text:
-            self._report_utterance(
-                turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were made out in it")
-            )
+            self._report_utterance(turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("no words were recognised"))
         elif robots:
             self._report_utterance(
                 turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice")

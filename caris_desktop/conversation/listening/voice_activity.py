@@ -27,7 +27,7 @@ class VoiceActivity:
         path = packaged_file("faster_whisper/assets/silero_vad_v6.onnx")
         if path is None:
             raise NoVoiceActivity(
-                "The Python package faster-whisper, which tells voices from other sound, is not installed"
+                "The Python package faster-whisper, which distinguishes speech from other sound, is not installed"
             )
         self._session = open_network(path)
         self._context = np.zeros(_CONTEXT, np.float32)

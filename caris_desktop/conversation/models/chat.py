@@ -178,7 +178,7 @@ async def stream_chat(
             _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
             told_wait(
                 localized(
-                    QT_TR_NOOP("{what} It is asked again in {seconds} s."),
+                    QT_TR_NOOP("{what} The console tries again in {seconds} s."),
                     what=again.failure.what,
                     seconds=max(1, round(wait_s)),
                 )
@@ -195,7 +195,10 @@ def _with_time(again: _TryAgainError) -> LanguageModelError:
     return LanguageModelError(
         failure.what,
         failure.meaning,
-        localized(QT_TR_NOOP("It asks to be left alone for {seconds} s: ask again then."), seconds=f"{told_s:.0f}"),
+        localized(
+            QT_TR_NOOP("The server accepts no questions for {seconds} s: ask again after that."),
+            seconds=f"{told_s:.0f}",
+        ),
     )
 
 
@@ -266,7 +269,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                             deadline_s = loop.time() + timeouts.between_tokens_s
                         read_characters += len(chunk.text) + chunk.alive
                         if read_characters > MAX_ANSWER_CHARACTERS:
-                            raise failures.nonsense(endpoint, QT_TR_NOOP("the answer does not end"))
+                            raise failures.nonsense(endpoint, QT_TR_NOOP("the answer is too long"))
                         notes.reasoned = notes.reasoned or chunk.alive
                         said = part.take(chunk.text)
                         if ended or closed:

@@ -40,11 +40,11 @@ def check_place(endpoint: ModelEndpoint, *, local_only: bool) -> None:
 def _elsewhere(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
         localized(
-            QT_TR_NOOP("{place} is not on this computer, and this scenario permits only models that are."),
+            QT_TR_NOOP("{place} is not on this computer, and this scenario allows only local models."),
             place=endpoint.place,
         ),
         QT_TR_NOOP("Nothing was sent."),
-        QT_TR_NOOP("Choose the embedded model, or one that runs here."),
+        QT_TR_NOOP("Choose the embedded model, or one that runs on this computer."),
     )
 
 
@@ -105,7 +105,7 @@ async def _client(endpoint: ModelEndpoint) -> "httpx.AsyncClient":
     except (ImportError, ValueError) as error:
         raise LanguageModelError(
             localized(
-                QT_TR_NOOP("The proxy settings of this computer cannot be used ({error})."), error=shortened(str(error))
+                QT_TR_NOOP("The proxy settings of this computer are invalid ({error})."), error=shortened(str(error))
             ),
             QT_TR_NOOP("The assistant cannot answer."),
             QT_TR_NOOP("Correct HTTP_PROXY, HTTPS_PROXY or ALL_PROXY, or choose a local model."),
@@ -184,14 +184,14 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
             _log.warning("the system keyring did not answer within %.0f s", _KEYRING_TIMEOUT_S)
     if not key and (endpoint.is_openai or endpoint.provider == "gemini"):
         raise LanguageModelError(
-            QT_TR_NOOP("Gemini answers only with a key, and there is none.")
+            QT_TR_NOOP("Gemini requires a key, and none is set.")
             if endpoint.provider == "gemini"
-            else QT_TR_NOOP("OpenAI answers only with a key, and there is none."),
+            else QT_TR_NOOP("OpenAI requires a key, and none is set."),
             QT_TR_NOOP("The assistant cannot answer."),
             localized(
                 QT_TR_NOOP(
-                    "Set the environment variable {name} before starting the console, keep the key in the system"
-                    " keyring (keyring set {service} {name}), or choose another model."
+                    "Set the environment variable {name} before starting the console, save the key in the "
+                    "system keyring (keyring set {service} {name}), or choose another model."
                 ),
                 name=endpoint.key_names[0],
                 service=KEYRING_SERVICE,
@@ -199,14 +199,14 @@ async def api_key(endpoint: ModelEndpoint) -> str | None:
         )
     if key and not (key.isascii() and key.isprintable()):
         raise LanguageModelError(
-            localized(QT_TR_NOOP("The key in {name} has characters that no key has."), name=name),
+            localized(QT_TR_NOOP("The key in {name} contains invalid characters."), name=name),
             QT_TR_NOOP("The assistant cannot answer."),
             localized(QT_TR_NOOP("Set {name} again, without line breaks or quotation marks."), name=name),
         )
     if key and not is_encrypted_or_local(endpoint.base_url):
         raise LanguageModelError(
             localized(
-                QT_TR_NOOP("The key in {name} would go unencrypted to {place}."), name=name, place=endpoint.place
+                QT_TR_NOOP("The key in {name} would be sent unencrypted to {place}."), name=name, place=endpoint.place
             ),
             QT_TR_NOOP("Nothing was sent."),
             localized(

@@ -91,7 +91,7 @@ def resolve_endpoint(
             raise LanguageModelError(
                 QT_TR_NOOP("The embedded language model is not running."),
                 QT_TR_NOOP("The assistant cannot answer."),
-                QT_TR_NOOP("Wait until it has started; if it failed, the Session log says why."),
+                QT_TR_NOOP("Wait until it has started; if it failed, the Session log shows why."),
             )
         url = _checked_url(embedded_url, QT_TR_NOOP("the embedded server's address"))
         return ModelEndpoint("embedded", url, "embedded", (EMBEDDED_KEY,))
@@ -104,7 +104,7 @@ def resolve_endpoint(
         url = _checked_url(base_url, "GOOGLE_GEMINI_BASE_URL")
         return ModelEndpoint("gemini", url, name.removeprefix("models/"), KEYED_BY["gemini"])
     raise LanguageModelError(
-        localized(QT_TR_NOOP("“{model}” names no language model."), model=shortened(model)),
+        localized(QT_TR_NOOP("“{model}” is not a valid language model."), model=shortened(model)),
         QT_TR_NOOP("The assistant cannot answer in this scenario."),
         QT_TR_NOOP("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
     )
@@ -136,9 +136,9 @@ def bad_address(url: str, source: str) -> LanguageModelError:
     """Error for an invalid ``url`` from ``source``."""
     shown = "it" if "@" in url else f"“{shortened(url)}”"
     return LanguageModelError(
-        f"The address of the language model in {source} is unusable: {shown} is not like http://HOST:PORT.",
+        f"Invalid address of the language model in {source}: {shown} does not have the form http://HOST:PORT.",
         QT_TR_NOOP("The assistant cannot answer."),
-        localized(QT_TR_NOOP("Correct {source}; keys do not belong into the address."), source=source),
+        localized(QT_TR_NOOP("Correct {source}; keys do not belong in the address."), source=source),
     )
 
 

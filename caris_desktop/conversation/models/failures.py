@@ -31,7 +31,7 @@ def unusable(endpoint: ModelEndpoint, why: str) -> UnusableError:
 def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
         localized(
-            QT_TR_NOOP("{place} sent something that is no answer: {why}."),
+            QT_TR_NOOP("{place} sent an invalid answer: {why}."),
             place=endpoint.place,
             why=why if isinstance(why, LocalizedText) else shortened(why),
         ),
@@ -44,15 +44,15 @@ def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
     return LanguageModelError(
         localized(QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(why, 60)),
         _HALF,
-        QT_TR_NOOP("Ask in other words, take something out of what goes along, or choose another model."),
+        QT_TR_NOOP("Rephrase the question, remove something from its context, or choose another model."),
     )
 
 
 def broke_off(endpoint: ModelEndpoint) -> LanguageModelError:
     return LanguageModelError(
-        localized(QT_TR_NOOP("{place} broke off."), place=endpoint.place),
+        localized(QT_TR_NOOP("{place} stopped in the middle of the answer."), place=endpoint.place),
         QT_TR_NOOP("The answer is incomplete."),
-        QT_TR_NOOP("Use what is there, or ask again."),
+        QT_TR_NOOP("Use the partial answer, or ask again."),
     )
 
 
@@ -61,11 +61,10 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
     for the next one.
     """
     return LanguageModelError(
-        localized(QT_TR_NOOP("{place} ended its answer before the first word."), place=endpoint.place),
+        localized(QT_TR_NOOP("{place} returned an empty answer."), place=endpoint.place),
         _NO_ANSWER,
         QT_TR_NOOP(
-            "Ask again when no other question is under way; if it happens again, shorten the question or what goes"
-            " along."
+            "Ask again when no other question is in progress. If it happens again, shorten the question or its context."
         ),
     )
 
@@ -73,15 +72,15 @@ def nothing(endpoint: ModelEndpoint) -> LanguageModelError:
 def only_reasoned(endpoint: ModelEndpoint, *, cut: bool = False, seconds: float | None = None) -> LanguageModelError:
     """Error for an answer with reasoning only: ``cut`` at the limit, or after ``seconds``."""
     if seconds is not None:
-        what = QT_TR_NOOP("{place} reasoned for {seconds} s and had not begun to answer.")
+        what = QT_TR_NOOP("{place} reasoned for {seconds} s without starting to answer.")
     elif cut:
-        what = QT_TR_NOOP("{place} reached the limit of its answer while it was still reasoning.")
+        what = QT_TR_NOOP("{place} reached its answer length limit while it was still reasoning.")
     else:
-        what = QT_TR_NOOP("{place} reasoned and gave no answer.")
+        what = QT_TR_NOOP("{place} reasoned but gave no answer.")
     return LanguageModelError(
         localized(what, place=endpoint.place, seconds=f"{seconds:g}" if seconds is not None else ""),
         _NO_ANSWER,
-        QT_TR_NOOP("Choose a model that does not reason, or switch its reasoning off at the server."),
+        QT_TR_NOOP("Choose a model that does not reason, or turn off its reasoning on the server."),
     )
 
 
@@ -89,21 +88,21 @@ def too_slow(endpoint: ModelEndpoint, *, seconds: float, answer_started: bool) -
     if answer_started:
         return LanguageModelError(
             localized(
-                QT_TR_NOOP("{place} fell silent for {seconds} s in the middle of the answer."),
+                QT_TR_NOOP("{place} sent nothing for {seconds} s in the middle of the answer."),
                 place=endpoint.place,
                 seconds=f"{seconds:g}",
             ),
             QT_TR_NOOP("The answer is incomplete."),
-            QT_TR_NOOP("Use what is there, or ask again."),
+            QT_TR_NOOP("Use the partial answer, or ask again."),
         )
     return LanguageModelError(
         localized(
-            QT_TR_NOOP("{place} did not begin to answer within {seconds} s."),
+            QT_TR_NOOP("{place} did not start to answer within {seconds} s."),
             place=endpoint.place,
             seconds=f"{seconds:g}",
         ),
         QT_TR_NOOP("The assistant cannot answer now."),
-        QT_TR_NOOP("Ask again; a model that is being loaded needs longer the first time."),
+        QT_TR_NOOP("Ask again; the first answer takes longer while the model is loading."),
     )
 
 
@@ -160,7 +159,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         )
         return LanguageModelError(
             localized(
-                QT_TR_NOOP("{place} does not know the model {model}{said}."),
+                QT_TR_NOOP("{place} does not have the model {model}{said}."),
                 place=place,
                 model=endpoint.model,
                 said=said,
@@ -170,9 +169,9 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         )
     if status == 429:
         return LanguageModelError(
-            localized(QT_TR_NOOP("{place} takes no more questions now{said}."), place=place, said=said),
+            localized(QT_TR_NOOP("{place} is not accepting questions now{said}."), place=place, said=said),
             _NO_ANSWER,
-            QT_TR_NOOP("Wait a little, then ask again."),
+            QT_TR_NOOP("Wait a moment, then ask again."),
         )
     if status >= 500:
         return LanguageModelError(
@@ -186,13 +185,14 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
         return LanguageModelError(
             localized(
                 QT_TR_NOOP(
-                    "{place} sends the question on to another address (HTTP status {status}), which is not followed."
+                    "{place} redirects the question to another address (HTTP status {status}). Redirects are "
+                    "not followed."
                 ),
                 place=place,
                 status=status,
             ),
             _NO_ANSWER,
-            QT_TR_NOOP("Give the model's own address."),
+            QT_TR_NOOP("Use the model's own address."),
         )
     return LanguageModelError(
         localized(
@@ -210,14 +210,16 @@ def _advice_for(reason: str) -> str:
     """Advice by the server's reason."""
     reason = reason.lower()
     if re.search(r"context|too long|too large|too many tokens|prompt.{0,20}long|exceed", reason):
-        return QT_TR_NOOP("Shorten the system prompt, the question or what goes along, or choose a larger model.")
+        return QT_TR_NOOP("Shorten the system prompt, the question or its context, or choose a larger model.")
     if re.search(r"memory|overload", reason):
-        return QT_TR_NOOP("Close other programs on the computer that it runs on, or choose a smaller model.")
+        return QT_TR_NOOP("Close other programs on the computer that runs the model, or choose a smaller model.")
     if re.search(r"\bmodel\b.*(not found|not exist|not loaded|unknown|invalid|not available)|invalid model", reason):
         return QT_TR_NOOP("Check the model's name.")
     if re.search(r"image|picture|vision|multimodal", reason):
         return QT_TR_NOOP("Ask without the picture, or choose another model.")
-    return QT_TR_NOOP("Change in the scenario, under assistant, what the reason names, or choose another model.")
+    return QT_TR_NOOP(
+        "Correct the setting that the reason names under assistant in the scenario, or choose another model."
+    )
 
 
 def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_started: bool) -> LanguageModelError:
@@ -229,11 +231,11 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     if (refused := tls_error(error)) is not None:
         why, _ = why_refused(refused, place, None)
         return LanguageModelError(
-            localized(QT_TR_NOOP("{place} cannot prove who it is. {why}"), place=place, why=joined(why)),
+            localized(QT_TR_NOOP("The identity of {place} cannot be verified. {why}"), place=place, why=joined(why)),
             QT_TR_NOOP("Nothing was sent to it."),
             QT_TR_NOOP(
-                "Check the address and this computer's clock; a server of the lab needs a certificate that this"
-                " computer trusts."
+                "Check the address and this computer's clock. A lab server needs a certificate that this "
+                "computer trusts."
             ),
         )
     if isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
@@ -241,7 +243,7 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
             "ollama": QT_TR_NOOP("Start it with “ollama serve”, or set OLLAMA_HOST."),
             "openai": QT_TR_NOOP("Check the network and OPENAI_BASE_URL."),
             "gemini": QT_TR_NOOP("Check the network."),
-            "embedded": QT_TR_NOOP("It is restarted by opening the scenario again."),
+            "embedded": QT_TR_NOOP("Open the scenario again to restart it."),
         }[endpoint.provider]
         return LanguageModelError(localized(QT_TR_NOOP("{place} cannot be reached."), place=place), _NO_ANSWER, advice)
     if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and answer_started:

@@ -81,7 +81,7 @@ def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> 
         return Chunk(version=version)
     candidate = candidates[0]
     if not isinstance(candidate, dict):
-        raise unusable(endpoint, "a candidate is no object")
+        raise unusable(endpoint, "a candidate is not an object")
     text, alive = _text_of(endpoint, candidate.get("content") or {})
     reason = str(candidate.get("finishReason") or "")
     cut = _CUTS.get(reason, "filter") if reason else ""

@@ -34,7 +34,7 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
     if question.jpegs:
         if endpoint.provider == "embedded":
             raise LanguageModelError(
-                QT_TR_NOOP("The language model of this program cannot see pictures."),
+                QT_TR_NOOP("The embedded language model cannot process pictures."),
                 QT_TR_NOOP("The assistant cannot answer."),
                 QT_TR_NOOP("Ask without the picture, or choose another model."),
             )
@@ -91,7 +91,7 @@ def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> 
     alive = reasons or bool(said.get("reasoning_content") or said.get("reasoning"))
     finish = choice.get("finish_reason")
     if finish == "error":
-        raise_error_object(endpoint, {"error": "the server gives no reason"}, key)
+        raise_error_object(endpoint, {"error": "the server gave no reason"}, key)
     unfinished = "finish_reason" in choice and not finish
     cut = _CUTS.get(finish, "") if isinstance(finish, str) else ""
     return Chunk(text, alive, bool(finish), unfinished, version=version, cut=cut, why=str(finish))

@@ -82,7 +82,7 @@ def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
     try:
         message = json.loads(document)
     except (ValueError, RecursionError):
-        raise unusable(endpoint, f"“{document[:60]}” is not JSON") from None
+        raise unusable(endpoint, f"“{document[:60]}” is not valid JSON") from None
     if not isinstance(message, dict):
         raise unusable(endpoint, "a message is not a JSON object")
     return message

@@ -116,7 +116,7 @@ class _Playback:
         while not self._played.empty():
             part = self._played.get()
             if part is None:
-                self._fail("the sound device went away")
+                self._fail("the sound device was disconnected")
                 return
             stamp_ns, sound = part
             self._heard_until_ns = stamp_ns + len(sound) * 1_000_000_000 // self._rate_hz

@@ -123,9 +123,9 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
     try:
         said = _json_in(answer)
     except (ValueError, RecursionError):
-        raise NotOfferedError("the answer is no JSON") from None
+        raise NotOfferedError("the answer is not valid JSON") from None
     if not isinstance(said, dict):
-        raise NotOfferedError("the answer is no JSON object")
+        raise NotOfferedError("the answer is not a JSON object")
     action = said.get("action")
     if action in (NONE, None, ""):
         return None
@@ -140,7 +140,7 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
             return Proposed(intents.TakePhoto(), QT_TR_NOOP("Take a photo"), moves=False)
         case "use" if action in offer.actions:
             return _use(said.get("control"), said.get("value"), offer)
-    raise NotOfferedError(f"{_bounded_text(action)} is not among what may be proposed")
+    raise NotOfferedError(f"{_bounded_text(action)} is not one of the permitted actions")
 
 
 def _json_in(answer: str) -> Any:
@@ -153,14 +153,14 @@ def _json_in(answer: str) -> Any:
 
 def _go_to(place: Any, offer: Offer) -> Proposed:
     if not isinstance(place, str) or place not in offer.places:
-        raise NotOfferedError(f"{_bounded_text(place)} is no place of this scenario")
+        raise NotOfferedError(f"{_bounded_text(place)} is not a place in this scenario")
     return Proposed(intents.GoToPlace(place), localized(QT_TR_NOOP("Go to {place}"), place=place), moves=True)
 
 
 def _checked_gaze(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
     for angle, (lowest, highest) in ((pan_deg, offer.pan_deg), (tilt_deg, offer.tilt_deg)):
         if not _is_number(angle) or not lowest <= angle <= highest:
-            raise NotOfferedError(f"the head does not turn to {_bounded_text(angle)} degrees")
+            raise NotOfferedError(f"the head cannot turn to {_bounded_text(angle)} degrees")
     words = localized(
         _LOOKS[_direction(pan_deg, "left", "right"), _direction(tilt_deg, "down", "up")],
         pan=f"{abs(pan_deg):.0f}",
@@ -189,7 +189,7 @@ _LOOKS = {
 def _use(name: Any, value: Any, offer: Offer) -> Proposed:
     control = offer.controls.get(name) if isinstance(name, str) else None
     if control is None:
-        raise NotOfferedError(f"{_bounded_text(name)} is no control that may be proposed")
+        raise NotOfferedError(f"{_bounded_text(name)} is not a permitted control")
     match control.kind:
         case "button":
             value, words = True, control.title
@@ -200,10 +200,10 @@ def _use(name: Any, value: Any, offer: Offer) -> Proposed:
         case "choice":
             chosen = next((one for one in control.choices if _is_same(value, one.value) or value == one.title), None)
             if chosen is None:
-                raise NotOfferedError(f"{_bounded_text(value)} is no choice of “{control.title}”")
+                raise NotOfferedError(f"{_bounded_text(value)} is not an option of “{control.title}”")
             value, words = chosen.value, f"{control.title}: {chosen.title}"
         case _:
-            raise NotOfferedError(f"{_bounded_text(value)} is nothing that “{control.title}” can be set to")
+            raise NotOfferedError(f"{_bounded_text(value)} is not a valid value for “{control.title}”")
     return Proposed(intents.UseControl(control.id, value), words, moves=control.is_held_by_stop)
 
 

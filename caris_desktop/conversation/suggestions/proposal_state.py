@@ -43,7 +43,7 @@ class Proposals:
 
     def offer(self, begun: Round, proposed: Proposed, model: str, now_ns: int, *, acts_after_ns: int | None) -> None:
         """Display a proposal in place of the present one. Robot motion requires a key, whatever the countdown."""
-        self.lapse(now_ns, "another proposal took its place")
+        self.lapse(now_ns, "replaced by another proposal")
         acts_ns = None if acts_after_ns is None or proposed.moves else now_ns + acts_after_ns
         lapses_ns = max(now_ns + LAPSES_NS, (acts_ns or 0) + _MISSED_NS)
         self.card = Card(self._new_id(), proposed, begun, model, now_ns + TO_READ_NS, lapses_ns, acts_ns)
@@ -77,7 +77,7 @@ class Proposals:
     def pass_time(self, now_ns: int) -> None:
         card = self.card
         if card is not None and now_ns >= card.lapses_ns:
-            self.lapse(now_ns, "nobody confirmed it")
+            self.lapse(now_ns, "it was not confirmed")
         elif card is not None and card.acts_ns is not None and now_ns - card.acts_ns >= _MISSED_NS:
             self.wait_for_key()
 

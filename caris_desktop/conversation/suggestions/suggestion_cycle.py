@@ -92,7 +92,7 @@ class SuggestionCycle:
             return
         if hearing.speaking:
             self._speaking, self._spoken_since, self._pause = hearing.utterance_id, True, None
-            self._end("superseded", hearing.stamp_ns, why="the participant speaks on")
+            self._end("superseded", hearing.stamp_ns, why="the participant continues speaking")
             return
         self._speaking = None
         words = " ".join(filter(None, (hearing.committed, hearing.tentative)))
@@ -100,7 +100,7 @@ class SuggestionCycle:
         if current is not None and (hearing.silent_since_ns or 0) > current.voice_ended_ns + PAUSE_NS:
             # There was speech in between, which the newest value of a stream may not show.
             self._spoken_since = True
-            self._end("superseded", hearing.stamp_ns, why="the participant spoke on")
+            self._end("superseded", hearing.stamp_ns, why="the participant continued speaking")
         if hearing.utterance_id and words.strip() and hearing.silent_since_ns is not None:
             self._wait_for(
                 Round(hearing.utterance_id, hearing.revision, words, hearing.silent_since_ns), hearing.stamp_ns
@@ -115,7 +115,7 @@ class SuggestionCycle:
         """A participant's turn ended with its final transcript, or was not speech."""
         same_turn = self._last is not None and self._last.turn_id == utterance.utterance_id
         if utterance.state == "failed" and same_turn:
-            self._end("superseded", now_ns, why="nobody has spoken")
+            self._end("superseded", now_ns, why="it was not speech")
             self._pause = self._last = None
         elif utterance.state == "finished" and utterance.text.strip():
             revision = self._last.revision + 1 if same_turn and self._last is not None else 1
@@ -132,7 +132,7 @@ class SuggestionCycle:
             return
         if utterance.utterance_id not in self._robot_said:
             self._robot_said.append(utterance.utterance_id)
-            self._leave("superseded", now_ns, why="the robot replies")
+            self._leave("superseded", now_ns, why="the robot is replying")
 
     # Model output
 
@@ -169,11 +169,11 @@ class SuggestionCycle:
         )  # fmt: skip
         self.cards = tuple(other for other in self.cards if other is not card)
         self._robot_said.append(utterance_id)
-        self._leave("superseded", now_ns, why="one of the replies is said")
+        self._leave("superseded", now_ns, why="one of the replies was used")
 
     def dismiss(self, actor: Actor, now_ns: int) -> None:
         """Dismiss all replies."""
-        self._leave("dismissed", now_ns, why="the wizard wants none", actor=actor)
+        self._leave("dismissed", now_ns, why="the wizard dismissed them", actor=actor)
 
     def withdraw(self, why: str, now_ns: int) -> None:
         """End the round without a need for a reply."""
@@ -183,7 +183,7 @@ class SuggestionCycle:
         """The wizard corrected the transcript."""
         current = self.round
         if current is not None and not same_words(current.text, text):
-            self._restart_question(replace(current, text=text), "the words were corrected", now_ns)
+            self._restart_question(replace(current, text=text), "the transcript was corrected", now_ns)
 
     def ask_again(self, why: str, now_ns: int) -> None:
         """Request other replies."""
@@ -207,7 +207,7 @@ class SuggestionCycle:
             self._pause, self._last, self.round = None, pause, pause
             self._follower.ask(pause)
         if self.cards and now_ns >= self.cards[0].shown_ns + EXPIRES_NS:
-            self._leave("expired", now_ns, why="nobody wanted them")
+            self._leave("expired", now_ns, why="they were not used")
 
     @property
     def says_ns(self) -> int | None:
@@ -238,7 +238,7 @@ class SuggestionCycle:
                 if self.round is not None and pause.person_id:
                     self.round = replace(self.round, person_id=pause.person_id)
                 return
-        self._end("superseded", now_ns, why="the words turned out to be others")
+        self._end("superseded", now_ns, why="the transcript changed")
         last = self._last
         if last is not None and last.turn_id == pause.turn_id and pause.revision <= last.revision:
             pause = replace(pause, revision=last.revision + 1)

@@ -64,7 +64,7 @@ class EspeakVoice:
             if rendered is not None:
                 return rendered
             time.sleep(pause_s)
-        raise ValueError("the voice made no sound")
+        raise ValueError("the voice produced no audio")
 
     def _tune_now(self) -> None:
         """Wait until espeak has applied the settings: unfinished work would cancel the next sentence.
@@ -98,7 +98,7 @@ class EspeakVoice:
             return None
         with wave.open(str(self._path), "rb") as file:
             if file.getnchannels() != 1 or file.getsampwidth() != 2:
-                raise ValueError(f"the voice made {file.getnchannels()} channels of {file.getsampwidth()} bytes")
+                raise ValueError(f"the voice produced {file.getnchannels()} channels of {file.getsampwidth()} bytes")
             sound = np.frombuffer(file.readframes(file.getnframes()), "<i2").astype(np.int16, copy=False)
             rate_hz = file.getframerate()
         self._path.unlink()

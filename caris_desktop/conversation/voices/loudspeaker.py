@@ -210,11 +210,13 @@ class Loudspeaker:
             if playback.stream_ended:
                 with contextlib.suppress(self._error()):
                     stream.close()
-                raise DeviceTroubleError("the sound device went away", played_s=playback.played_s)
+                raise DeviceTroubleError("the sound device was disconnected", played_s=playback.played_s)
             if sound.position > moved:
                 moved, moved_at_s = sound.position, time.monotonic()
             elif playback.ends_ns is None and time.monotonic() - moved_at_s > _STALL_S:
-                raise DeviceTroubleError("the sound device takes no sound", played_s=playback.played_s, hung=True)
+                raise DeviceTroubleError(
+                    "the sound device does not accept audio", played_s=playback.played_s, hung=True
+                )
             if not sound.complete and sound.position - sound.end > _STALL_S * sound.rate_hz:
                 sound.finish("it took too long")
             tell("playing", playback.heard_s)

@@ -55,7 +55,7 @@ class PiperVoice:
         if own is None:
             raise NoSuchVoiceError(
                 localized(
-                    QT_TR_NOOP("the voice {name} needs more than its two files, which would be fetched and run"),
+                    QT_TR_NOOP("the voice {name} needs further files, which would be downloaded and run"),
                     name=files.name,
                 )
             )
@@ -85,7 +85,7 @@ class PiperVoice:
         # Text in [[ ]] would be parsed as phonemes.
         clauses = _clauses(self._piper.phonemize(text.replace("[[", "[ [")))
         if not clauses:
-            raise ValueError("there is nothing to say in it")
+            raise ValueError("the text contains nothing to say")
         for clause in clauses:
             stop.check()
             try:

@@ -185,4 +185,4 @@ class Rendering:
                 self._ahead.appendleft(making.text)
             elif not trouble and making.parts:
                 self._kept.put(making.text, np.concatenate(making.parts))
-        making.finish(trouble or ("" if making.parts else "the voice made no sound"))
+        making.finish(trouble or ("" if making.parts else "the voice produced no audio"))

@@ -53,7 +53,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
         except Exception as error:
             traceback.print_exc()
             why_not = localized(
-                QT_TR_NOOP("the voice {voice} cannot be used ({words_of})"),
+                QT_TR_NOOP("the voice {voice} cannot be loaded ({words_of})"),
                 voice=choice.voice,
                 words_of=words_of(error),
             )
@@ -62,7 +62,7 @@ def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
     name = choice.voice.removeprefix(ESPEAK) if choice.voice.startswith(ESPEAK) else ""
     system = EspeakVoice(name, language, rate=choice.rate, volume=choice.volume, folder=files_folder)
     if not system.has_wanted:
-        why_not = localized(QT_TR_NOOP("the system has no voice {name}"), name=name)
+        why_not = localized(QT_TR_NOOP("the system voice {name} is not available"), name=name)
     return system, why_not
 
 

@@ -87,11 +87,11 @@ class ResetPrompts(Intent):
 ASSISTANT: IntentTable = {
     Ask: IntentSpec(QT_TR_NOOP("Asking the assistant"), "assistant"),
     CancelAnswer: IntentSpec(QT_TR_NOOP("Cancelling the answer")),
-    SayAnswer: IntentSpec(QT_TR_NOOP("Saying the answer"), "assistant", also="speech"),
-    DismissAnswer: IntentSpec(QT_TR_NOOP("Putting the answer away")),
+    SayAnswer: IntentSpec(QT_TR_NOOP("Speaking the answer"), "assistant", also="speech"),
+    DismissAnswer: IntentSpec(QT_TR_NOOP("Dismissing the answer")),
     AskAboutPhoto: IntentSpec(QT_TR_NOOP("Asking about the photo"), "assistant", also="photos"),
     ChooseModel: IntentSpec(QT_TR_NOOP("Choosing the language model"), "assistant"),
-    ChoosePrompt: IntentSpec(QT_TR_NOOP("Choosing how the assistant is asked"), "assistant"),
-    EditPrompt: IntentSpec(QT_TR_NOOP("Changing how the assistant is asked"), "assistant"),
-    ResetPrompts: IntentSpec(QT_TR_NOOP("Asking as the scenario says"), "assistant"),
+    ChoosePrompt: IntentSpec(QT_TR_NOOP("Choosing the assistant's role or style"), "assistant"),
+    EditPrompt: IntentSpec(QT_TR_NOOP("Changing the assistant's prompts"), "assistant"),
+    ResetPrompts: IntentSpec(QT_TR_NOOP("Resetting the assistant"), "assistant"),
 }

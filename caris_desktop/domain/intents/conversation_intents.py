@@ -20,4 +20,4 @@ class CorrectUtterance(Intent):
     tags: tuple[str, ...] | None = None
 
 
-CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec(QT_TR_NOOP("Correcting what was said"))}
+CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec(QT_TR_NOOP("Correcting the transcript"))}

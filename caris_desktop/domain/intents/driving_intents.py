@@ -106,14 +106,14 @@ DRIVING: IntentTable = {
         QT_TR_NOOP("Driving"), "driving", moves="base", needs_link=True, quiet=True,
         bounds={"forward": _SHARE, "left": _SHARE, "turn": _SHARE},
     ),
-    ReleaseDrive: IntentSpec(QT_TR_NOOP("Letting go"), in_replay=True),
+    ReleaseDrive: IntentSpec(QT_TR_NOOP("Releasing the drive controls"), in_replay=True),
     SetSpeed: IntentSpec(QT_TR_NOOP("Setting the speed"), "driving", bounds={"fraction": (0.0, 1.0)}),
     Stop: IntentSpec(QT_TR_NOOP("Stopping"), in_replay=True),
-    EmergencyStop: IntentSpec(QT_TR_NOOP("Latching the emergency stop"), in_replay=True),
+    EmergencyStop: IntentSpec(QT_TR_NOOP("Activating the emergency stop"), in_replay=True),
     ReleaseEmergencyStop: IntentSpec(QT_TR_NOOP("Releasing the emergency stop")),
-    SetGuard: IntentSpec(QT_TR_NOOP("Switching the obstacle guard off"), "driving", needs_link=True),
+    SetGuard: IntentSpec(QT_TR_NOOP("Turning off the obstacle guard"), "driving", needs_link=True),
     LookAt: IntentSpec(
-        QT_TR_NOOP("Looking there"), "driving", moves="head", needs_link=True, proposable=True,
+        QT_TR_NOOP("Aiming the head"), "driving", moves="head", needs_link=True, proposable=True,
         bounds={"pan_rad": (-math.tau, math.tau), "tilt_rad": (-math.tau, math.tau)},
     ),
     TurnHead: IntentSpec(

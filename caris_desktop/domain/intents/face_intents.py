@@ -53,9 +53,9 @@ class ServeFace(Intent):
 
 FACE: IntentTable = {
     UseFace: IntentSpec(QT_TR_NOOP("Changing the face"), "face"),
-    KeepFace: IntentSpec(QT_TR_NOOP("Keeping the face"), "face"),
+    KeepFace: IntentSpec(QT_TR_NOOP("Saving the face"), "face"),
     ShowExpression: IntentSpec(QT_TR_NOOP("Showing the expression"), "face", proposable=True),
-    ShowOnFace: IntentSpec(QT_TR_NOOP("Showing that on the face"), "face"),
-    ShowFaceWindow: IntentSpec(QT_TR_NOOP("Opening the face's window"), "face"),
-    ServeFace: IntentSpec(QT_TR_NOOP("Serving the face as a page"), "face"),
+    ShowOnFace: IntentSpec(QT_TR_NOOP("Showing content on the face"), "face"),
+    ShowFaceWindow: IntentSpec(QT_TR_NOOP("Opening the face window"), "face"),
+    ServeFace: IntentSpec(QT_TR_NOOP("Serving the face page"), "face"),
 }

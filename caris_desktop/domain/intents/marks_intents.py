@@ -99,13 +99,13 @@ _MOMENT: Mapping[str, Bounds] = {"earlier_s": (0.0, 86_400.0)}
 
 MARKS: IntentTable = {
     Mark: IntentSpec(QT_TR_NOOP("Marking the moment"), bounds=_MOMENT),
-    BeginMark: IntentSpec(QT_TR_NOOP("Marking a stretch"), bounds=_MOMENT),
-    StretchMark: IntentSpec(QT_TR_NOOP("Making a stretch of the mark")),
+    BeginMark: IntentSpec(QT_TR_NOOP("Marking an interval"), bounds=_MOMENT),
+    StretchMark: IntentSpec(QT_TR_NOOP("Making the mark an interval")),
     EndMark: IntentSpec(QT_TR_NOOP("Ending the mark"), quiet=True),
     ChangeMark: IntentSpec(QT_TR_NOOP("Changing the mark"), bounds=_MOMENT),
-    WithdrawMark: IntentSpec(QT_TR_NOOP("Taking the mark back")),
+    WithdrawMark: IntentSpec(QT_TR_NOOP("Withdrawing the mark")),
     AddNote: IntentSpec(QT_TR_NOOP("Writing a note"), "notes", bounds=_MOMENT),
     ChangeNote: IntentSpec(QT_TR_NOOP("Changing the note"), "notes"),
     RemoveNote: IntentSpec(QT_TR_NOOP("Removing the note"), "notes"),
-    RestoreNote: IntentSpec(QT_TR_NOOP("Bringing the note back"), "notes"),
+    RestoreNote: IntentSpec(QT_TR_NOOP("Restoring the note"), "notes"),
 }

@@ -108,17 +108,17 @@ class ForgetPerson(Intent):
 
 PEOPLE: IntentTable = {
     NamePerson: IntentSpec(QT_TR_NOOP("Naming the person"), "naming_people"),
-    AttendPerson: IntentSpec(QT_TR_NOOP("Attending to the person")),
-    ConfirmPerson: IntentSpec(QT_TR_NOOP("Confirming who it is"), "naming_people"),
-    RejectPerson: IntentSpec(QT_TR_NOOP("Saying who it is not"), "naming_people"),
-    SetPersonGroup: IntentSpec(QT_TR_NOOP("Putting the person into a group"), "naming_people"),
+    AttendPerson: IntentSpec(QT_TR_NOOP("Addressing the person")),
+    ConfirmPerson: IntentSpec(QT_TR_NOOP("Confirming the identity"), "naming_people"),
+    RejectPerson: IntentSpec(QT_TR_NOOP("Rejecting the identity"), "naming_people"),
+    SetPersonGroup: IntentSpec(QT_TR_NOOP("Changing the person's group"), "naming_people"),
     TagPerson: IntentSpec(QT_TR_NOOP("Tagging the person"), "naming_people"),
-    NotePerson: IntentSpec(QT_TR_NOOP("Noting something about the person"), "naming_people"),
+    NotePerson: IntentSpec(QT_TR_NOOP("Changing the note about the person"), "naming_people"),
     MergePeople: IntentSpec(QT_TR_NOOP("Merging the two people"), "naming_people"),
     SplitPerson: IntentSpec(QT_TR_NOOP("Splitting the person"), "naming_people"),
     # Consent and erasure are the participant's decision in every scenario.
-    NoteConsent: IntentSpec(QT_TR_NOOP("Noting the consent")),
+    NoteConsent: IntentSpec(QT_TR_NOOP("Noting consent")),
     UndoPeople: IntentSpec(QT_TR_NOOP("Undoing the last decision about people")),
-    LookUpPerson: IntentSpec(QT_TR_NOOP("Looking the person up"), "naming_people", quiet=True),
-    ForgetPerson: IntentSpec(QT_TR_NOOP("Forgetting the person")),
+    LookUpPerson: IntentSpec(QT_TR_NOOP("Searching the person's history"), "naming_people", quiet=True),
+    ForgetPerson: IntentSpec(QT_TR_NOOP("Erasing the person")),
 }

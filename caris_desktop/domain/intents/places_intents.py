@@ -83,5 +83,5 @@ PLACES: IntentTable = {
     RemovePlace: IntentSpec(QT_TR_NOOP("Removing the place"), "driving"),
     SaveMap: IntentSpec(QT_TR_NOOP("Saving the map"), "driving", needs_link=True),
     LoadMap: IntentSpec(QT_TR_NOOP("Loading the map"), "driving", needs_link=True),
-    SetMapping: IntentSpec(QT_TR_NOOP("Switching mapping on or off"), "driving", needs_link=True),
+    SetMapping: IntentSpec(QT_TR_NOOP("Turning mapping on or off"), "driving", needs_link=True),
 }

@@ -23,7 +23,7 @@ class EndPractice(Intent):
 
 
 PRACTICE: IntentTable = {
-    BeginPractice: IntentSpec(QT_TR_NOOP("Beginning the practice")),
-    SkipPracticeStep: IntentSpec(QT_TR_NOOP("Skipping a part of the practice")),
+    BeginPractice: IntentSpec(QT_TR_NOOP("Starting the practice")),
+    SkipPracticeStep: IntentSpec(QT_TR_NOOP("Skipping a practice step")),
     EndPractice: IntentSpec(QT_TR_NOOP("Ending the practice")),
 }

@@ -26,5 +26,5 @@ class TryMicrophone(Intent):
 
 PREFLIGHT: IntentTable = {
     TickCheck: IntentSpec(QT_TR_NOOP("Ticking a check")),
-    TryMicrophone: IntentSpec(QT_TR_NOOP("Trying the microphone"), "audio_recording"),
+    TryMicrophone: IntentSpec(QT_TR_NOOP("Testing the microphone"), "audio_recording"),
 }

@@ -43,10 +43,10 @@ class TickItem(Intent):
 
 
 PROTOCOL: IntentTable = {
-    NextStep: IntentSpec(QT_TR_NOOP("Going on to the next step")),
-    PreviousStep: IntentSpec(QT_TR_NOOP("Going back to the step before")),
+    NextStep: IntentSpec(QT_TR_NOOP("Going to the next step")),
+    PreviousStep: IntentSpec(QT_TR_NOOP("Going back to the previous step")),
     SkipStep: IntentSpec(QT_TR_NOOP("Skipping the step")),
-    TakeBranch: IntentSpec(QT_TR_NOOP("Going on with the branch")),
-    GoToStep: IntentSpec(QT_TR_NOOP("Beginning the step")),
-    TickItem: IntentSpec(QT_TR_NOOP("Ticking it off")),
+    TakeBranch: IntentSpec(QT_TR_NOOP("Taking the branch")),
+    GoToStep: IntentSpec(QT_TR_NOOP("Going to the step")),
+    TickItem: IntentSpec(QT_TR_NOOP("Ticking off the item")),
 }

@@ -44,6 +44,6 @@ class HearRobot(Intent):
 
 SOUND: IntentTable = {
     PushToTalk: IntentSpec(QT_TR_NOOP("Speaking through the robot"), "own_voice"),
-    HearRobot: IntentSpec(QT_TR_NOOP("Hearing the robot"), bounds={"volume": (0.0, 1.0)}),
+    HearRobot: IntentSpec(QT_TR_NOOP("Listening to the robot"), bounds={"volume": (0.0, 1.0)}),
     UseMicrophone: IntentSpec(QT_TR_NOOP("Choosing a microphone")),
 }

@@ -75,11 +75,11 @@ class SetVoice(Intent):
 
 SPEAKING: IntentTable = {
     Say: IntentSpec(QT_TR_NOOP("Speaking"), "speech", proposable=True),
-    DraftSpeech: IntentSpec(QT_TR_NOOP("Getting ready to speak"), "speech", quiet=True),
-    FillGap: IntentSpec(QT_TR_NOOP("Filling the gap"), "speech"),
-    MoveQueued: IntentSpec(QT_TR_NOOP("Saying it earlier or later"), "speech", bounds={"place": (0, 1000)}),
-    EditQueued: IntentSpec(QT_TR_NOOP("Changing what is said next"), "speech"),
-    CancelQueued: IntentSpec(QT_TR_NOOP("Taking back what is said next")),
+    DraftSpeech: IntentSpec(QT_TR_NOOP("Preparing speech"), "speech", quiet=True),
+    FillGap: IntentSpec(QT_TR_NOOP("Filling in the placeholder"), "speech"),
+    MoveQueued: IntentSpec(QT_TR_NOOP("Reordering the speech queue"), "speech", bounds={"place": (0, 1000)}),
+    EditQueued: IntentSpec(QT_TR_NOOP("Editing a queued utterance"), "speech"),
+    CancelQueued: IntentSpec(QT_TR_NOOP("Removing a queued utterance")),
     Silence: IntentSpec(QT_TR_NOOP("Interrupting speech")),
     SetVoice: IntentSpec(QT_TR_NOOP("Changing the voice"), "speech", bounds={"rate": (0.5, 2.0), "volume": (0.0, 1.0)}),
 }

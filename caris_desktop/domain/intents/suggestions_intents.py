@@ -67,5 +67,5 @@ SUGGESTIONS: IntentTable = {
     DismissSuggestions: IntentSpec(QT_TR_NOOP("Dismissing the suggestions")),
     ConfirmProposal: IntentSpec(QT_TR_NOOP("Confirming the proposal"), "assistant"),
     VetoProposal: IntentSpec(QT_TR_NOOP("Rejecting the proposal")),
-    SetLevel: IntentSpec(QT_TR_NOOP("Setting what the assistant may do by itself"), "assistant"),
+    SetLevel: IntentSpec(QT_TR_NOOP("Setting the assistance level"), "assistant"),
 }

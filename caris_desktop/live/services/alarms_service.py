@@ -84,8 +84,8 @@ class AlarmsService(Service):
     def dismiss(self, asked: intents.DismissAlarm) -> None:
         if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
             raise UserFacingError(
-                tr("That is still wrong, or it is over already."), tr("Nothing was changed."),
-                tr("What ends by itself leaves the list when it is over."), severity="warning",
+                tr("The problem still exists, or it has already ended."), tr("Nothing was changed."),
+                tr("Alarms that end automatically leave the list when the problem is over."), severity="warning",
             )  # fmt: skip
         self._notify()
 
@@ -149,9 +149,9 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
         yield Condition(
             "covered_whole", "warning",
             tr("The whole picture of {camera} is pixelated.").format(camera=recording.covered_whole[0]),
-            tr("People have to be covered in what is kept, and where they are is not known in time. The recording "
-               "goes on, and shows everything again but them as soon as they are found in time."),
-            tr("See what Diagnostics says about people; close other programs if this computer is busy."),
+            tr("People must be pixelated in recordings, but they are not being detected in time. The recording "
+                "continues; it pixelates only people again once detection is fast enough."),
+            tr("Check people detection in Diagnostics; close other programs if this computer is busy."),
         )  # fmt: skip
     link = state.link.value
     if link.starts:
@@ -163,42 +163,44 @@ def conditions(state: LiveState, standing: frozenset[str], *, met_robot: bool = 
     yield from _movement(state.drive.value, state.robot.value)
     if state.frame.freshness == "lost" and state.frame.arrives_late:
         yield Condition(
-            "picture", "warning", tr("The picture of the camera {camera} is old when it arrives.").format(
+            "picture", "warning", tr("The video from the camera {camera} is delayed.").format(
                 camera=state.camera.value),
-            tr("You do not see what is in front of the robot now."),
-            tr("Drive no further by it. See what slows the network or the robot, or choose another camera (V)."),
+            tr("You cannot see the current view in front of the robot."),
+            tr("Do not drive by this video. Check what slows down the network or the robot, or choose another "
+                "camera (V)."),
             _SILENT_AFTER_S, until="picture",
         )  # fmt: skip
     elif state.frame.freshness == "lost":
         yield Condition(
-            "picture", "warning", tr("No picture comes from the camera {camera}.").format(camera=state.camera.value),
-            tr("You do not see what is in front of the robot, and no video is recorded."),
-            tr("Drive no further without a picture. Look at the camera, or choose another one (V)."),
+            "picture", "warning", tr("No video from the camera {camera}.").format(camera=state.camera.value),
+            tr("You cannot see what is in front of the robot, and no video is recorded."),
+            tr("Do not drive without video. Check the camera, or choose another one (V)."),
             _SILENT_AFTER_S, until="picture",
         )  # fmt: skip
     if state.scan.freshness == "lost" and state.scan.arrives_late:
         yield Condition(
-            "lidar", "warning", tr("The LIDAR’s scans are old when they arrive."),
-            tr("Obstacles are seen too late: the robot drives slowly."),
-            tr("See what slows the network or the robot, and set its clocks (NTP)."), _SILENT_AFTER_S,
+            "lidar", "warning", tr("The LIDAR scans are delayed."),
+            tr("Obstacles are detected too late: the robot drives slowly."),
+            tr("Check what slows down the network or the robot, and synchronise its clocks (NTP)."), _SILENT_AFTER_S,
         )  # fmt: skip
     elif state.scan.freshness == "lost":
         yield Condition(
-            "lidar", "warning", tr("The LIDAR sends nothing any more."),
-            tr("Obstacles are not seen: the robot drives slowly or not at all."),
-            tr("Look at the LIDAR on the robot, and drive by sight only."), _SILENT_AFTER_S,
+            "lidar", "warning", tr("The LIDAR has stopped sending scans."),
+            tr("Obstacles are not detected: the robot drives slowly or not at all."),
+            tr("Check the LIDAR on the robot, and drive by sight only."), _SILENT_AFTER_S,
         )  # fmt: skip
     if not state.scan.age_known:
         yield Condition(
-            "scan_age", "warning", tr("How old the LIDAR’s scans are is not known."),
-            tr("Their stamps are seconds or more off the robot’s clock. The obstacle guard counts from their arrival."),
-            tr("Set the clocks of the robot’s computers (NTP)."), _SILENT_AFTER_S,
+            "scan_age", "warning", tr("The age of the LIDAR scans is not known."),
+            tr("Their timestamps differ from the robot’s clock by seconds or more. The obstacle guard uses "
+                "their arrival time."),
+            tr("Synchronise the clocks of the robot’s computers (NTP)."), _SILENT_AFTER_S,
         )  # fmt: skip
     charge = state.battery.value.charge_fraction if state.battery.value is not None else None
     if charge is not None and charge < (BATTERY_WELL if "battery" in standing else BATTERY_LOW):
         yield Condition(
             "battery", "warning", tr("The robot’s battery is at {percent} %.").format(percent=round(charge * 100)),
-            tr("It may stop in the middle of the session."), tr("Bring the session to an end, then charge it."),
+            tr("The robot may stop in the middle of the session."), tr("End the session, then charge the robot."),
         )  # fmt: skip
 
 
@@ -207,54 +209,62 @@ def _movement(drive: DriveStatus, robot: RobotProfile | None) -> Iterator[Condit
     topic = robot.velocity.topic if robot is not None else "cmd_vel"
     who = tr("Nodes that publish {topic}: {nodes}.").format(topic=topic, nodes=", ".join(drive.velocity_publishers))
     if not drive.velocity_publishers:
-        who = tr("The robot does not tell who publishes {topic}.").format(topic=topic)
-    stop_it = tr("Press Stop (Esc); if it moves on, the emergency stop (Esc Esc). Then find out who drives it.")
+        who = tr("The robot does not report which nodes publish {topic}.").format(topic=topic)
+    stop_it = tr(
+        "Press Stop (Esc). If the robot keeps moving, press the emergency stop (Esc Esc). Then find out what is "
+        "driving it."
+    )
     if drive.stopped:
         stop_it = tr("Use the stop on the robot itself.")
         if not drive.emergency_stop and robot is not None and robot.emergency_stop is not None:
             stop_it = tr(
-                "Press the emergency stop (Esc Esc), which sets the robot’s own, or use the stop on the robot."
+                "Press the emergency stop (Esc Esc), which also activates the robot’s own, or use the stop "
+                "on the robot."
             )
     match drive.movement:
         case "uncommanded" if drive.stopped:
-            what = tr("The robot moves, although the emergency stop is on.")
+            what = tr("The robot is moving although the emergency stop is active.")
             if not drive.emergency_stop:
-                what = tr("The robot moves, although it was stopped.")
+                what = tr("The robot is moving although it was stopped.")
             yield Condition(
                 "uncommanded", "error", what,
-                tr("This console sends zero all the time; something else drives it. {who}").format(who=who), stop_it,
+                tr(
+                    "This console continuously sends zero velocity; something else is driving the "
+                    "robot. {who}").format(who=who), stop_it,
             )  # fmt: skip
         case "uncommanded":
             yield Condition(
-                "uncommanded", "warning", tr("The robot moves, but not on a command of this console."),
-                tr("Somebody pushes it, or something else drives it. {who}").format(who=who), stop_it,
+                "uncommanded", "warning", tr("The robot is moving without a command from this console."),
+                tr("Someone is pushing the robot, or something else is driving it. {who}").format(who=who), stop_it,
             )  # fmt: skip
         case "commanded_elsewhere":
             yield Condition(
                 "commanded_elsewhere", "error" if drive.stopped else "warning",
-                tr("Something else sends the robot drive commands."),
-                tr("It may move at any moment without a command of this console. {who}").format(who=who), stop_it,
+                tr("Something else is sending drive commands to the robot."),
+                tr(
+                    "The robot may move at any moment without a command from this console. "
+                    "{who}").format(who=who), stop_it,
             )  # fmt: skip
         case "not_following":
             yield Condition(
                 "not_following", "warning", tr("The robot does not follow the drive commands."),
-                tr("They are sent, and its odometry shows no such movement."),
-                tr("See whether its own stop, a joystick, a lock (twist_mux) or a wall holds it, and whether its "
-                   "rosbridge lets {topic} through (topics_glob).").format(topic=topic),
+                tr("The commands are sent, but the odometry does not show the movement."),
+                tr("Check whether the robot’s own stop, a joystick, a lock (twist_mux) or a wall holds it. "
+                    "Check that its rosbridge allows {topic} (topics_glob).").format(topic=topic),
             )  # fmt: skip
         case "silent":
             yield Condition(
-                "movement_silent", "warning", tr("The robot tells no movement: no odometry comes."),
-                tr("Whether it stands or moves is not known here, and its place is not followed."),
-                tr("Watch the robot itself. Look at its base driver, and at 'odometry' in its profile."), 1.0,
+                "movement_silent", "warning", tr("The robot does not report its movement: no odometry is received."),
+                tr("The console does not know whether the robot is moving, and does not track its position."),
+                tr("Watch the robot itself. Check its base driver, and 'odometry' in its profile."), 1.0,
             )  # fmt: skip
 
 
 def _link_lost() -> Condition:
     return Condition(
         "link", "error", tr("The connection to the robot is lost."),
-        tr("It is not driven and says nothing; picture, map and LIDAR are missing. What else is recorded goes on."),
-        tr("Look after the robot and its network. It is tried again by itself; press a key anew to drive."),
+        tr("The robot cannot drive or speak; video, map and LIDAR are missing. All other recording continues."),
+        tr("Check the robot and its network. The console reconnects automatically; press the key again to drive."),
         until="connected", prevails=True,
     )  # fmt: skip
 
@@ -262,7 +272,7 @@ def _link_lost() -> Condition:
 def _no_link_yet(state: LiveState) -> Condition:
     robot, advice = state.link.value.robot or tr("The robot"), no_answer_advice(state.robot.value)
     return Condition(
-        "link", "error", tr("{robot} does not answer.").format(robot=robot),
-        tr("Until it does it is neither driven nor seen, and what it should say waits."),
+        "link", "error", tr("{robot} does not respond.").format(robot=robot),
+        tr("Until it responds, the robot cannot be driven or seen, and its utterances wait."),
         tr(advice), until="connected", prevails=True,
     )  # fmt: skip

@@ -129,7 +129,7 @@ class AssistantService(Service):
         else:
             self._lists.stop()
             self._counting.stop()
-            self.client.cancel_all(QT_TR_NOOP("cancelled as the scenario was changed"))
+            self.client.cancel_all(QT_TR_NOOP("cancelled because the scenario was changed"))
             self._end_server()
         self._use_chosen()
         self._show_setup()
@@ -137,7 +137,7 @@ class AssistantService(Service):
     def stop(self) -> None:
         self._lists.stop()
         self._counting.stop()
-        self.client.cancel_all(QT_TR_NOOP("cancelled as the program closed"))
+        self.client.cancel_all(QT_TR_NOOP("cancelled because the program closed"))
         if self._server is not None:
             self._server.ask_to_end()
 
@@ -159,16 +159,18 @@ class AssistantService(Service):
 
     def check_picture(self) -> None:
         """Raise UserFacingError if a question cannot include images."""
-        meaning = tr("The assistant was not asked; the picture stays where it is.")
+        meaning = tr("The assistant was not asked; the picture is still attached.")
         if self._setup.model == EMBEDDED:
             raise UserFacingError(
-                tr("The language model of this program cannot see pictures."), meaning,
-                tr("Choose a model that can, in a scenario with assistant.pictures."), severity="warning",
+                tr("The embedded language model cannot process pictures."), meaning,
+                tr(
+                    "Choose a model that can process pictures, in a scenario with "
+                    "assistant.pictures."), severity="warning",
             )  # fmt: skip
         if not self._scenario.assistant.pictures:
             raise UserFacingError(
-                tr("This scenario gives no pictures to a language model."), meaning,
-                tr("Set assistant.pictures in the scenario where participants agreed to it."), severity="warning",
+                tr("This scenario does not allow sending pictures to a language model."), meaning,
+                tr("If participants have agreed, set assistant.pictures in the scenario."), severity="warning",
             )  # fmt: skip
 
     def ask(self, asked: intents.Ask) -> None:
@@ -180,14 +182,14 @@ class AssistantService(Service):
         if too_long:
             raise UserFacingError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
-                tr("The assistant was not asked; half a question would get an answer to something else."),
-                tr("Ask in {most} characters at most.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
+                tr("The assistant was not asked; a shortened question could get a wrong answer."),
+                tr("Use at most {most} characters.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
                 severity="warning",
             )
         if len(asked.pictures) > MOST_PICTURES:
             raise UserFacingError(
-                tr("More than {most} pictures cannot go with a question.").format(most=MOST_PICTURES),
-                tr("The assistant was not asked."), tr("Leave some out."), severity="warning",
+                tr("A question can have at most {most} pictures.").format(most=MOST_PICTURES),
+                tr("The assistant was not asked."), tr("Remove some pictures."), severity="warning",
             )  # fmt: skip
         if asked.pictures:
             self.check_picture()
@@ -237,7 +239,7 @@ class AssistantService(Service):
         if asked.model not in (choice.model for choice in self._offered()):
             raise UserFacingError(
                 tr("That language model cannot be chosen here."),
-                tr("{model} stays the one that is asked.").format(model=self.client.model or self._setup.model),
+                tr("{model} stays selected.").format(model=self.client.model or self._setup.model),
                 tr("Add it to assistant.models of the scenario, or start its server."),
                 severity="warning",
             )
@@ -259,8 +261,8 @@ class AssistantService(Service):
         if len(text) > most:
             raise UserFacingError(
                 tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
-                tr("The assistant is asked as before."),
-                tr("Say it in {most} characters.").format(most=f"{most:,}"),
+                tr("The assistant's settings are unchanged."),
+                tr("Shorten it to {most} characters.").format(most=f"{most:,}"),
                 severity="warning",
             )  # fmt: skip
         self._setup.edit(asked.kind, asked.name, text)
@@ -269,10 +271,10 @@ class AssistantService(Service):
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
             raise UserFacingError(
-                tr("This scenario has no role of that name.")
+                tr("This scenario has no role with that name.")
                 if kind == "role"
-                else tr("This scenario has no style of that name."),
-                tr("The assistant is asked as before."), tr("Choose another one."), severity="warning",
+                else tr("This scenario has no style with that name."),
+                tr("The assistant's settings are unchanged."), tr("Choose another one."), severity="warning",
             )  # fmt: skip
 
     def _reset(self, asked: intents.ResetPrompts) -> None:

@@ -174,7 +174,9 @@ class CamerasService(Service):
             lambda _ended: self._left(running),
             self._bus.answer,
         )
-        self._bus.publish(CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does without it.")))
+        self._bus.publish(
+            CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does not use this camera."))
+        )
         self._state.forget_camera(name)
 
     def _left(self, running: _Running) -> None:
@@ -207,9 +209,9 @@ class CamerasService(Service):
         if name in self._ended:
             self._bus.problem(
                 "warning",
-                tr("The pictures of the camera {name} have ended.").format(name=name),
-                tr("There is no video of it from now on; a recording goes on without it."),
-                tr("To go on, choose another camera with --camera or in the scenario, and start again."),
+                tr("The video from the camera {name} has ended.").format(name=name),
+                tr("There is no more video from this camera; a recording continues without it."),
+                tr("Choose another camera with --camera or in the scenario, and restart the program."),
                 until="picture",
             )
             return
@@ -218,7 +220,7 @@ class CamerasService(Service):
             self._bus.problem(
                 "warning",
                 tr("The camera {name} stopped unexpectedly.").format(name=name),
-                tr("There is no picture from it until it is back; everything else goes on."),
+                tr("There is no video from this camera until it works again; everything else continues."),
                 advice,
                 until="picture",
             )

@@ -196,11 +196,11 @@ class CrashRecoveryService(Service):
         trial, status = self._offered, self._state.going_on.value
         if trial is None or status.state != "offered":
             raise UserFacingError(
-                tr("There is no trial to go on with."), tr("Nothing was changed."), tr("Start a recording.")
+                tr("There is no trial to resume."), tr("Nothing was changed."), tr("Start a recording.")
             )
         if self._state.recording.value.state in IN_SESSION:
             raise UserFacingError(
-                tr("A recording is under way: the trial that broke off cannot go on in it."),
+                tr("A recording is in progress: the interrupted trial cannot be resumed."),
                 tr("Nothing was changed."), tr("End the recording first."),
             )  # fmt: skip
         # Anyone about to move when the program crashed may be anywhere now.
@@ -276,7 +276,7 @@ def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
         try:
             return work()
         except OSError as error:
-            raise UserFacingError(tr("A trial that breaks off cannot be offered again."), str(error), "") from error
+            raise UserFacingError(tr("An interrupted trial cannot be offered for resuming."), str(error), "") from error
 
     return run
 

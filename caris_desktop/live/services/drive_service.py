@@ -110,7 +110,7 @@ class DriveService(Service):
         return dict.fromkeys(events, self.on_robot_event)
 
     def stop(self) -> None:
-        self.release(QT_TR_NOOP("The console closes"))
+        self.release(QT_TR_NOOP("The console is closing"))
 
     def use_scenario(self, scenario: Scenario) -> None:
         self.release(QT_TR_NOOP("The scenario changed"))
@@ -160,8 +160,8 @@ class DriveService(Service):
         if not heard:
             self._problem(
                 "error",
-                tr("The robot could not be told of the emergency stop."),
-                tr("The console sends no motion. The robot stops by itself if it guards its commands."),
+                tr("The emergency stop could not be sent to the robot."),
+                tr("The console sends no drive commands. The robot stops automatically if it has a command timeout."),
                 tr("Use the robot's own emergency stop button."),
                 until="connected",
                 cause="emergency_stop",
@@ -263,11 +263,11 @@ class DriveService(Service):
         link = self._state.link.value
         reason = ""
         if not self._permitted:
-            reason = QT_TR_NOOP("This scenario does not drive")
+            reason = QT_TR_NOOP("This scenario does not allow driving")
         elif status.emergency_stop:
-            reason = QT_TR_NOOP("Emergency stop is on")
+            reason = QT_TR_NOOP("Emergency stop active")
         elif link.state == "trouble":
-            reason = QT_TR_NOOP("The robot does not answer")
+            reason = QT_TR_NOOP("The robot does not respond")
         elif link.state != "connected":
             reason = QT_TR_NOOP("Not connected to the robot")
         robot: RobotProfile | None = self._state.robot.value
@@ -345,7 +345,7 @@ class DriveService(Service):
         if self._robot.send(RenewLease(now_ns)):
             self._renewed_ns = now_ns
         else:
-            self.release(QT_TR_NOOP("The link does not take commands"))
+            self.release(QT_TR_NOOP("The connection does not accept commands"))
 
     def _lease_is_alive(self) -> bool:
         """After a stall the lease has expired at the link: only a new key press may drive again."""
@@ -374,5 +374,5 @@ def _missing(what: str, stream: LiveStream) -> str:
     late = stream.arrives_late
     seconds = age_s if late else stream.silent_s() or 0.0
     age = f"{seconds:.1f}" if seconds < 10.0 else f"{seconds:.0f}"
-    said = QT_TR_NOOP("{stream} arrives {age} s old") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
+    said = QT_TR_NOOP("{stream} delayed by {age} s") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
     return localized(said, stream=what, age=age)

@@ -172,7 +172,7 @@ class FaceService(Service):
         if asked.expression not in status.expressions:
             raise UserFacingError(
                 tr("This face has no expression “{expression}”.").format(expression=asked.expression),
-                tr("It stays as it is."),
+                tr("The expression is unchanged."),
                 tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
                 severity="warning",
             )  # fmt: skip
@@ -185,12 +185,15 @@ class FaceService(Service):
         text = " ".join(asked.text.split())
         if asked.what == "text" and not text:
             raise UserFacingError(
-                tr("There is nothing to show."), tr("The face stays."), tr("Write a text first."), severity="warning"
+                tr("There is nothing to show."),
+                tr("The face is unchanged."),
+                tr("Enter a text first."),
+                severity="warning",
             )
         if asked.what == "live" and not self._live_permitted:
             raise UserFacingError(
-                tr("This scenario does not show people what the robot sees."), tr("The face stays."),
-                tr("Set face.live_picture in the scenario where that is wanted."), severity="warning",
+                tr("This scenario does not show people what the robot sees."), tr("The face is unchanged."),
+                tr("To allow this, set face.live_picture in the scenario."), severity="warning",
             )  # fmt: skip
         if asked.what == "photo":
             self._show_photo(text, asked.actor)
@@ -203,9 +206,9 @@ class FaceService(Service):
         photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
         if photo is None or not self._photos_permitted:
             raise UserFacingError(
-                tr("That photo is not at hand."),
-                tr("The face stays."),
-                tr("Choose one of the Photos panel."),
+                tr("That photo is not available."),
+                tr("The face is unchanged."),
+                tr("Choose one from the Photos panel."),
                 severity="warning",
             )
         self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
@@ -267,20 +270,20 @@ class FaceService(Service):
                 if self._shown is not None:
                     page.show(self._shown)
             case PageFailed(why):
-                self._report_not_served(tr("The page with the face cannot be served ({error}).").format(error=why))
+                self._report_not_served(tr("The face page cannot be served ({error}).").format(error=why))
             case PagesOpen(pages) if pages != self._state.face.value.pages:
                 self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
     def _on_page_ended(self, page: "FacePageProcess") -> None:
         if page is self._page:
-            self._report_not_served(tr("The page with the face has ended by itself."))
+            self._report_not_served(tr("The face page stopped unexpectedly."))
 
     def _report_not_served(self, what: str) -> None:
         self._close_page()
         self._bus.answer(
             UserFacingError(
                 what,
-                tr("The face's window on this computer works."),
+                tr("The face window on this computer still works."),
                 tr("Try again, or use the window."),
                 severity="warning",
             )

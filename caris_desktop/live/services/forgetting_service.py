@@ -71,25 +71,25 @@ class ForgettingService(Service):
     def _forget(self, asked: intents.ForgetPerson) -> None:
         if self._child is not None:
             raise UserFacingError(
-                tr("Somebody is being forgotten already."),
-                tr("The other person is not forgotten yet."),
-                tr("Ask again once that is done."),
+                tr("Another person is already being erased."),
+                tr("This person is not erased yet."),
+                tr("Try again when that is done."),
                 severity="warning",
             )
         if self._state.recording.value.state in ACTIVE:
             raise UserFacingError(
                 tr("A session is being recorded."),
-                tr("The person is not forgotten yet: what is being written cannot be changed."),
-                tr("End the recording, then ask again."),
+                tr("The person is not erased yet: a recording in progress cannot be changed."),
+                tr("End the recording, then try again."),
                 severity="warning",
             )
         self._asked, self._ended, self._told = asked, None, 0.0
         self._child = self._children.start(self._body_of(asked.person_id), ended=self._on_ended, heard=self._on_heard)
         self._bus.problem(
             "info",
-            tr("The person is being forgotten in all recordings of the study."),
-            tr("That takes as long as their films take to be written anew. You can go on meanwhile."),
-            tr("Begin the next recording once it is done."),
+            tr("The person is being erased from all recordings of the study."),
+            tr("This takes as long as rewriting the person's videos. You can continue working."),
+            tr("Start the next recording when this is done."),
             cause=ANSWER,
         )
 
@@ -100,9 +100,9 @@ class ForgettingService(Service):
             self._told = message.fraction
             self._bus.problem(
                 "info",
-                tr("Forgetting the person: {fraction} is done.").format(fraction=f"{message.fraction:.0%}"),
+                tr("Erasing the person: {fraction} done.").format(fraction=f"{message.fraction:.0%}"),
                 tr("{doing}.").format(doing=tr(message.what)),
-                tr("Nothing is to be done."),
+                tr("No action is needed."),
                 cause=ANSWER,
             )
 
@@ -114,16 +114,16 @@ class ForgettingService(Service):
         if ended is None:
             self._bus.problem(
                 "error",
-                tr("Forgetting the person has stopped by itself."),
-                tr("They are not forgotten yet. Nothing is lost: it goes on where it stopped."),
-                tr("Ask for it again; the log has the details."),
+                tr("Erasing the person stopped unexpectedly."),
+                tr("The person is not erased yet. Nothing is lost: the next attempt resumes at the same point."),
+                tr("Erase the person again; the log has the details."),
                 cause="forgetting",
             )
         elif ended.outcome is None:
             what, meaning, advice = ended.failure or (
-                QT_TR_NOOP("Forgetting the person has failed."),
+                QT_TR_NOOP("Erasing the person failed."),
                 "",
-                QT_TR_NOOP("Ask for it again."),
+                QT_TR_NOOP("Erase the person again."),
             )
             self._bus.problem("error", tr(what), tr(meaning), tr(advice), cause="forgetting")
         else:
@@ -144,9 +144,9 @@ class ForgettingService(Service):
             self._bus.problem(
                 "warning",
                 tr(
-                    "Forgetting is incomplete: the person is forgotten but for {places} that may name or show them."
+                    "Erasing is incomplete: the person is erased except for {places} that may name or show them."
                 ).format(places=places),
-                tr("Only somebody who reads or watches them can say whether they do."),
+                tr("Someone must read or watch these to decide."),
                 tr(
                     "Decide on each in {review}, then run: caris-desktop forget {study} {person} --review {review}"
                 ).format(review=outcome.review, study=outcome.receipt.parent.parent, person=self._asked.person_id),
@@ -154,14 +154,14 @@ class ForgettingService(Service):
             )
         for sentence in (
             *map(tr, outcome.problems),
-            *(tr("They are still found in {file}.").format(file=file) for file in outcome.left),
+            *(tr("The person is still found in {file}.").format(file=file) for file in outcome.left),
         ):
-            self._bus.problem("warning", sentence, tr("That part of forgetting is not done."), tr("Ask for it again."))
+            self._bus.problem("warning", sentence, tr("This part is not erased."), tr("Erase the person again."))
         if outcome.complete:
             self._bus.problem(
                 "info",
-                tr("The person is forgotten: nothing of them is found any more in the study or in your own files."),
-                tr("Recordings in which they were seen or named were changed, and say so."),
+                tr("The person is erased: no data about them is found in the study or in your own files."),
+                tr("Recordings that showed or named the person were changed and are marked as changed."),
                 tr("The receipt is {receipt}.").format(receipt=outcome.receipt),
                 cause=ANSWER,
             )

@@ -186,8 +186,8 @@ class ListeningService(Service):
     def _report_ended(self, advice: str) -> None:
         self._bus.problem(
             "warning",
-            tr("Turning speech into text stopped unexpectedly."),
-            tr("What was being said is missing from the transcript; sound is recorded as before."),
+            tr("Transcription stopped unexpectedly."),
+            tr("The current utterance is missing from the transcript; sound is still recorded."),
             advice,
             until="transcription",
         )

@@ -62,18 +62,18 @@ class Step:
 # Panels wait 0.15 s at most: a scan older than half a second slows down driving.
 STEPS = (
     Step(),
-    Step(detail=QT_TR_NOOP("small pictures less often")),
-    Step(0.25, detail=QT_TR_NOOP("people less often")),
-    Step(0.6, 0.15, detail=QT_TR_NOOP("people less often, panels slower")),
-    Step(1.2, 0.15, 0.15, QT_TR_NOOP("people seldom, picture and panels slower")),
+    Step(detail=QT_TR_NOOP("thumbnails less often")),
+    Step(0.25, detail=QT_TR_NOOP("people detection less often")),
+    Step(0.6, 0.15, detail=QT_TR_NOOP("people detection less often, panels slower")),
+    Step(1.2, 0.15, 0.15, QT_TR_NOOP("people detection much less often, video and panels slower")),
 )
 # Levels while recordings contain only frames with detections.
 STEPS_WITH_BLUR = (
     Step(),
-    Step(detail=QT_TR_NOOP("small pictures less often")),
+    Step(detail=QT_TR_NOOP("thumbnails less often")),
     Step(0.0, 0.07, detail=QT_TR_NOOP("panels slower")),
     Step(0.0, 0.15, detail=QT_TR_NOOP("panels slower")),
-    Step(0.0, 0.15, 0.15, QT_TR_NOOP("picture and panels slower")),
+    Step(0.0, 0.15, 0.15, QT_TR_NOOP("video and panels slower")),
 )
 PEOPLE_PAY = 2
 """Last level before panels and video are reduced; more than that is not worth the boxes."""

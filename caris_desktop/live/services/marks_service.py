@@ -100,7 +100,9 @@ class MarksService(Service):
         text = _written(asked.text)
         if self._state.recording.value.state != "recording":
             raise UserFacingError(
-                tr("The note was not kept."), tr("Nothing is being recorded now, so it would be in no session."),
+                tr(
+                    "The note was not "
+                    "saved."), tr("Nothing is being recorded now, so the note would not belong to a session."),
                 tr("Start or continue the recording, then press Enter again."), severity="warning",
             )  # fmt: skip
         now_ns = clock.now_ns()
@@ -129,7 +131,7 @@ class MarksService(Service):
         mark = self._marks.get(note_id)
         if mark is None:
             raise UserFacingError(
-                tr("That note is not of this session."), tr("Nothing was changed."),
+                tr("That note belongs to another session."), tr("Nothing was changed."),
                 tr("Change it in the session in which it was written."), severity="warning",
             )  # fmt: skip
         return mark
@@ -160,9 +162,9 @@ def _written(text: str) -> str:
     text = " ".join(text.split())
     if not text:
         raise UserFacingError(
-            tr("A note needs words."),
-            tr("The note stays as it was."),
-            tr("Remove it if it is not wanted."),
+            tr("A note needs text."),
+            tr("The note is unchanged."),
+            tr("Remove the note if you do not need it."),
             severity="warning",
         )
     return text

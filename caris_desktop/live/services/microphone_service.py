@@ -287,8 +287,8 @@ class MicrophoneService(Service):
         self._missing_since_ns = None
         self._problem(
             "info",
-            tr("The microphone was heard {late} s after the recording had begun.").format(late=f"{missing_s:.1f}"),
-            tr("Its sound is missing from the recording until then."),
+            tr("The microphone started {late} s after the recording.").format(late=f"{missing_s:.1f}"),
+            tr("Its sound before that is missing from the recording."),
             "",
         )
 

@@ -185,7 +185,7 @@ class PeopleService(Service):
         """Run a decision in the perception thread. Raises UserFacingError without perception."""
         if self._worker is None:
             raise UserFacingError(
-                tr("People are not looked for here."),
+                tr("People detection is not available here."),
                 tr("Nothing about them was changed."),
                 tr("Start with people detection."),
             )

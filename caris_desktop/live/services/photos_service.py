@@ -206,8 +206,8 @@ class PhotosService(Service):
         if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
             raise UserFacingError(
                 tr("The photo was not tagged."),
-                tr("It has the tags that it had."),
-                tr("Give it {most} tags at most, each of up to {longest} characters.").format(
+                tr("The photo's tags are unchanged."),
+                tr("Use at most {most} tags of up to {longest} characters each.").format(
                     most=MAX_TAGS, longest=MAX_TAG_CHARACTERS
                 ),
                 severity="warning",
@@ -233,15 +233,15 @@ class PhotosService(Service):
         kept = self._kept.get(asked.file_name)
         if kept is None or not kept.entry.deleted:
             raise UserFacingError(
-                tr("There is no deleted photo to bring back."),
-                tr("What was deleted goes for good when its session ends."),
+                tr("There is no deleted photo to restore."),
+                tr("Deleted photos are removed permanently when their session ends."),
                 tr("Take another one if it is needed."),
                 severity="warning",
             )
         self._change(
             lambda: move_photo(self._lies_aside(kept), kept.path),
             lambda _: self._note_deleted(kept, asked.actor, deleted=False),
-            tr("The photo was not brought back."),
+            tr("The photo was not restored."),
         )
 
     def _note_deleted(self, kept: _StoredPhoto, actor: str, *, deleted: bool) -> None:
@@ -251,7 +251,7 @@ class PhotosService(Service):
     def _ask(self, asked: intents.AskAboutPhoto) -> None:
         if not self._permitted:
             raise UserFacingError(
-                tr("This scenario takes no photos."),
+                tr("This scenario does not allow photos."),
                 tr("The assistant was not asked."),
                 tr("Ask without a photo."),
                 severity="warning",
@@ -277,7 +277,7 @@ class PhotosService(Service):
             image_bgr = self._frames.read_to_give(stream.value)
         if image_bgr is None:
             raise UserFacingError(
-                tr("That camera shows no picture now."), tr("The assistant was not asked."),
+                tr("That camera has no video now."), tr("The assistant was not asked."),
                 tr("Ask without the picture."),
                 severity="warning",
             )  # fmt: skip
@@ -287,7 +287,7 @@ class PhotosService(Service):
         kept = self._kept.get(file_name)
         if kept is None or kept.entry.deleted:
             raise UserFacingError(
-                tr("There is no such photo."), tr("It was deleted, or another session runs."),
+                tr("The photo does not exist."), tr("It was deleted, or belongs to another session."),
                 tr("Choose another one."),
                 severity="warning",
             )  # fmt: skip
@@ -298,7 +298,7 @@ class PhotosService(Service):
         if not kept.entry.changeable:
             raise UserFacingError(
                 if_not,
-                tr("Its session has ended, and its checksums stand for every file."),
+                tr("Its session has ended, and the checksums cover every file."),
                 tr("Note it in the session's annotations."),
                 severity="warning",
             )
@@ -312,8 +312,8 @@ class PhotosService(Service):
                 _log.exception("a photo")
                 raise UserFacingError(
                     what,
-                    tr("Its file cannot be changed ({error}).").format(error=error),
-                    tr("Make room on its disk, or make the study's folder writable, then try again."),
+                    tr("The file cannot be changed ({error}).").format(error=error),
+                    tr("Free some disk space, or make the study's folder writable, then try again."),
                 ) from error
 
         self._slow_work.do(change, done, self._bus.answer)
@@ -338,7 +338,7 @@ def _pictures(path: Path, *most_px: int) -> list[bytes]:
         raise UserFacingError(
             tr("A photo cannot be shown."),
             what,
-            tr("It is left as it is. See whether another program shows its file."),
+            tr("The photo is left unchanged. Check whether another program can show the file."),
             severity="warning",
         ) from error
 

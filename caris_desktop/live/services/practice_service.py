@@ -107,8 +107,8 @@ class PracticeService(Service):
             return
         if self._state.recording.value.state in IN_SESSION:
             raise UserFacingError(
-                tr("The practice cannot begin: a recording is running."),
-                tr("It goes on."),
+                tr("The practice cannot start: a recording is in progress."),
+                tr("The recording continues."),
                 tr("Stop the recording first."),
             )
         scenario, robot = self._state.scenario.value, self._state.robot.value

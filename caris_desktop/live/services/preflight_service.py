@@ -21,9 +21,9 @@ _LOOK_EVERY_MS = 500
 _DISK_EVERY_MS = 15_000
 # Peak of a quiet word at two metres; a fan or hum stays below.
 _LOUD = 0.04
-_LINK_LOST = QT_TR_NOOP("Taken back, as the connection to the robot was lost. Look again.")
-_OTHER_ROBOT = QT_TR_NOOP("Taken back, as another robot is connected. Look again.")
-_NEXT_RECORDING = QT_TR_NOOP("For the next recording, look again.")
+_LINK_LOST = QT_TR_NOOP("Unticked because the connection to the robot was lost. Check again.")
+_OTHER_ROBOT = QT_TR_NOOP("Unticked because another robot is connected. Check again.")
+_NEXT_RECORDING = QT_TR_NOOP("Check again for the next recording.")
 
 Disk = tuple[int | None, float | None]
 
@@ -166,7 +166,9 @@ class PreflightService(Service):
         check = next((one for one in self._state.preflight.value if one.id == asked.check_id and one.manual), None)
         if check is None:
             raise UserFacingError(
-                tr("There is no such check to tick."), tr("Nothing was changed."), tr("Look at the list of checks.")
+                tr("This check does not exist or cannot be ticked."),
+                tr("Nothing was changed."),
+                tr("Check the list of checks."),
             )
         now_ns = clock.now_ns()
         if asked.done:

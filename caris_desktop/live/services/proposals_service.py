@@ -48,17 +48,17 @@ class ProposalsService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self.drop(QT_TR_NOOP("another scenario is used"))
+        self.drop(QT_TR_NOOP("another scenario was opened"))
 
     def _on_levels_changed(self, levels: LevelsStatus) -> None:
         if levels.actions == "off":
-            self.drop(QT_TR_NOOP("the wizard wants no proposals"))
+            self.drop(QT_TR_NOOP("the wizard turned off proposals"))
         elif levels.actions == "suggest":
             self._proposals.wait_for_key()
             self._show()
 
     def stop(self) -> None:
-        self.drop(QT_TR_NOOP("the program ends"))
+        self.drop(QT_TR_NOOP("the program is closing"))
 
     def ask_about(
         self, begun: Round, asked: Sequence[ChatMessage], recorded: Sequence[ChatMessage], replies: str
@@ -67,7 +67,7 @@ class ProposalsService(Service):
         offer = self._offer()
         if self._state.levels.value.actions == "off" or not offer.actions:
             return
-        self._cancel(QT_TR_NOOP("a newer question is asked"))
+        self._cancel(QT_TR_NOOP("a newer question was asked"))
         try:
             self._asking = self._model.ask(
                 prompt.action_messages(asked, replies, offer),
@@ -129,8 +129,8 @@ class ProposalsService(Service):
         if card is None:
             self._show()
             raise UserFacingError(
-                tr("That proposal is not there any more."), tr("Nothing was done."),
-                tr("Do it yourself if it is still wanted."),
+                tr("That proposal is no longer available."), tr("Nothing was done."),
+                tr("Do it yourself if it is still needed."),
                 severity="info",
             )  # fmt: skip
         self._carry_out(card, asked.actor)

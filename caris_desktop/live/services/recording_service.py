@@ -252,8 +252,8 @@ class RecordingService(Service):
             self._problem(
                 "warning",
                 tr("No photo was taken."),
-                tr("There is no picture from the camera."),
-                tr("Take it when the picture is back."),
+                tr("There is no video from the camera."),
+                tr("Take the photo when the video is back."),
                 until="picture",
                 cause=ANSWER,
             )
@@ -329,10 +329,10 @@ class RecordingService(Service):
         self._problem(
             "error",
             tr("The recorder stopped unexpectedly."),
-            tr("The session up to now is on disk; nothing after this moment is recorded.")
+            tr("The session so far is saved on disk; nothing is recorded from now on.")
             if interrupted
             else tr("No session was being recorded."),
-            tr("Start recording again: that makes a new session.")
+            tr("Start recording again to create a new session.")
             if again
             else tr("Restart the program to record again."),
             until="recording",
@@ -355,7 +355,7 @@ def _made(new_session: Callable[[], tuple[Path, SessionHeader]]) -> tuple[Path, 
     except Exception as error:
         _log.exception("a session was not begun")
         raise UserFacingError(
-            QT_TR_NOOP("The folder of the session could not be made."),
+            QT_TR_NOOP("The session folder could not be created."),
             localized(QT_TR_NOOP("Nothing is recorded ({error})."), error=f"{type(error).__name__}: {error}"),
             QT_TR_NOOP("Start recording again; the log has the details."),
         ) from error

@@ -67,8 +67,8 @@ _SETTLE_AGAIN_S = 1.0
 _MAP_WORDS: dict[MapOperation, str] = {
     "save": QT_TR_NOOP("The map was not saved."),
     "load": QT_TR_NOOP("The map was not loaded."),
-    "start_mapping": QT_TR_NOOP("The robot does not build its map."),
-    "start_localization": QT_TR_NOOP("The robot did not stop building its map."),
+    "start_mapping": QT_TR_NOOP("The robot did not start mapping."),
+    "start_localization": QT_TR_NOOP("The robot did not stop mapping."),
 }
 
 
@@ -287,9 +287,9 @@ class RobotService(Service):
         goal = self._state.goal.value
         if name == "control" and goal is not None and goal.state in ("requested", "active"):
             # Nobody else reports its end.
-            why = QT_TR_NOOP("the link process stopped; the goal is cancelled when the link is back")
+            why = QT_TR_NOOP("the connection process stopped; the goal is cancelled when the connection is back")
             self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=why, actor=CONSOLE))
-        self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the link process stopped")))
+        self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the connection process stopped")))
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
         self._restarts[name].after_end(
             lambda _advice: self._report_ended(name),
@@ -301,15 +301,15 @@ class RobotService(Service):
     def _report_ended(self, name: str) -> None:
         self._problem(
             "warning",
-            tr("The connection to the robot broke inside the console.")
+            tr("The connection to the robot failed inside the console.")
             if name == "control"
-            else tr("The connection for the robot's pictures and map broke inside the console."),
-            tr("The robot is not driven until it is back.")
+            else tr("The connection for the robot's video and map failed inside the console."),
+            tr("The robot cannot be driven until the connection is back.")
             if name == "control"
-            else tr("Driving goes on without them."),
-            tr("It is being made again; press the key anew to drive.")
+            else tr("Driving continues without video and map."),
+            tr("The console reconnects automatically; press the key again to drive.")
             if name == "control"
-            else tr("It is made again."),
+            else tr("The console reconnects automatically."),
             until="connected" if name == "control" else "picture",
         )
 
@@ -441,9 +441,12 @@ class RobotService(Service):
             self._told_no_timeout_of = connection.address
             self._problem(
                 "warning",
-                tr("Nobody has said whether this robot stops by itself when its connection breaks."),
-                tr("So it is driven at half speed. If the connection breaks while it moves, it may go on moving."),
-                tr("Keep its own emergency stop at hand. If it does stop, say so in its profile (timeout_s)."),
+                tr("The profile does not specify whether this robot stops automatically when the connection is lost."),
+                tr("The robot is driven at half speed. If the connection is lost while it moves, it may keep moving."),
+                tr(
+                    "Keep its own emergency stop within reach. If the robot does stop, specify this in its "
+                    "profile (timeout_s)."
+                ),
                 cause="robot_timeout",
             )
 
@@ -452,7 +455,7 @@ class RobotService(Service):
         self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
         if event.state == "failed":
             what = tr(_MAP_WORDS[event.operation])
-            self._problem("warning", what, f"{tr(event.detail)}.", tr("The robot's map is as it was."), cause=ANSWER)
+            self._problem("warning", what, f"{tr(event.detail)}.", tr("The robot's map is unchanged."), cause=ANSWER)
         elif event.state == "succeeded" and event.operation in ("save", "load"):
             done = tr("The map {name} was saved.") if event.operation == "save" else tr("The map {name} was loaded.")
             self._problem("info", done.format(name=event.name), tr(event.detail), "", cause=ANSWER)
@@ -494,7 +497,7 @@ class RobotService(Service):
         if not status.allowed:
             what = tr("The robot cannot go to {place}.").format(place=where)
             why = tr("No goal was sent. {why}.").format(why=tr(status.reason))
-            self._problem("warning", what, why, tr("Send it again when that has changed."), cause=ANSWER)
+            self._problem("warning", what, why, tr("Send the goal again when this has changed."), cause=ANSWER)
             return
         self._before_goal()
         now_ns = clock.now_ns()
@@ -503,7 +506,7 @@ class RobotService(Service):
                 "warning",
                 tr("The robot could not be sent to {place}.").format(place=where),
                 tr("No goal was sent."),
-                tr("Send it again when the robot is connected again."),
+                tr("Send the goal again when the robot is connected again."),
                 until="connected",
                 cause=ANSWER,
             )
@@ -512,7 +515,7 @@ class RobotService(Service):
 
     def set_initial_pose(self, pose_in_map: Pose2D, actor: Actor = CONSOLE) -> None:
         self._send_or_report(
-            SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), tr("The robot was not told where it is.")
+            SetInitialPose(clock.now_ns(), pose_in_map, actor=actor), tr("The robot's position was not set.")
         )
 
     def request_map(self, operation: MapOperation, name: str = "", actor: Actor = CONSOLE) -> None:
@@ -539,7 +542,7 @@ class RobotService(Service):
         request_id = f"c-{secrets.token_hex(4)}"
         self._send_or_report(
             UseControl(clock.now_ns(), request_id, control_id, value, actor),
-            tr("{control}: the robot was not asked.").format(control=control.title),
+            tr("{control}: nothing was sent to the robot.").format(control=control.title),
         )
 
     def _show_controls(self) -> None:
@@ -556,7 +559,7 @@ class RobotService(Service):
     def _send_or_report(self, command: RobotCommand, what: str) -> None:
         if self._state.link.value.state != "connected" or not self.send(command):
             self._problem(
-                "warning", what, tr("It is not connected, and nothing is kept for later."),
+                "warning", what, tr("The robot is not connected, and nothing is queued."),
                 tr("Try again when the robot is connected again."),
                 until="connected", cause=ANSWER,
             )  # fmt: skip

@@ -158,7 +158,7 @@ class ScenarioService(Service):
             raise UserFacingError(
                 tr("The panel layout was not saved."),
                 tr("Nothing is saved in this run."),
-                tr("Start the console by itself, without a rehearsal, and save it there."),
+                tr("Start the console without a rehearsal, and save the layout there."),
             )
         return self._parts.layouts
 
@@ -168,10 +168,10 @@ class ScenarioService(Service):
         def written(path: Path) -> None:
             layouts.note_saved(path, asked, replaced=replaced)
             if asked.title:
-                what = tr("{title} is a scenario now, and open.").format(title=asked.title)
+                what = tr("The scenario {title} was created and is open.").format(title=asked.title)
                 self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
             else:
-                where = tr("It is in your own copy, {path}.").format(path=path)
+                where = tr("It is saved in your own copy, {path}.").format(path=path)
                 self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
 
         self._rewrite(lambda scenario: layouts.save(scenario, asked), written, asked.actor)
@@ -188,8 +188,8 @@ class ScenarioService(Service):
         def written(path: Path) -> None:
             layouts.note_reset(path)
             self._bus.problem(
-                "info", tr("The panels are back."), tr("The layout that was saved is undone."),
-                tr("Save it again to keep another."), cause=ANSWER,
+                "info", tr("The panel layout was reset."), tr("The saved layout was undone."),
+                tr("Save the layout again to store another one."), cause=ANSWER,
             )  # fmt: skip
 
         self._rewrite(lambda scenario: layouts.reset(scenario, before), written, asked.actor)
@@ -229,9 +229,12 @@ class ScenarioService(Service):
                 raise
             except UserFacingError as failure:
                 raise UserFacingError(
-                    tr("The scenario file was changed, and what it says now cannot be used."),
+                    tr("The scenario file was changed and is now invalid."),
                     failure.meaning,
-                    tr("What was in force stays so. Correct the file: it is read again by itself."),
+                    tr(
+                        "The previous scenario stays in effect. Correct the file: the console reads it again "
+                        "automatically."
+                    ),
                     severity="warning",
                 ) from failure
 
@@ -252,8 +255,8 @@ class ScenarioService(Service):
             self._bus.problem(
                 "info",
                 tr("“{title}” is not used.").format(title=question.title),
-                tr("Nothing of what the file names was opened or connected to."),
-                tr("Open it again to be asked again, or correct the file."),
+                tr("Nothing that the file refers to was opened or connected."),
+                tr("Open it again to confirm it, or correct the file."),
                 cause=ANSWER,
             )
             return
@@ -263,9 +266,9 @@ class ScenarioService(Service):
                 accept(question)
             except OSError as error:
                 raise UserFacingError(
-                    tr("Your answer could not be kept."),
+                    tr("Your answer could not be saved."),
                     tr("“{title}” is not used ({why}).").format(title=question.title, why=error.strerror or error),
-                    tr("Make room, or make your settings writable, and open it again."),
+                    tr("Free some disk space, or make your settings writable, then open it again."),
                 ) from error
 
         self._slow_work.do(save, lambda _kept: None, self._bus.answer)
@@ -317,23 +320,23 @@ class ScenarioService(Service):
             imported, filed = outcome
             self._use(filed, asked.actor)
             if not (imported.put_aside or imported.renamed):
-                what = tr("“{title}” was imported, and is open.").format(title=self.current.title)
+                what = tr("“{title}” was imported and is open.").format(title=self.current.title)
                 where = tr("It is in {path}.").format(path=imported.path)
                 self._bus.problem("info", what, where, "", cause=ANSWER)
             if imported.put_aside:
                 self._bus.problem(
                     "info",
-                    tr("The imported scenario took the place of what was there."),
-                    tr("What was replaced is not lost: it lies in {files}.").format(files=imported.put_aside),
-                    tr("Delete it when you need it no more."),
+                    tr("The imported scenario replaced existing files."),
+                    tr("The replaced files are not lost: they are in {files}.").format(files=imported.put_aside),
+                    tr("Delete them when you no longer need them."),
                     cause=ANSWER,
                 )
             if imported.renamed:
                 self._bus.problem(
                     "info",
-                    tr("Something else had these names already: {names}.").format(names=imported.renamed),
-                    tr("What was there stays as it is, and the imported scenario uses its own."),
-                    tr("Compare them when you have time."),
+                    tr("These names were already in use: {names}.").format(names=imported.renamed),
+                    tr("The existing files are unchanged, and the imported scenario uses its own files."),
+                    tr("Compare the files when you have time."),
                     cause=ANSWER,
                 )
 
@@ -343,9 +346,12 @@ class ScenarioService(Service):
         def done(_written: None) -> None:
             self._bus.problem(
                 "info",
-                tr("The scenario was written to {file}.").format(file=asked.path.name),
-                tr("Its phrases, places, prompts and notes are in it, and the robot's profile without any secrets."),
-                tr("Whoever gets it opens it with “Import a scenario”."),
+                tr("The scenario was exported to {file}.").format(file=asked.path.name),
+                tr(
+                    "The file contains the phrases, places, prompts and notes, and the robot profile without any "
+                    "secrets."
+                ),
+                tr("The recipient opens it with “Import a scenario”."),
                 cause=ANSWER,
             )
 

@@ -130,7 +130,7 @@ class SessionService(Service):
                     checks=", ".join(tr(check.title) for check in waits)
                 ),
                 tr("Nothing is recorded."),
-                tr("See to it in the checks before a recording, or choose Record anyway in Start recording."),
+                tr("Resolve this in the preflight checks, or choose Record anyway in Start recording."),
                 severity="warning",
             )
 

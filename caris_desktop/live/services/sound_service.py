@@ -141,8 +141,8 @@ class SoundService(Service):
             return
         if self._microphones.wizards_choice is None:
             raise UserFacingError(
-                tr("You have no microphone."), tr("Nobody hears you."), tr("Choose one in the menu of the window."),
-                severity="warning",
+                tr("No microphone is selected for you."), tr("You cannot be heard."),
+                tr("Choose one in the Window menu."), severity="warning",
             )  # fmt: skip
         if asked.to == "robot":
             speech = self._state.speech.value
@@ -187,23 +187,23 @@ class SoundService(Service):
         if self._state.sound.value.talking == "robot":
             self._show(talking="")
             self._open_for.start()
-        if detail and detail != "nothing was heard of it":
+        if detail and detail != "no speech was played":
             self._problem(
                 "warning",
-                tr("Your own voice was not heard: {detail}.").format(detail=tr(detail)),
-                tr("The participant heard nothing of it, or not all."),
-                tr("Type it, or hold the key again when that has changed."),
+                tr("Your own voice was not played: {detail}.").format(detail=tr(detail)),
+                tr("The participant heard nothing, or only part of it."),
+                tr("Type the text, or hold the key again when this has changed."),
                 cause=ANSWER,
             )
         self._hear_or_not()
 
     def _on_microphone(self, status: MicrophoneStatus) -> None:
         if status.state == "failed":
-            self._voice.fail(QT_TR_NOOP("the microphone cannot be heard"))  # reported by the microphone itself
+            self._voice.fail(QT_TR_NOOP("the microphone is not working"))  # reported by the microphone itself
 
     def _on_link_changed(self, event: LinkChanged) -> None:
         if event.link == "media" and event.state in ("lost", "closed") and self._voice.outlets == {"robot"}:
-            self._voice.fail(QT_TR_NOOP("the link to the robot was lost"))
+            self._voice.fail(QT_TR_NOOP("the connection to the robot was lost"))
 
     # Listening to the robot's microphone
 
@@ -211,7 +211,7 @@ class SoundService(Service):
         scenario = self._scenario
         if asked.on and (scenario is None or not scenario.sound.hear):
             raise UserFacingError(
-                tr("In this scenario the wizard does not hear along."), tr("Nothing is played."),
+                tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
                 severity="warning",
             )  # fmt: skip
@@ -245,8 +245,8 @@ class SoundService(Service):
         self._problem(
             "warning",
             tr("The robot's microphone cannot be played to you: {detail}.").format(detail=detail),
-            tr("You do not hear along; what is said is recorded and written down as before."),
-            tr("Connect headphones or start the sound server, then hear along again."),
+            tr("You cannot listen to the participant; speech is still recorded and transcribed."),
+            tr("Connect headphones or start the sound server, then start listening again."),
             cause=ANSWER,
         )
 

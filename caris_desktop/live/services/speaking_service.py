@@ -182,13 +182,13 @@ class SpeakingService(Service):
 
 def _said_already() -> UserFacingError:
     return UserFacingError(
-        tr("That is being said already, or was."),
-        tr("It stays as it was."),
-        tr("Silence interrupts it."),
+        tr("That utterance has already started or ended."),
+        tr("The utterance is unchanged."),
+        tr("Use Silence to interrupt it."),
         severity="info",
     )
 
 
 def _nobody_knows(gap: str) -> UserFacingError:
-    who = tr("Nobody here has a name.") if gap == NAME else tr("There are no words for {{{gap}}}.").format(gap=gap)
-    return UserFacingError(who, tr("It was not said."), tr("Write it out, without braces."), severity="info")
+    who = tr("No person here has a name.") if gap == NAME else tr("There is no text for {{{gap}}}.").format(gap=gap)
+    return UserFacingError(who, tr("The phrase was not said."), tr("Write it out, without braces."), severity="info")

@@ -175,7 +175,7 @@ class SpeechService(Service):
         """Handle a status message of this computer's voice."""
         match message:
             case SynthesisReady():
-                detail = "" if message.audible else QT_TR_NOOP("no sound device: nobody hears it")
+                detail = "" if message.audible else QT_TR_NOOP("no sound device: speech cannot be heard")
                 self._state.speech.set(replace(self._state.speech.value, ready=True, detail=detail))
                 self._state.voice.set(replace(self._state.voice.value, used=message.voice))
             case VoicesFound(voices):
@@ -227,9 +227,10 @@ class SpeechService(Service):
             self._mute_robot = robot.title
             self._bus.publish(
                 Problem(
-                    clock.now_ns(), "info", tr("{robot} has no voice of its own.").format(robot=robot.title),
-                    tr("This computer speaks instead: whoever takes part hears it from here."),
-                    tr("Put a loudspeaker near the robot, or name its speech in its profile (Window menu, Robot)."),
+                    clock.now_ns(), "info", tr("{robot} has no voice.").format(robot=robot.title),
+                    tr("This computer speaks instead: participants hear the speech from here."),
+                    tr("Put a loudspeaker near the robot, or configure its speech in its profile (Window menu, "
+                        "Robot)."),
                 )
             )  # fmt: skip
         return "computer"
@@ -248,8 +249,8 @@ class SpeechService(Service):
             self._report_failed(event, begun=event.utterance_id == self._begun)
 
     def _report_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
-        what = tr("“{text}” was perhaps not said to its end.") if begun else tr("“{text}” was not said.")
-        why = tr("The voice gave up: {reason}.") if event.detail else tr("The voice gave up.")
+        what = tr("“{text}” may have been cut off.") if begun else tr("“{text}” was not said.")
+        why = tr("Speech output failed: {reason}.") if event.detail else tr("Speech output failed.")
         what, why = what.format(text=_without_ids(event.text)), why.format(reason=tr(event.detail))
         advice = tr("Say it again, or choose another voice in the title of Speak.")
         self._bus.publish(Problem(clock.now_ns(), "warning", what, why, advice, until="utterance"))
@@ -306,7 +307,7 @@ class SpeechService(Service):
             return
         if event.state in ("connecting", "closed"):
             # A new link process does not report earlier requests; after a mere disconnection the process still does.
-            self._on_voice_lost("robot", QT_TR_NOOP("the link was lost"))
+            self._on_voice_lost("robot", QT_TR_NOOP("the connection was lost"))
         self.queue.on_voice_changed()
 
     def _on_ended(self, child: ChildProcess) -> None:
@@ -323,7 +324,7 @@ class SpeechService(Service):
                 clock.now_ns(),
                 "warning",
                 tr("This computer's voice stopped unexpectedly."),
-                tr("What it was saying is cut off; the session goes on."),
+                tr("The current utterance is cut off; the session continues."),
                 advice,
                 until="voice",
             )

@@ -135,7 +135,7 @@ class SuggestionsService(Service):
     def _on_hearing(self, hearing: Hearing) -> None:
         if hearing.speaking and hearing.speaker in ("", "participant"):
             self._filler.spoken()
-            self._proposals.drop(QT_TR_NOOP("the participant speaks on"))
+            self._proposals.drop(QT_TR_NOOP("the participant continues speaking"))
         if self._listens:
             self._rounds.hear(hearing)
             if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
@@ -161,7 +161,7 @@ class SuggestionsService(Service):
         if current is None or current.turn_id != correction.utterance_id:
             return
         if correction.speaker not in (None, "participant"):
-            self._rounds.withdraw(QT_TR_NOOP("nobody there has spoken"), clock.now_ns())
+            self._rounds.withdraw(QT_TR_NOOP("the participant did not speak"), clock.now_ns())
         elif correction.text is not None:
             self._rounds.reword(correction.text, clock.now_ns())
         self._show()
@@ -337,8 +337,8 @@ class SuggestionsService(Service):
         if card is None or card.rank != asked.rank:
             self._show()
             raise UserFacingError(
-                tr("That suggestion is not there any more."), tr("Nothing was said."),
-                tr("Read those that are there now, or type what to say."), severity="info",
+                tr("That suggestion is no longer available."), tr("Nothing was said."),
+                tr("Use one of the current suggestions, or type what to say."), severity="info",
             )  # fmt: skip
         self._say_card(card, card.text, asked.actor)
 
@@ -359,8 +359,8 @@ class SuggestionsService(Service):
             spoken = person_marks.with_names(said, names.__getitem__)
         except KeyError:
             raise UserFacingError(
-                tr("The name in that suggestion is not known any more."), tr("Nothing was said."),
-                tr("Say another one, or type what to say."), severity="warning",
+                tr("The name in that suggestion is no longer known."), tr("Nothing was said."),
+                tr("Use another suggestion, or type what to say."), severity="warning",
             ) from None  # fmt: skip
         utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=said)
         self._rounds.take(card, said, utterance_id, actor, clock.now_ns())
@@ -378,10 +378,12 @@ class SuggestionsService(Service):
         highest = self._scenario.highest_level(asked.function)
         if asked.level not in levels_up_to(highest):
             raise UserFacingError(
-                tr("This scenario does not let the assistant do more than “{highest}” for {function}.").format(
+                tr("This scenario does not allow a level above “{highest}” for {function}.").format(
                     highest=highest, function=asked.function
                 ),
-                tr("The level stays as it is."), tr("Set it under assistance in the scenario."), severity="warning",
+                tr(
+                    "The level is "
+                    "unchanged."), tr("Change the highest level under assistance in the scenario."), severity="warning",
             )  # fmt: skip
         self._use_level(asked.function, asked.level, asked.actor)
 
@@ -393,7 +395,7 @@ class SuggestionsService(Service):
         changed = {function: level}
         self._state.levels.set(replace(levels, **changed))
         if function == "replies" and level == "off":
-            self._rounds.withdraw(QT_TR_NOOP("the wizard wants no suggestions"), clock.now_ns())
+            self._rounds.withdraw(QT_TR_NOOP("the wizard turned off suggestions"), clock.now_ns())
         if function == "fillers" and level == "off":
             self._filler.spoken()
         self._show()

@@ -38,7 +38,7 @@ class TranscriptService(Service):
     def _correct(self, asked: intents.CorrectUtterance) -> None:
         if self._transcript.turn(asked.utterance_id) is None:
             raise UserFacingError(
-                tr("That utterance is not of this session."), tr("Nothing was corrected."),
+                tr("That utterance belongs to another session."), tr("Nothing was corrected."),
                 tr("Correct it in the session in which it was said."), severity="warning",
             )  # fmt: skip
         text = None if asked.text is None else " ".join(asked.text.split())

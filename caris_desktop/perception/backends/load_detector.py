@@ -42,12 +42,12 @@ def open_detector(weights: Weights, *, confidence: float, threads: int, device: 
         if network is None or not network.facts.class_names:
             raise WeightsError(
                 localized(
-                    QT_TR_NOOP("The file {name} is no detector that the console understands: {error}"),
+                    QT_TR_NOOP("The file {name} is not a supported detector: {error}"),
                     name=weights.path.name,
                     error=error,
                 ),
                 searched=(str(weights.path),),
-                advice=QT_TR_NOOP("Choose a YOLO detector that was exported by ultralytics, or YOLOX"),
+                advice=QT_TR_NOOP("Choose a YOLO detector exported by ultralytics, or a YOLOX detector"),
             ) from error
         # Ultralytics exported it, so it can read it.
         log.info("%s is left to ultralytics: %s", weights.path, error)
@@ -97,5 +97,5 @@ def _unreadable(weights: Weights) -> WeightsError:
     return WeightsError(
         localized(QT_TR_NOOP("The detector {name} could not be loaded"), name=weights.path.name),
         searched=(str(weights.path),),
-        advice=QT_TR_NOOP("Replace the file by an intact YOLO detector; the log has the details"),
+        advice=QT_TR_NOOP("Replace the file with an intact YOLO detector; see the log for details"),
     )

@@ -99,7 +99,7 @@ class NetworkDetector:
         self._longest_px = weights.input_px
         facts = network.facts
         if not facts.detects:
-            raise UnknownFormError(QT_TR_NOOP("it is no detector of boxes"))
+            raise UnknownFormError(QT_TR_NOOP("it is not a bounding-box detector"))
         size = network.fixed_size or input_size((480, 640), weights.input_px)
         self._to_input: Callable[[NDArray[np.uint8]], NDArray[np.float32]] = (
             pixels_rgb if network.channels_last else planes_rgb
@@ -110,12 +110,14 @@ class NetworkDetector:
         form: Form | None = "undecoded" if facts.undecoded else None
         if facts.undecoded and (class_count is None or output.shape[1:2] != (4 * BINS + class_count,)):
             raise UnknownFormError(
-                localized(QT_TR_NOOP("its output of shape {shape} does not fit its classes"), shape=output.shape)
+                localized(QT_TR_NOOP("its output shape {shape} does not match its classes"), shape=output.shape)
             )
         form = form or form_of(output.shape, size, class_count=class_count, keypoint_values=facts.keypoint_values)
         if form is None:
             raise UnknownFormError(
-                localized(QT_TR_NOOP("its output of shape {shape} is not that of a known detector"), shape=output.shape)
+                localized(
+                    QT_TR_NOOP("its output shape {shape} does not match any supported detector"), shape=output.shape
+                )
             )
         self._read = reader(form, keypoint_values=facts.keypoint_values)
         self._centred = form != "yolox"

@@ -58,7 +58,7 @@ class OnnxNetwork:
         on_gpu = _CUDA in self._session.get_providers()
         (taken, *more) = self._session.get_inputs()
         if more or taken.type not in ("tensor(float)", "tensor(float16)") or len(taken.shape) != 4:
-            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
+            raise UnknownFormError(QT_TR_NOOP("its input is not a single image"))
         facts = facts_of(self._session.get_modelmeta().custom_metadata_map)
         self.facts: ModelFacts = facts if cut is None else replace(facts, undecoded=True)
         self.runtime = f"onnxruntime on {'CUDA' if on_gpu else 'CPU'}"

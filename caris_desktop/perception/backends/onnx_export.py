@@ -56,7 +56,7 @@ def _exported(model: Any) -> bytes:
     network = copy.deepcopy(model.model).float().cpu().eval().fuse()
     head = network.model[-1]
     if not isinstance(head, Detect) or isinstance(head, Segment | OBB):
-        raise ModelExportError(QT_TR_NOOP("it is no detector of boxes"))
+        raise ModelExportError(QT_TR_NOOP("it is not a bounding-box detector"))
     for part in network.modules():
         if isinstance(part, Detect):
             # Attributes that ultralytics' exporter sets.

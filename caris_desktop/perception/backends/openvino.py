@@ -59,7 +59,7 @@ class OpenvinoNetwork:
         else:
             model, facts = core.read_model(str(file)), facts_of(_metadata_alongside(file))
         if len(model.inputs) != 1 or len(model.input().get_partial_shape()) != 4:
-            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
+            raise UnknownFormError(QT_TR_NOOP("its input is not a single image"))
         undecoded = facts.undecoded or model.output().get_partial_shape()[1] == 4 * BINS + len(facts.class_names)
         self.facts: ModelFacts = replace(facts, undecoded=undecoded and bool(facts.class_names))
         _, _, height, width = model.input().get_partial_shape()

@@ -95,7 +95,7 @@ class RemoteDetector:
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             self.close()
             raise DetectorAwayError(
-                localized(QT_TR_NOOP("What {shown} answers cannot be understood"), shown=self._shown)
+                localized(QT_TR_NOOP("The response from {shown} cannot be read"), shown=self._shown)
             ) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
         limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
@@ -118,7 +118,7 @@ class RemoteDetector:
         if address.scheme == "ws" and not is_loopback(self._address):
             raise DetectorAwayError(
                 localized(
-                    QT_TR_NOOP("Pictures are not sent to {shown} where anybody can read them: it needs wss://"),
+                    QT_TR_NOOP("Images are not sent to {shown} over an unencrypted connection: use wss://"),
                     shown=self._shown,
                 )
             )
@@ -143,25 +143,27 @@ class RemoteDetector:
         except InvalidStatus as error:
             refused = error.response.status_code in (401, 403)
             words = (
-                QT_TR_NOOP("{shown} refuses the token: set {token} and {server} (its address) before the start")
+                QT_TR_NOOP(
+                    "{shown} rejected the token: set {token} and {server} (its address) before starting the program"
+                )
                 if refused
-                else QT_TR_NOOP("{shown} is no server of perception")
+                else QT_TR_NOOP("{shown} is not a perception server")
             )
             told_to = localized(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
             raise DetectorAwayError(told_to) from error
         except OtherCertificateError as error:
-            other = QT_TR_NOOP("{shown} has another certificate than the one that was confirmed")
+            other = QT_TR_NOOP("The certificate of {shown} is not the one that was confirmed")
             raise DetectorAwayError(localized(other, shown=self._shown)) from error
         except ssl.SSLError as error:
             raise DetectorAwayError(_not_proven(error, address, self._shown)) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown)) from error
         except (KeyError, TypeError, ValueError) as error:
             self.close()
             raise DetectorAwayError(
                 localized(
-                    QT_TR_NOOP("{shown} is no server of perception, or one of another version"), shown=self._shown
+                    QT_TR_NOOP("{shown} is not a perception server, or has a different version"), shown=self._shown
                 )
             ) from error
         log.info("people are looked for by %s at %s", hello["label"], self._shown)
@@ -170,12 +172,12 @@ class RemoteDetector:
     def _connect_again(self) -> None:
         now_s = self._monotonic_s()
         if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown))
         self._tried_s = now_s
         hello = self._connect()
         if tuple(hello["class_names"]) != self.class_names:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} has another detector by now"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} now uses a different detector"), shown=self._shown))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection
@@ -187,7 +189,7 @@ class RemoteDetector:
             # A late answer would be mistaken for that to the next image.
             self.close()
             self._tried_s = self._monotonic_s()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not answer"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown)) from error
         return dict(answer)
 
 
@@ -197,7 +199,7 @@ def _trusted(host: str, port: int) -> ssl.SSLContext:
     try:
         return confirmed_context(confirmed, host, port) if confirmed else client_context()
     except ValueError as error:
-        unknown = QT_TR_NOOP("{variable} holds no SHA-256 fingerprint")
+        unknown = QT_TR_NOOP("{variable} does not contain a SHA-256 fingerprint")
         raise DetectorAwayError(localized(unknown, variable=FINGERPRINT_VARIABLE)) from error
 
 
@@ -208,9 +210,11 @@ def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
         certificate = certificate_of(host, address.port or 443)
     why, _ = why_refused(error, host, certificate)
     if certificate is not None:
-        confirm = QT_TR_NOOP("If it is the right one, set {variable} to its SHA-256 fingerprint: {fingerprint}")
+        confirm = QT_TR_NOOP(
+            "If this is the right certificate, set {variable} to its SHA-256 fingerprint: {fingerprint}"
+        )
         why = (*why, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
-    return localized(QT_TR_NOOP("{shown} cannot prove who it is. {why}"), shown=shown, why=joined(why))
+    return localized(QT_TR_NOOP("The identity of {shown} cannot be verified. {why}"), shown=shown, why=joined(why))
 
 
 def _greeting(message: str | bytes) -> dict[str, Any]:

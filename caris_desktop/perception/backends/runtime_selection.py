@@ -145,11 +145,11 @@ def _measure(
             why_not[name] = " ".join(str(error).split())[:_WORDS_AT_MOST] or type(error).__name__
             continue
         if not comparable:
-            why_not[name] = "nobody was found in the photos to compare by"
+            why_not[name] = "no people were detected in the comparison photos"
         elif all(_agree(*pair) for pair in zip(expected, found, strict=True)):
             opened[name] = detector
         else:
-            why_not[name] = "it finds something else"
+            why_not[name] = "its detections differ"
     ms = _time(opened, pictures)
     # Another package than the preferred one must be clearly faster.
     preferred = sorted(opened, key=_PREFERRED.index)

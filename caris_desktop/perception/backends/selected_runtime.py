@@ -39,10 +39,12 @@ def open_chosen(
     if settings.server and not settings.other_computers and not is_loopback(settings.server):
         raise WeightsError(
             localized(
-                QT_TR_NOOP("This scenario permits no models on other computers, and names {server} to detect people"),
+                QT_TR_NOOP(
+                    "This scenario does not permit models on other computers, but uses {server} to detect people"
+                ),
                 server=without_credentials(settings.server),
             ),
-            advice=localized(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models in it")),
+            advice=localized(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models")),
         )
     if settings.server:
         from caris_desktop.perception.backends.remote import RemoteDetector
@@ -51,7 +53,7 @@ def open_chosen(
         if not remote.people:
             raise WeightsError(
                 localized(QT_TR_NOOP("The detector at {server} does not detect people"), server=settings.server),
-                advice=QT_TR_NOOP("Start the server there with a detector that has a class named person"),
+                advice=QT_TR_NOOP("Start the server with a detector that has a class named person"),
             )
         return Chosen(remote, remote.people, None)
     weights = find_weights(own or settings.model, allow_download=allow_download)

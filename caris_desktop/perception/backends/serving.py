@@ -62,7 +62,7 @@ async def serving(
 
     async def answer(connection: ServerConnection) -> None:
         clients.add(connection)
-        note(f"{_name(connection)} has come.")
+        note(f"{_name(connection)} connected.")
         try:
             await connection.send(hello)
             async for message in connection:
@@ -71,7 +71,7 @@ async def serving(
             pass
         finally:
             clients.discard(connection)
-            note(f"{_name(connection)} has gone.")
+            note(f"{_name(connection)} disconnected.")
 
     async with serve(
         answer,
@@ -92,16 +92,16 @@ async def serving(
 
 def _answer_request(detector: Detector, message: str | bytes) -> str:
     if isinstance(message, str) or len(message) < 4:
-        return json.dumps({"error": "This is no picture."})
+        return json.dumps({"error": "This is not an image."})
     try:
         image = decoded(message)
     except PictureError:
-        return json.dumps({"error": "This picture cannot be read."})
+        return json.dumps({"error": "The image cannot be read."})
     try:
         return encode_answer(detector.detect(np.asarray(image, np.uint8)))
     except Exception:  # a failed image does not end the server
         log.exception("a picture of %s pixels could not be looked at", image.shape[:2])
-        return json.dumps({"error": "The detector failed on this picture."})
+        return json.dumps({"error": "The detector failed on this image."})
 
 
 def _refusal(status: http.HTTPStatus) -> Response:

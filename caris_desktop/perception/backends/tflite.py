@@ -26,7 +26,7 @@ class TfliteNetwork:
         self._interpreter.allocate_tensors()
         (self._taken, *more) = self._interpreter.get_input_details()
         if more or len(self._taken["shape"]) != 4:
-            raise UnknownFormError(QT_TR_NOOP("it takes something else than one picture"))
+            raise UnknownFormError(QT_TR_NOOP("its input is not a single image"))
         self._given = self._interpreter.get_output_details()[0]
         self.runtime = "LiteRT on CPU"
         self.facts: ModelFacts = facts_of(metadata_of(path))

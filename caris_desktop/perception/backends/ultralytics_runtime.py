@@ -69,7 +69,7 @@ def load_model(weights: Weights) -> Any:
     if weights.path.suffix.lower() != ".pt":
         return YOLO(str(weights.path), task="detect")
     if not weights.may_run_code and not tasks._SafeLoad.SUPPORTED:
-        raise RuntimeError("this torch cannot load a .pt without running the code in it")
+        raise RuntimeError("this version of torch cannot load a .pt file without running its code")
     # An import of ultralytics without its environment variable left this False.
     tasks.SAFE_LOAD = True
     try:

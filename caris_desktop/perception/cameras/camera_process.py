@@ -114,19 +114,22 @@ class _Running:
                 if self._chosen.recorded:
                     self._wait(PLAY_AFTER_S)
                 self._play(camera, first)
-                self._report_state("ended", QT_TR_NOOP("The video has been played to its end."))
+                self._report_state("ended", QT_TR_NOOP("Playback of the video has ended."))
                 break
             except CameraError as error:
                 log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
                 if self._chosen.recorded:
-                    self._report_problem(error, "error", QT_TR_NOOP("There is no picture from this video."))
+                    self._report_problem(error, "error", QT_TR_NOOP("No images are available from this video."))
                     self._report_state("ended", str(error), error.advice)
                     break
                 if failures == 0:
                     self._report_problem(
                         error,
                         "warning",
-                        QT_TR_NOOP("There is no picture from this camera until it is back; it is retried."),
+                        QT_TR_NOOP(
+                            "No video is available until this camera is connected again. The console keeps "
+                            "trying to connect."
+                        ),
                     )
                     self._report_state("lost", str(error), error.advice)
             finally:
@@ -144,10 +147,8 @@ class _Running:
             except PictureError as refused:
                 self._report_refused(refused)
         raise CameraError(
-            localized(
-                QT_TR_NOOP("The camera {name} sends only pictures that cannot be shown."), name=self._chosen.name
-            ),
-            QT_TR_NOOP("Check its settings."),
+            localized(QT_TR_NOOP("The camera {name} only sends images that cannot be shown."), name=self._chosen.name),
+            QT_TR_NOOP("Check the camera settings."),
         )
 
     def _play(self, camera: CameraSource, first: Picture | None) -> None:
@@ -202,12 +203,12 @@ class _Running:
                 clock.now_ns(),
                 "warning",
                 localized(
-                    QT_TR_NOOP("A picture of the camera {name} was left out: it {refused}."),
+                    QT_TR_NOOP("A frame from the camera {name} was skipped: it {refused}."),
                     name=self._chosen.name,
                     refused=refused,
                 ),
-                QT_TR_NOOP("The video stands still while no better one comes."),
-                QT_TR_NOOP("If it stays so, check the camera's settings and its cable or network."),
+                QT_TR_NOOP("The video stays frozen until a valid frame arrives."),
+                QT_TR_NOOP("If this continues, check the camera's settings and its cable or network."),
                 until="picture",
             )
         )

@@ -127,10 +127,10 @@ class CameraServer:
         if not self._token:
             # A web page in a local browser must not reach us under a name of its own (DNS rebinding).
             known = is_own_host([request.head.get("host", "")], only_loopback=True)
-            return None if known else _Answer(403, b"Without a token only this computer is answered.")
+            return None if known else _Answer(403, b"Without a token, only this computer has access.")
         if hmac.compare_digest(_given_token(request.head.get("authorization", "")), self._token.encode()):
             return None
-        return _Answer(401, b"A token is needed.", head={"WWW-Authenticate": 'Basic realm="camera"'})
+        return _Answer(401, b"A token is required.", head={"WWW-Authenticate": 'Basic realm="camera"'})
 
     async def _answer(self, request: _Request) -> _Answer:
         match request.method, request.path:
@@ -152,18 +152,18 @@ class CameraServer:
             stamps = self._webrtc.stamps(of_one[0])
             if stamps is not None:
                 return _Answer(200, json.dumps(stamps).encode(), "application/json")
-        return _Answer(404, b"There is /video.mjpg, /picture.jpg, /whep, /offer, /clock and /.")
+        return _Answer(404, b"Not found. Available: /video.mjpg, /picture.jpg, /whep, /offer, /clock and /.")
 
     async def _offered(self, request: _Request) -> _Answer:
         plain = request.path == "/offer"
         wanted = "application/json" if plain else "application/sdp"
         if request.head.get("content-type", "").partition(";")[0].strip().lower() != wanted:
-            return _Answer(415, f"An offer is {wanted}.".encode())
+            return _Answer(415, f"The offer must be {wanted}.".encode())
         try:
             offer = parse_json(request.body)["sdp"] if plain else request.body.decode()
             key, answer = await self._webrtc.connect(str(offer))
         except (ValueError, KeyError, TypeError, UnicodeDecodeError):
-            return _Answer(400, b"This offer cannot be understood.")
+            return _Answer(400, b"This offer cannot be parsed.")
         except WebRtcError as error:
             return _Answer(error.status, str(error).encode())
         head = {"Location": f"/whep/{key}", "X-Clock": "/clock"}
@@ -218,7 +218,7 @@ async def _request(reader: asyncio.StreamReader) -> _Request:
     try:
         lines = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
     except asyncio.LimitOverrunError as error:
-        raise _BadRequestError("The head of this request is too long.") from error
+        raise _BadRequestError("The header of this request is too long.") from error
     words = lines[0].split(" ")
     if len(words) != 3 or not words[2].startswith("HTTP/1."):
         raise _BadRequestError("This is not HTTP.")
@@ -227,11 +227,11 @@ async def _request(reader: asyncio.StreamReader) -> _Request:
     }
     length = head.get("content-length", "0")
     if not length.isdecimal() or len(length) > 9 or int(length) > _LONGEST_BODY_BYTES or "transfer-encoding" in head:
-        raise _BadRequestError("The body of this request is too long, or its length is not told.")
+        raise _BadRequestError("The body of this request is too long, or its length is missing.")
     try:
         path = urllib.parse.urlsplit(words[1]).path
     except ValueError as error:
-        raise _BadRequestError("This is no path.") from error
+        raise _BadRequestError("This is not a path.") from error
     body = await reader.readexactly(int(length))
     return _Request(words[0], path, head, body)
 

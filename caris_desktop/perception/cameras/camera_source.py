@@ -32,7 +32,7 @@ def cannot_be_reached(name: str) -> CameraError:
     """Error for an unreachable network camera."""
     return CameraError(
         localized(QT_TR_NOOP("The camera at {name} cannot be reached."), name=name),
-        QT_TR_NOOP("Check its address, its password and that it is on the same network."),
+        QT_TR_NOOP("Check the camera's address and password, and that it is on the same network."),
     )
 
 

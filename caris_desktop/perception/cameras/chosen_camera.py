@@ -89,7 +89,7 @@ def camera_token(chosen: ChosenCamera) -> str:
                 token_env=chosen.token_env,
                 name=chosen.name,
             ),
-            QT_TR_NOOP("Set it before the program starts."),
+            QT_TR_NOOP("Set the variable before starting the program."),
         )
     return token
 
@@ -109,7 +109,7 @@ def _parsed(text: str) -> ChosenCamera:
         return _address(text)
     if not text:
         raise CameraError(
-            QT_TR_NOOP("The camera source is empty."), localized(QT_TR_NOOP("Give {forms}."), forms=FORMS)
+            QT_TR_NOOP("The camera source is empty."), localized(QT_TR_NOOP("Enter {forms}."), forms=FORMS)
         )
     path, _, words = text.rpartition("?")
     asked = frozenset(words.split("&"))
@@ -124,13 +124,13 @@ def _address(text: str) -> ChosenCamera:
         host, _port = parts.hostname, parts.port
     except ValueError as error:
         raise CameraError(
-            localized(QT_TR_NOOP("The camera address cannot be read: {error}."), error=error),
-            localized(QT_TR_NOOP("Give {forms}."), forms=FORMS),
+            localized(QT_TR_NOOP("The camera address is invalid: {error}."), error=error),
+            localized(QT_TR_NOOP("Enter {forms}."), forms=FORMS),
         ) from error
     if parts.scheme not in _SCHEMES or not host:
         raise CameraError(
             localized(
-                QT_TR_NOOP("The camera address starts with {scheme}://, which is not understood."), scheme=parts.scheme
+                QT_TR_NOOP("The camera address starts with {scheme}://, which is not supported."), scheme=parts.scheme
             ),
             localized(
                 QT_TR_NOOP("Use an address that starts with one of {schemes}."),
@@ -146,8 +146,11 @@ def _address(text: str) -> ChosenCamera:
             fingerprint_bytes(fingerprint)
         except ValueError as error:
             raise CameraError(
-                localized(QT_TR_NOOP("The certificate-sha256 of the camera at {host} is no SHA-256."), host=host),
-                QT_TR_NOOP("Write the 64 digits that openssl prints."),
+                localized(
+                    QT_TR_NOOP("The certificate-sha256 of the camera at {host} is not a SHA-256 fingerprint."),
+                    host=host,
+                ),
+                QT_TR_NOOP("Enter the 64 digits that openssl prints."),
             ) from error
     if token_env and not _TOKEN_ENV.fullmatch(token_env):
         raise CameraError(
@@ -156,7 +159,9 @@ def _address(text: str) -> ChosenCamera:
                 host=host,
                 token_env=token_env[:40],
             ),
-            QT_TR_NOOP("Only those with CAMERA in their name are told to a camera: call it CAMERA_TOKEN."),
+            QT_TR_NOOP(
+                "Only environment variables with CAMERA in their name are sent to a camera: rename it to CAMERA_TOKEN."
+            ),
         )
     target = text.removesuffix(f"#{parts.fragment}").removeprefix("whep+").removeprefix("webrtc+")
     return ChosenCamera(

@@ -18,7 +18,10 @@ class DeviceCamera:
         if not self._capture.isOpened():
             raise CameraError(
                 localized(QT_TR_NOOP("Camera {target} cannot be opened."), target=target),
-                QT_TR_NOOP("Check that it is plugged in, that no other program uses it, and that you may use cameras."),
+                QT_TR_NOOP(
+                    "Check that the camera is plugged in, that no other program uses it, and that you have "
+                    "permission to use cameras."
+                ),
             )
         # Motion-JPEG, since uncompressed images of this size are slow over USB 2.
         self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -36,13 +39,16 @@ class DeviceCamera:
         if not delivered and not self._has_delivered:
             # Some drivers open a camera in use by another program, but deliver no image.
             raise CameraError(
-                localized(QT_TR_NOOP("Camera {target} delivers no pictures."), target=self._target),
-                QT_TR_NOOP("Close other programs that may use it, as a browser or a video call, and check its cable."),
+                localized(QT_TR_NOOP("Camera {target} does not deliver any images."), target=self._target),
+                QT_TR_NOOP(
+                    "Close other programs that may be using the camera, such as a browser or a video call, and "
+                    "check its cable."
+                ),
             )
         if not delivered:
             raise CameraError(
-                localized(QT_TR_NOOP("Camera {target} stopped delivering pictures."), target=self._target),
-                QT_TR_NOOP("Check its cable."),
+                localized(QT_TR_NOOP("Camera {target} stopped delivering images."), target=self._target),
+                QT_TR_NOOP("Check the camera cable."),
             )
         self._has_delivered = True
         # With Video4Linux this is the driver's capture time; with others, a different clock.

@@ -43,9 +43,12 @@ class HttpCamera:
             self._connection.close()
             if response.status in (401, 403) and chosen.token_env:
                 raise CameraError(
-                    localized(QT_TR_NOOP("The camera at {name} refuses the token."), name=chosen.name),
+                    localized(QT_TR_NOOP("The camera at {name} rejected the token."), name=chosen.name),
                     localized(
-                        QT_TR_NOOP("Put the token that it was started with into the environment variable {token_env}."),
+                        QT_TR_NOOP(
+                            "Set the environment variable {token_env} to the token that the camera server was "
+                            "started with."
+                        ),
                         token_env=chosen.token_env,
                     ),
                 )
@@ -99,8 +102,8 @@ class HttpCamera:
 
     def _lost(self) -> CameraError:
         return CameraError(
-            localized(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
-            QT_TR_NOOP("Check it and its network."),
+            localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=self._chosen.name),
+            QT_TR_NOOP("Check the camera and its network connection."),
         )
 
     def _taken(self, head: dict[str, str]) -> tuple[int, int] | None:
@@ -126,7 +129,7 @@ class MultipartReader:
         while (part := self._next()) is not None:
             newest = part
         if len(self._buffer) > _LARGEST_BYTES:
-            raise OSError("a picture without an end")
+            raise OSError("an unterminated image")
         return newest
 
     def _next(self) -> tuple[dict[str, str], bytes] | None:
@@ -137,7 +140,7 @@ class MultipartReader:
         head_end = buffer.find(b"\r\n\r\n", begin)
         if head_end < 0:
             if len(buffer) - begin > _LONGEST_HEAD_BYTES:
-                raise OSError("a part with an endless head")
+                raise OSError("a part with an unterminated header")
             return None
         lines = bytes(buffer[begin + len(self._mark) : head_end]).decode("latin-1").split("\r\n")
         head = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
@@ -146,7 +149,7 @@ class MultipartReader:
         if length.isdecimal() and len(length) < 10:
             end = start + int(length)
             if end - start > _LARGEST_BYTES:
-                raise OSError("a picture that is too large")
+                raise OSError("an image that is too large")
             if len(buffer) < end:
                 return None
         else:

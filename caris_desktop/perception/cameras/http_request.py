@@ -73,10 +73,13 @@ class CameraConnection:
     def _not_reached(self, error: Exception) -> CameraError:
         name = self._chosen.name
         if isinstance(error, OtherCertificateError):
-            other = QT_TR_NOOP("The camera at {name} has another certificate than the one that its address names.")
+            other = QT_TR_NOOP("The certificate of the camera at {name} does not match the fingerprint in its address.")
             return CameraError(
                 localized(other, name=name),
-                QT_TR_NOOP("Find out why on its computer. Do not use it before: somebody may be in between."),
+                QT_TR_NOOP(
+                    "Find out why on the camera's computer. Do not use the camera until then: the connection may "
+                    "be intercepted."
+                ),
             )
         if isinstance(error, ssl.SSLError):
             host, certificate = self._parts.hostname or "", None
@@ -85,7 +88,7 @@ class CameraConnection:
             why, advice = why_refused(error, host, certificate)
             if certificate is not None:
                 confirm = QT_TR_NOOP(
-                    "If it is the right one, put its SHA-256 fingerprint behind the address: "
+                    "If this is the right certificate, append its SHA-256 fingerprint to the address: "
                     "#certificate-sha256={fingerprint}"
                 )
                 advice = (*advice, localized(confirm, fingerprint=fingerprint_of(certificate)))
@@ -109,7 +112,7 @@ def _authorization(chosen: ChosenCamera, parts: urllib.parse.SplitResult) -> dic
     if token and not is_encrypted_or_local(chosen.target):
         raise CameraError(
             localized(
-                QT_TR_NOOP("The token of the camera at {name} is not sent: others could read it on its way."),
+                QT_TR_NOOP("The token for the camera at {name} is not sent: others could read it in transit."),
                 name=chosen.name,
             ),
             QT_TR_NOOP("Start its camera server with --cert and --key and use https://, or use an SSH tunnel."),

@@ -51,7 +51,8 @@ class OakCamera:
         # Discovery is cheap; connecting to a missing device waits for twelve seconds.
         if not device_id and not depthai.Device.getAllAvailableDevices():
             raise CameraError(
-                QT_TR_NOOP("No OAK camera was found."), QT_TR_NOOP("Check its cable, and that USB devices may be used.")
+                QT_TR_NOOP("No OAK camera was found."),
+                QT_TR_NOOP("Check the camera cable, and that you have permission to use USB devices."),
             )
         self._depths: Any = None
         self._depth: Any = None
@@ -70,7 +71,7 @@ class OakCamera:
                 localized(QT_TR_NOOP("The OAK camera {name} cannot be opened."), name=device_id)
                 if device_id
                 else QT_TR_NOOP("The OAK camera cannot be opened."),
-                QT_TR_NOOP("Check its cable, and that no other program uses it."),
+                QT_TR_NOOP("Check the camera cable, and that no other program uses the camera."),
             ) from error
         self.width_px, self.height_px = DEVICE_SIZE_PX
         self.fps: float | None = float(DEVICE_FPS)
@@ -111,7 +112,9 @@ class OakCamera:
             _log.info("the OAK camera was gone before it was closed", exc_info=True)
 
     def _lost(self) -> CameraError:
-        return CameraError(QT_TR_NOOP("The OAK camera stopped delivering pictures."), QT_TR_NOOP("Check its cable."))
+        return CameraError(
+            QT_TR_NOOP("The OAK camera stopped delivering images."), QT_TR_NOOP("Check the camera cable.")
+        )
 
 
 def _sees_depth(device: Any) -> bool:

@@ -28,7 +28,7 @@ def open_camera(chosen: ChosenCamera) -> CameraSource:
             return WebRtcCamera(chosen)
         case "robot" | "simulated":
             raise CameraError(
-                localized(QT_TR_NOOP("{kind} is not a camera that can be opened here."), kind=chosen.kind),
+                localized(QT_TR_NOOP("Cameras of the kind {kind} cannot be opened here."), kind=chosen.kind),
                 QT_TR_NOOP("Choose it in the console, with --camera."),
             )
 

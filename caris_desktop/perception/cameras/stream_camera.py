@@ -69,16 +69,18 @@ class StreamCamera:
             self._broken += 1
             if isinstance(error, self._torn) and self._broken <= _BROKEN_AT_MOST:
                 self._frames = iter(self._container.decode(self._stream))
-                raise PictureError("is torn") from error
+                raise PictureError("is damaged") from error
             raise CameraError(
-                localized(QT_TR_NOOP("The video {name} broke off."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The video {name} was interrupted."), name=self._chosen.name),
                 QT_TR_NOOP("Check the file, or the camera's network connection."),
             ) from error
         if frame is None:
             if self._recorded and self._pictures_in_round:
                 return None
             raise CameraError(
-                localized(QT_TR_NOOP("The video {name} has no pictures (any more)."), name=self._chosen.name),
+                localized(
+                    QT_TR_NOOP("The video {name} has no frames or stopped delivering them."), name=self._chosen.name
+                ),
                 QT_TR_NOOP("Check the file, or the camera's network connection."),
             )
         self._pictures_in_round += 1
@@ -128,7 +130,7 @@ class StreamCamera:
         path = Path(self._chosen.target)
         if not path.exists():
             return CameraError(
-                localized(QT_TR_NOOP("The video file {path} does not exist."), path=path), QT_TR_NOOP("Check its path.")
+                localized(QT_TR_NOOP("The video file {path} does not exist."), path=path), QT_TR_NOOP("Check the path.")
             )
         return CameraError(
             localized(QT_TR_NOOP("{path} is not a video file that can be played."), path=path),

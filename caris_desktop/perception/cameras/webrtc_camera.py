@@ -43,7 +43,7 @@ class WebRtcCamera:
             import aiortc
         except ImportError as error:
             raise CameraError(
-                QT_TR_NOOP("Cameras over WebRTC need the package aiortc."), QT_TR_NOOP("pip install aiortc")
+                QT_TR_NOOP("WebRTC cameras need the package aiortc."), QT_TR_NOOP("Install it: pip install aiortc")
             ) from error
         logging.getLogger("aioice").setLevel(logging.WARNING)  # it logs every packet
         self._chosen = chosen
@@ -114,9 +114,9 @@ class WebRtcCamera:
             # aiortc raises many kinds of errors for an unusable answer.
             raise CameraError(
                 localized(
-                    QT_TR_NOOP("The camera at {name} gives an answer that is not WebRTC."), name=self._chosen.name
+                    QT_TR_NOOP("The camera at {name} did not return a valid WebRTC answer."), name=self._chosen.name
                 ),
-                QT_TR_NOOP("Check the address: it has to be the one for WHEP, or for offers."),
+                QT_TR_NOOP("Check the address: it must be the one for WHEP or for WebRTC offers."),
             ) from error
         location = urllib.parse.urljoin(self._chosen.target, response.headers.get("Location", ""))
         if response.headers.get("Location") and urllib.parse.urlsplit(location).netloc == self._parts.netloc:
@@ -128,21 +128,21 @@ class WebRtcCamera:
     def _refused(self, status: int, content: bytes) -> CameraError:
         if status in (401, 403):
             return CameraError(
-                localized(QT_TR_NOOP("The camera at {name} refuses the token."), name=self._chosen.name),
+                localized(QT_TR_NOOP("The camera at {name} rejected the token."), name=self._chosen.name),
                 QT_TR_NOOP(
-                    "Put the token that it was started with into the environment variable that its address names "
-                    "(#token-env=NAME)."
+                    "Set the environment variable named in its address (#token-env=NAME) to the token that "
+                    "the camera server was started with."
                 ),
             )
         said = content[:200].decode("utf-8", "replace").strip()
         return CameraError(
             localized(
-                QT_TR_NOOP("The camera at {name} refuses the connection ({status} {said})."),
+                QT_TR_NOOP("The camera at {name} refused the connection ({status} {said})."),
                 name=self._chosen.name,
                 status=status,
                 said=said,
             ),
-            QT_TR_NOOP("Check its address."),
+            QT_TR_NOOP("Check the camera address."),
         )
 
     def _on_track(self, track: Any) -> None:
@@ -191,8 +191,8 @@ class WebRtcCamera:
             frame = None
         if frame is None:
             raise CameraError(
-                localized(QT_TR_NOOP("The camera at {name} stopped sending pictures."), name=self._chosen.name),
-                QT_TR_NOOP("Check it and its network."),
+                localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=self._chosen.name),
+                QT_TR_NOOP("Check the camera and its network connection."),
             )
         return frame
 

@@ -43,7 +43,7 @@ class WebRtcServer:
         try:
             import aiortc
         except ImportError as error:
-            raise WebRtcError(501, "WebRTC needs the package aiortc: pip install aiortc") from error
+            raise WebRtcError(501, "WebRTC requires the package aiortc: pip install aiortc") from error
         if len(self._connections) >= MOST_CONNECTIONS:
             raise WebRtcError(503, "Too many clients.")
         # Without external STUN or TURN servers: clients are in the same network.

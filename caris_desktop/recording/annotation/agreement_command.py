@@ -11,17 +11,17 @@ from caris_desktop.recording.session.session_header import SessionError, read_he
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, help="folder of the session")
-    parser.add_argument("first", metavar="CODER_A", help="the one coder")
-    parser.add_argument("second", metavar="CODER_B", help="the other coder")
-    parser.add_argument("--tier", default="", help="compare this tier only (default: all that both have)")
-    parser.add_argument("--unit", type=int, default=100, metavar="MS", help="unit of time (default: %(default)s ms)")
+    parser.add_argument("session", type=Path, help="session folder")
+    parser.add_argument("first", metavar="CODER_A", help="first coder")
+    parser.add_argument("second", metavar="CODER_B", help="second coder")
+    parser.add_argument("--tier", default="", help="compare only this tier (default: all tiers that both coders have)")
+    parser.add_argument("--unit", type=int, default=100, metavar="MS", help="time step (default: %(default)s ms)")
     parser.add_argument(
         "--tolerance",
         type=int,
         default=500,
         metavar="MS",
-        help="how far boundaries of matching annotations may lie apart (default: %(default)s ms)",
+        help="maximum distance between the boundaries of matching annotations (default: %(default)s ms)",
     )
 
 

@@ -25,7 +25,7 @@ MOMENT_MS = 200
 _LATEST_MS = 2**32 - 1
 LONGEST_NAME = 100
 LONGEST_VALUE = 10_000
-_TAKEN = QT_TR_NOOP("There is a vocabulary {vocabulary} already. Choose another name.")
+_TAKEN = QT_TR_NOOP("The vocabulary {vocabulary} already exists. Choose another name.")
 _NOT_IN_XML = re.compile("[^\t\n\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -96,8 +96,8 @@ def set_tier_vocabulary(document: AnnotationDocument, tier_id: str, vocabulary: 
             if annotation.value not in permitted:
                 raise AnnotationError(
                     QT_TR_NOOP(
-                        "{value} on the tier {tier} is no value of the vocabulary {vocabulary}. Change that"
-                        " annotation, or add the value to the vocabulary."
+                        "{value} on the tier {tier} is not in the vocabulary {vocabulary}. Change that "
+                        "annotation, or add the value to the vocabulary."
                     ),
                     value=quoted(annotation.value),
                     tier=quoted(tier.title),
@@ -129,7 +129,9 @@ def move_annotation(
     if tier.tier_id != annotation.tier_id:
         if tier.coder != tier_of(document, annotation.tier_id).coder:
             raise AnnotationError(
-                QT_TR_NOOP("The tier {tier} is {coder}'s. An annotation stays with the coder who made it."),
+                QT_TR_NOOP(
+                    "The tier {tier} belongs to {coder}. An annotation cannot be moved to another coder's tier."
+                ),
                 tier=quoted(tier.title),
                 coder=tier.coder,
             )
@@ -144,7 +146,8 @@ def split_annotation(document: AnnotationDocument, annotation_id: str, at_ms: in
     if not annotation.start_ms < at_ms < annotation.end_ms:
         raise AnnotationError(
             QT_TR_NOOP(
-                "{time} is not inside the annotation ({start} to {end}). Choose a moment inside it to split it there."
+                "{time} is not inside the annotation ({start} to {end}). To split the annotation, choose a "
+                "time inside it."
             ),
             time=time_text(at_ms),
             start=time_text(annotation.start_ms),
@@ -248,7 +251,7 @@ def tier_of(document: AnnotationDocument, tier_id: str) -> Tier:
     for tier in document.tiers:
         if tier.tier_id == tier_id:
             return tier
-    raise AnnotationError(QT_TR_NOOP("That tier is not there any more."))
+    raise AnnotationError(QT_TR_NOOP("That tier no longer exists."))
 
 
 def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotation:
@@ -256,7 +259,7 @@ def annotation_of(document: AnnotationDocument, annotation_id: str) -> Annotatio
     for annotation in document.annotations:
         if annotation.annotation_id == annotation_id:
             return annotation
-    raise AnnotationError(QT_TR_NOOP("That annotation is not there any more."))
+    raise AnnotationError(QT_TR_NOOP("That annotation no longer exists."))
 
 
 def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
@@ -264,7 +267,7 @@ def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
     for vocabulary in document.vocabularies:
         if vocabulary.name == name:
             return vocabulary
-    raise AnnotationError(QT_TR_NOOP("There is no vocabulary {name}."), name=quoted(name))
+    raise AnnotationError(QT_TR_NOOP("The vocabulary {name} does not exist."), name=quoted(name))
 
 
 def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Annotation | None:
@@ -366,7 +369,7 @@ def restore_state(document: AnnotationDocument, imported: AnnotationDocument) ->
             taken.add((tier.coder, name))
             tiers.append(replace(tier, name=name))
     if not tiers:
-        raise AnnotationError(QT_TR_NOOP("There are no tiers of a coder in it, so nothing was taken over."))
+        raise AnnotationError(QT_TR_NOOP("The file contains no coder's tiers, so nothing was imported."))
     mine = {tier.tier_id for tier in tiers}
     used = {tier.vocabulary for tier in tiers}
     coded = AnnotationDocument(
@@ -437,7 +440,7 @@ def check_document(document: AnnotationDocument) -> None:
     for tier in document.tiers:
         if tier.vocabulary and tier.vocabulary not in values:
             raise AnnotationError(
-                QT_TR_NOOP("The tier {tier} uses the vocabulary {vocabulary}, which is not there."),
+                QT_TR_NOOP("The tier {tier} uses the vocabulary {vocabulary}, which does not exist."),
                 tier=quoted(tier.title),
                 vocabulary=quoted(tier.vocabulary),
             )
@@ -448,19 +451,19 @@ def check_document(document: AnnotationDocument) -> None:
         owner = tiers.get(item.tier_id)
         if owner is None:
             raise AnnotationError(
-                QT_TR_NOOP("An annotation at {time} belongs to no tier."), time=time_text(item.start_ms)
+                QT_TR_NOOP("An annotation at {time} does not belong to a tier."), time=time_text(item.start_ms)
             )
         _refuse_times(document, item.start_ms, item.end_ms)
         if item.start_ms < ends.get(item.tier_id, 0):
             raise AnnotationError(
-                QT_TR_NOOP("Two annotations of the tier {tier} overlap at {time}."),
+                QT_TR_NOOP("Two annotations on the tier {tier} overlap at {time}."),
                 tier=quoted(owner.title),
                 time=time_text(item.start_ms),
             )
         ends[item.tier_id] = item.end_ms
         if owner.vocabulary and item.value not in values[owner.vocabulary]:
             raise AnnotationError(
-                QT_TR_NOOP("{value} on the tier {tier} is no value of the vocabulary {vocabulary}."),
+                QT_TR_NOOP("{value} on the tier {tier} is not in the vocabulary {vocabulary}."),
                 value=quoted(item.value),
                 tier=quoted(owner.title),
                 vocabulary=quoted(owner.vocabulary),
@@ -486,8 +489,8 @@ def _insert(document: AnnotationDocument, tier: Tier, annotation: Annotation) ->
         if neighbour.tier_id == tier.tier_id and overlaps:
             raise AnnotationError(
                 QT_TR_NOOP(
-                    "{value} lies there already on the tier {tier} ({start} to {end}). Annotations of one"
-                    " tier do not overlap: make it shorter, or use another tier."
+                    "{value} is already on the tier {tier} ({start} to {end}). Annotations on the same tier "
+                    "must not overlap: make the annotation shorter, or use another tier."
                 ),
                 value=quoted(neighbour.value),
                 tier=quoted(tier.title),
@@ -501,13 +504,13 @@ def _insert(document: AnnotationDocument, tier: Tier, annotation: Annotation) ->
 def _refuse_times(document: AnnotationDocument, start_ms: int, end_ms: int) -> None:
     if end_ms <= start_ms:
         raise AnnotationError(
-            QT_TR_NOOP("An annotation ends after it starts. Drag it to the right, over a stretch of time.")
+            QT_TR_NOOP("An annotation must end after it starts. Drag to the right, over an interval.")
         )
     if start_ms < 0:
         raise AnnotationError(QT_TR_NOOP("An annotation cannot start before the session does."))
     if document.duration_ms and end_ms > document.duration_ms:
         raise AnnotationError(
-            QT_TR_NOOP("The session ends at {time}; no annotation lies after that."),
+            QT_TR_NOOP("The session ends at {time}; an annotation cannot end after that."),
             time=time_text(document.duration_ms),
         )
 
@@ -515,7 +518,7 @@ def _refuse_times(document: AnnotationDocument, start_ms: int, end_ms: int) -> N
 def _refuse_taken_name(document: AnnotationDocument, name: str, coder: str) -> None:
     if any(tier.name == name and tier.coder == coder for tier in document.tiers):
         raise AnnotationError(
-            QT_TR_NOOP("{coder} has a tier {name} already. Choose another name."), coder=coder, name=quoted(name)
+            QT_TR_NOOP("{coder} already has a tier {name}. Choose another name."), coder=coder, name=quoted(name)
         )
 
 
@@ -528,7 +531,9 @@ def _own_tier(document: AnnotationDocument, tier_id: str) -> Tier:
     tier = tier_of(document, tier_id)
     if not tier.coder:
         raise AnnotationError(
-            QT_TR_NOOP("The tier {tier} is made from the record and stays as it is. Add a tier of your own for it."),
+            QT_TR_NOOP(
+                "The tier {tier} is derived from the recording and cannot be changed. Add your own tier instead."
+            ),
             tier=quoted(tier.title),
         )
     return tier
@@ -544,13 +549,12 @@ def _value(document: AnnotationDocument, tier: Tier, value: str) -> str:
     value = plain_text(value)
     if len(value) > LONGEST_VALUE:
         raise AnnotationError(
-            QT_TR_NOOP("A text of %n characters is too long; {most} fit.", "", len(value)), most=LONGEST_VALUE
+            QT_TR_NOOP("The text has %n characters; the maximum is {most}.", "", len(value)), most=LONGEST_VALUE
         )
     if tier.vocabulary and value not in _values_of(vocabulary_of(document, tier.vocabulary)):
         raise AnnotationError(
             QT_TR_NOOP(
-                "{value} is no value of the vocabulary {vocabulary}. Choose one of its values, or add"
-                " it to the vocabulary."
+                "{value} is not in the vocabulary {vocabulary}. Choose one of its values, or add it to the vocabulary."
             ),
             value=quoted(value),
             vocabulary=quoted(tier.vocabulary),
@@ -564,7 +568,7 @@ def _name(name: str, refusal: str) -> str:
         raise AnnotationError(refusal)
     if len(name) > LONGEST_NAME:
         raise AnnotationError(
-            QT_TR_NOOP("A name of %n characters is too long; {most} fit.", "", len(name)), most=LONGEST_NAME
+            QT_TR_NOOP("The name has %n characters; the maximum is {most}.", "", len(name)), most=LONGEST_NAME
         )
     return name
 
@@ -585,7 +589,7 @@ def _plain_vocabulary(vocabulary: Vocabulary) -> Vocabulary:
     for value in values:
         if values.count(value) > 1:
             raise AnnotationError(
-                QT_TR_NOOP("{value} is twice in the vocabulary. Each value stands there once."), value=quoted(value)
+                QT_TR_NOOP("Duplicate value {value} in the vocabulary. Each value must be unique."), value=quoted(value)
             )
     return Vocabulary(
         _name(vocabulary.name, QT_TR_NOOP("A vocabulary needs a name.")), entries, plain_text(vocabulary.description)

@@ -7,7 +7,7 @@ from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
 from caris_desktop.domain.value_class import dataclass
 
-Named = Annotated[str, FieldSpec(shortest=1, longest=200, pattern="\\S", allowed="more than blanks.")]
+Named = Annotated[str, FieldSpec(shortest=1, longest=200, pattern="\\S", allowed="text that is not blank.")]
 Text = Annotated[str, FieldSpec(longest=20_000)]
 DEFAULT_TIER = QT_TR_NOOP("Annotations")
 """Where a table names no tier. In a document, and so in every language, the tier has this name."""

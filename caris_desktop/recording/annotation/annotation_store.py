@@ -119,7 +119,7 @@ def _path_of(folder: Path, coder: str) -> Path:
         if _load(path)[1] == coder:
             return path
     raise AnnotationError(
-        QT_TR_NOOP("{path} holds the annotations of somebody else. Choose another name of the coder."),
+        QT_TR_NOOP("{path} contains the annotations of another coder. Choose another coder name."),
         path=folder / _FOLDER / names[-1],
     )
 
@@ -157,7 +157,7 @@ def file_content(path: Path) -> bytes:
         ) from error
     if len(content) > _MAX_FILE_MB * 2**20:
         raise AnnotationError(
-            QT_TR_NOOP("{path} is larger than {megabytes} MB: too large to be annotations."),
+            QT_TR_NOOP("{path} is larger than {megabytes} MB: too large for an annotation file."),
             path=path,
             megabytes=_MAX_FILE_MB,
         )
@@ -172,8 +172,8 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
         _log.warning("%s: %s", path, error)
         raise AnnotationError(
             QT_TR_NOOP(
-                "{path} is damaged: it is not whole, or was changed by hand. It stays as it is: restore"
-                " it from a copy, or move it away to begin anew."
+                "{path} is damaged: it is incomplete or was edited by hand. The file was not changed. "
+                "Restore it from a backup, or move it away to start again."
             ),
             path=path,
         ) from error
@@ -192,8 +192,8 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
         where = "/".join(str(step) for step in place) or QT_TR_NOOP("the file as a whole")
         raise AnnotationError(
             QT_TR_NOOP(
-                "{path} is damaged: {where} is not as it must be; the log has the details. It stays as"
-                " it is: restore it from a copy, or move it away to begin anew."
+                "{path} is damaged: {where} is invalid; see the log for details. The file was not changed. "
+                "Restore it from a backup, or move it away to start again."
             ),
             path=path,
             where=where,
@@ -205,7 +205,8 @@ def _load(path: Path) -> tuple[AnnotationDocument, str]:
     except AnnotationError as error:
         raise AnnotationError(
             QT_TR_NOOP(
-                "{path} is damaged. {error} It stays as it is: restore it from a copy, or move it away to begin anew."
+                "{path} is damaged. {error} The file was not changed. Restore it from a backup, or move it "
+                "away to start again."
             ),
             path=path,
             error=error,
@@ -228,13 +229,13 @@ def _document(coding: Coding) -> AnnotationDocument:
 def _explain(error: OSError, path: Path) -> str:
     if no_room(error):
         return localized(
-            QT_TR_NOOP("The disk is full: {file} was not saved. Free some room, then save again."), file=path.name
+            QT_TR_NOOP("The disk is full: {file} was not saved. Free some disk space, then save again."), file=path.name
         )
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
         return localized(
             QT_TR_NOOP(
-                "{folder} cannot be written to ({why}): the annotations were not saved. Copy the session to a place"
-                " where you may write and annotate it there, or export the annotations."
+                "{folder} cannot be written to ({why}): the annotations were not saved. Copy the session to "
+                "a writable folder and annotate it there, or export the annotations."
             ),
             folder=path.parent,
             why=error.strerror,

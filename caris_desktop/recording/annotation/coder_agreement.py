@@ -122,8 +122,8 @@ def compare_coders(
     coders = coders_of(document)
     for coder in (first, second):
         if coder not in coders:
-            known = QT_TR_NOOP("There are no annotations of {coder}. There are: {coders}.")
-            nobody = QT_TR_NOOP("There are no annotations of {coder}. Nobody has annotated this session yet.")
+            known = QT_TR_NOOP("There are no annotations by {coder}. Available coders: {coders}.")
+            nobody = QT_TR_NOOP("There are no annotations by {coder}. Nobody has annotated this session yet.")
             raise AnnotationError(known if coders else nobody, coder=coder, coders=", ".join(coders))
     theirs: dict[str, Tier] = {item.name: item for item in document.tiers if item.coder == second}
     pairs = [
@@ -135,8 +135,8 @@ def compare_coders(
         raise AnnotationError(
             localized(
                 QT_TR_NOOP(
-                    "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by their"
-                    " names: rename one of them."
+                    "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by name: "
+                    "rename one of them."
                 ),
                 first=first,
                 second=second,
@@ -145,8 +145,8 @@ def compare_coders(
             if tier
             else localized(
                 QT_TR_NOOP(
-                    "{first} and {second} do not both have a tier of the same name. Tiers are compared by"
-                    " their names: rename one of them."
+                    "{first} and {second} have no tier with the same name. Tiers are compared by name: "
+                    "rename one of them."
                 ),
                 first=first,
                 second=second,
@@ -191,7 +191,7 @@ def report(result: TierAgreement) -> str:
         offsets = result.offsets
         lines += [
             "",
-            f"Boundaries of the matched ones, {second} minus {first}: "
+            f"Boundaries of matched annotations, {second} minus {first}: "
             f"start {offsets.start_mean_ms:+.0f} ms on average (at most {offsets.start_worst_ms:.0f} ms), "
             f"end {offsets.end_mean_ms:+.0f} ms (at most {offsets.end_worst_ms:.0f} ms)",
         ]
@@ -259,7 +259,7 @@ def _matched(
 
 
 def _figure(kappa: float | None) -> str:
-    return "not defined (one and the same code throughout, or none)" if kappa is None else f"{kappa:.3f}"
+    return "undefined (the same code throughout, or no codes)" if kappa is None else f"{kappa:.3f}"
 
 
 def _in_words(kappa: float | None) -> str:
@@ -285,7 +285,7 @@ def _matches(result: TierAgreement) -> str:
         for side in (1, 0)
     ]
     matched = result.offsets.matched if result.offsets is not None else 0
-    return f"{matched} matched, {alone[0]} only of {result.coders[0]}, {alone[1]} only of {result.coders[1]}"
+    return f"{matched} matched, {alone[0]} only by {result.coders[0]}, {alone[1]} only by {result.coders[1]}"
 
 
 def _table(counts: Agreement, first: str, second: str) -> list[str]:

@@ -32,8 +32,8 @@ class CodedTier:
     tier_id: _Id
     name: Named
     vocabulary: Annotated[str, FieldSpec("A vocabulary of the file; empty: free text.", order=1)]
-    annotations: Annotated[tuple[CodedInterval, ...], FieldSpec("In the order of time; they do not overlap.", order=1)]
-    participant: Annotated[Text, FieldSpec("Whom the tier is about.")] = ""
+    annotations: Annotated[tuple[CodedInterval, ...], FieldSpec("In chronological order, without overlaps.", order=1)]
+    participant: Annotated[Text, FieldSpec("Person that the tier is about.")] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class Coding:
     Times are whole milliseconds since the session began (started_ns in session.json).
     """
 
-    coder: Annotated[Named, FieldSpec("Who made these tiers.")]
+    coder: Annotated[Named, FieldSpec("Coder of these tiers.")]
     vocabularies: Annotated[tuple[Vocabulary, ...], FieldSpec(order=1)]
     tiers: Annotated[tuple[CodedTier, ...], FieldSpec("In the order of the timeline.", order=1)]
     saved_utc: str = ""
-    duration_ms: Annotated[_Time, FieldSpec("How long the session is; 0: not known.")] = 0
+    duration_ms: Annotated[_Time, FieldSpec("Duration of the session; 0: unknown.")] = 0
     format: Annotated[Literal["caris-desktop annotations"], FieldSpec(wanted=True, order=-1)] = FORMAT
     format_version: Annotated[Literal[1], FieldSpec("The version of this format.", wanted=True, order=-1)] = (
         FORMAT_VERSION

@@ -78,9 +78,7 @@ def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -
     try:
         document, left_out = _document(_lines(_text(content)), coder)
     except AnnotationError as error:
-        raise AnnotationError(
-            QT_TR_NOOP("{file} cannot be taken over. {error}"), file=path.name, error=error
-        ) from error
+        raise AnnotationError(QT_TR_NOOP("{file} cannot be imported. {error}"), file=path.name, error=error) from error
     if skipped is not None:
         skipped += left_out
     return document
@@ -124,7 +122,7 @@ def _text(content: bytes) -> str:
         if "\0" in text:
             break
         return text
-    raise AnnotationError(QT_TR_NOOP("It is no text. Save the table as CSV in UTF-8."))
+    raise AnnotationError(QT_TR_NOOP("The file is not a text file. Save the table as CSV in UTF-8."))
 
 
 def _lines(text: str) -> list[_Line]:
@@ -137,11 +135,11 @@ def _lines(text: str) -> list[_Line]:
             if any(cell.strip() for cell in cells) and not (cells[0].startswith(("#", '"#')) and len(cells) == 1):
                 lines.append(_Line(rows.line_num, [read_cell(cell.strip()) for cell in cells]))
             if len(lines) > _MOST_ROWS:
-                raise AnnotationError(QT_TR_NOOP("It has more than %n rows.", "", _MOST_ROWS))
+                raise AnnotationError(QT_TR_NOOP("The file has more than %n rows.", "", _MOST_ROWS))
     except csv.Error as error:
         raise AnnotationError(QT_TR_NOOP("Line {number}: {error}."), number=rows.line_num, error=error) from error
     if not lines:
-        raise AnnotationError(QT_TR_NOOP("There is nothing in it."))
+        raise AnnotationError(QT_TR_NOOP("The file is empty."))
     return lines
 
 
@@ -176,14 +174,14 @@ def _document(lines: list[_Line], coder: str) -> tuple[AnnotationDocument, list[
     for row in rows:
         if row.end_ms < row.start_ms:
             raise AnnotationError(
-                QT_TR_NOOP("Line {number}: it ends ({end_ms} ms) before it starts ({start_ms} ms)."),
+                QT_TR_NOOP("Line {number}: the annotation ends ({end_ms} ms) before it starts ({start_ms} ms)."),
                 number=row.number,
                 end_ms=row.end_ms,
                 start_ms=row.start_ms,
             )
         if row.end_ms > _LATEST_MS:
             raise AnnotationError(
-                QT_TR_NOOP("Line {number}: {end_ms} ms is no time of a session."),
+                QT_TR_NOOP("Line {number}: {end_ms} ms is out of range for a session."),
                 number=row.number,
                 end_ms=row.end_ms,
             )
@@ -283,11 +281,11 @@ def _of_boris(
             tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
             rows.append(_Row(begun.number, tier or DEFAULT_TIER, value, start_ms, end_ms, participant=subject))
     if any(unfinished.values()):
-        left_out[QT_TR_NOOP("with a start and no stop")] += sum(map(len, unfinished.values()))
+        left_out[QT_TR_NOOP("with a start but no stop")] += sum(map(len, unfinished.values()))
     if not rows:
-        raise AnnotationError(QT_TR_NOOP("There is no event with a time in this table of BORIS."))
+        raise AnnotationError(QT_TR_NOOP("This BORIS table contains no event with a time."))
     return rows, [
-        localized(QT_TR_NOOP("Rows {why}, which were left out: {count}."), why=localized(why), count=count)
+        localized(QT_TR_NOOP("Skipped rows {why}: {count}."), why=localized(why), count=count)
         for why, count in left_out.items()
     ]
 
@@ -320,7 +318,7 @@ class _Pairing:
             case "STOP":
                 begun = self.open.get(key)
                 if not begun:
-                    return QT_TR_NOOP("with a stop and no start")
+                    return QT_TR_NOOP("with a stop but no start")
                 first, start_ms = begun.pop(0)
                 return [(first, start_ms, at_ms)]
             case "POINT":
@@ -345,8 +343,8 @@ def _refuse_overlaps(annotations: Sequence[Annotation], names: dict[str, str], l
         if earlier is not None and item.start_ms < earlier.end_ms:
             raise AnnotationError(
                 QT_TR_NOOP(
-                    "Line {number} overlaps line {earlier} on the tier “{tier}”. Annotations of one tier do"
-                    " not overlap: change one of them, or give it another tier."
+                    "Line {number} overlaps line {earlier} on the tier “{tier}”. Annotations on the same "
+                    "tier must not overlap: change one of them, or move it to another tier."
                 ),
                 number=lines_of[item.annotation_id],
                 earlier=lines_of[earlier.annotation_id],
@@ -387,16 +385,16 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
         raise AnnotationError(
             localized(
                 QT_TR_NOOP(
-                    "Line {number}: the headings name no start of the annotations. Call the columns start_s"
-                    " and end_s, or start_ms and end_ms."
+                    "Line {number}: the header has no column for the start of the annotations. Name the "
+                    "columns start_s and end_s, or start_ms and end_ms."
                 ),
                 number=lines[0].number,
             )
             if start is None
             else localized(
                 QT_TR_NOOP(
-                    "Line {number}: the headings name no end of the annotations. Call the columns start_s"
-                    " and end_s, or start_ms and end_ms."
+                    "Line {number}: the header has no column for the end of the annotations. Name the "
+                    "columns start_s and end_s, or start_ms and end_ms."
                 ),
                 number=lines[0].number,
             )
@@ -410,7 +408,8 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
         )
         if where["tier"] is not None or not tiers:
             raise AnnotationError(
-                QT_TR_NOOP("Line {number}: the headings name no value. Call that column value."), number=lines[0].number
+                QT_TR_NOOP("Line {number}: the header has no column for the value. Name that column value."),
+                number=lines[0].number,
             )
     data = lines[1:]
     factors = _factors_of(data, start, end, units[start], units[end])
@@ -440,7 +439,8 @@ def _factors_of(lines: list[_Line], start: int, end: int, start_unit: str, end_u
     if _SECONDS_BELOW <= length < _MILLISECONDS_FROM:
         raise AnnotationError(
             QT_TR_NOOP(
-                "Its times may be seconds or milliseconds. Call the columns start_s and end_s, or start_ms and end_ms."
+                "The times could be in seconds or milliseconds. Name the columns start_s and end_s, or "
+                "start_ms and end_ms."
             )
         )
     return (1000, 1000) if length < _SECONDS_BELOW else (1, 1)
@@ -471,8 +471,8 @@ def _without_headings(lines: list[_Line]) -> _Columns:
                 )
     raise AnnotationError(
         QT_TR_NOOP(
-            "Line {number}: there are no headings, and no columns that are times. Begin with a row"
-            " of headings: tier, start_s, end_s, value."
+            "Line {number}: there is no header row, and no column contains times. Start with a header row: "
+            "tier, start_s, end_s, value."
         ),
         number=lines[0].number,
     )
@@ -519,12 +519,12 @@ def _time_of(line: _Line, column: int, factor: int, *, start: bool) -> int:
 def _no_time(*, start: bool, told: bool) -> str:
     """Message for an invalid (``told``) or missing start or end."""
     if told and start:
-        return QT_TR_NOOP("Line {number}, start: “{word}” is no time. Write seconds, or hh:mm:ss.mmm.")
+        return QT_TR_NOOP("Line {number}, start: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
     if told:
-        return QT_TR_NOOP("Line {number}, end: “{word}” is no time. Write seconds, or hh:mm:ss.mmm.")
+        return QT_TR_NOOP("Line {number}, end: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
     if start:
-        return QT_TR_NOOP("Line {number}, start: there is no time. Write seconds, or hh:mm:ss.mmm.")
-    return QT_TR_NOOP("Line {number}, end: there is no time. Write seconds, or hh:mm:ss.mmm.")
+        return QT_TR_NOOP("Line {number}, start: the time is missing. Use seconds or hh:mm:ss.mmm.")
+    return QT_TR_NOOP("Line {number}, end: the time is missing. Use seconds or hh:mm:ss.mmm.")
 
 
 def _cell(line: _Line, column: int | None) -> str:

@@ -59,9 +59,7 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
         root = _parse(content)
         return _document(root, coder, _moved_ms(root, media_began_ms or {}))
     except AnnotationError as error:
-        raise AnnotationError(
-            QT_TR_NOOP("{file} cannot be taken over. {error}"), file=path.name, error=error
-        ) from error
+        raise AnnotationError(QT_TR_NOOP("{file} cannot be imported. {error}"), file=path.name, error=error) from error
 
 
 def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
@@ -106,15 +104,18 @@ def _parse(content: bytes) -> Element:
     try:
         root: Element = fromstring(content, forbid_dtd=True)
     except ParseError as error:
-        raise AnnotationError(QT_TR_NOOP("It is no XML, or was cut off: {error}."), error=error) from error
+        raise AnnotationError(
+            QT_TR_NOOP("The file is not valid XML, or is truncated: {error}."), error=error
+        ) from error
     except (DefusedXmlException, ValueError, LookupError, RecursionError) as error:
         raise AnnotationError(
-            QT_TR_NOOP("It holds what no ELAN file has ({kind}), so it was not read."), kind=type(error).__name__
+            QT_TR_NOOP("The file contains XML that is not allowed in an ELAN file ({kind}), so it was not read."),
+            kind=type(error).__name__,
         ) from error
     if root.tag != "ANNOTATION_DOCUMENT":
-        raise AnnotationError(QT_TR_NOOP("It is no ELAN file: it begins with “{tag}”."), tag=root.tag[:40])
+        raise AnnotationError(QT_TR_NOOP("The file is not an ELAN file: it starts with “{tag}”."), tag=root.tag[:40])
     if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
-        raise AnnotationError(QT_TR_NOOP("It holds more than can be worked with."))
+        raise AnnotationError(QT_TR_NOOP("The file contains too many elements."))
     return root
 
 
@@ -142,7 +143,7 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
         xml_name = element.get("TIER_ID", "")
         if not xml_name or xml_name in tiers:
             raise AnnotationError(
-                localized(QT_TR_NOOP("Two tiers are called “{tier}”."), tier=xml_name)
+                localized(QT_TR_NOOP("Duplicate tier name “{tier}”."), tier=xml_name)
                 if xml_name
                 else QT_TR_NOOP("A tier has no name.")
             )
@@ -165,7 +166,7 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
         start_ms, end_ms = (at_ms + moved_ms for at_ms in spans[item.xml_id])
         if end_ms < start_ms:
             raise AnnotationError(
-                QT_TR_NOOP("An annotation of the tier “{tier}” at {time} ends before it starts."),
+                QT_TR_NOOP("An annotation on the tier “{tier}” at {time} ends before it starts."),
                 tier=tier.name,
                 time=time_text(start_ms),
             )
@@ -226,13 +227,13 @@ def _items(root: Element) -> Iterator[_Item]:
             name = tier.get("TIER_ID", "")
             if not xml_id or xml_id in seen:
                 raise AnnotationError(
-                    QT_TR_NOOP("Annotations of the tier “{name}” have no id, or the same (“{id}”)."),
+                    QT_TR_NOOP("Annotations on the tier “{name}” have a missing or duplicate id (“{id}”)."),
                     name=name,
                     id=xml_id[:40],
                 )
             if len(value) > LONGEST_VALUE:
                 raise AnnotationError(
-                    QT_TR_NOOP("A text on the tier “{tier}” has %n characters; {most} fit.", "", len(value)),
+                    QT_TR_NOOP("A text on the tier “{tier}” has %n characters; the maximum is {most}.", "", len(value)),
                     tier=name,
                     most=LONGEST_VALUE,
                 )
@@ -256,7 +257,7 @@ def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
         elif slot.get("TIME_VALUE") is None:
             unknown.add(name)
         else:
-            raise AnnotationError(QT_TR_NOOP("The time slot “{name}” has no usable time."), name=name[:40])
+            raise AnnotationError(QT_TR_NOOP("The time slot “{name}” has no valid time."), name=name[:40])
     following = {item.slots[0]: item for item in items.values() if item.slots is not None and item.slots[1] in unknown}
     ends = {item.slots[0]: item.slots[1] for item in items.values() if item.slots is not None}
     for start in list(following):
@@ -266,7 +267,7 @@ def _slot_times(root: Element, items: dict[str, _Item]) -> dict[str, int]:
         while chain[-1] in ends and ends[chain[-1]] in unknown and ends[chain[-1]] not in times:
             chain.append(ends[chain[-1]])
             if len(chain) > len(items) + 1:
-                raise AnnotationError(QT_TR_NOOP("Its annotations follow one another in a circle."))
+                raise AnnotationError(QT_TR_NOOP("The sequence of annotations forms a loop."))
         last = ends.get(chain[-1], "")
         if last in times:
             for number, name in enumerate(chain[1:], start=1):
@@ -283,7 +284,7 @@ def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[in
             waiting.setdefault((item.parent, item.tier_name), []).append(item)
         elif item.slots[0] not in times or item.slots[1] not in times:
             raise AnnotationError(
-                QT_TR_NOOP("An annotation of the tier “{tier}” has no time (“{value}”)."),
+                QT_TR_NOOP("An annotation on the tier “{tier}” has no time (“{value}”)."),
                 tier=item.tier_name,
                 value=item.value[:40],
             )
@@ -294,7 +295,7 @@ def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[in
         if not ready:
             _, name = next(iter(waiting))
             raise AnnotationError(
-                QT_TR_NOOP("Annotations of the tier “{name}” refer to one that is not there, or in a circle."),
+                QT_TR_NOOP("Annotations on the tier “{name}” refer to a missing annotation, or form a loop."),
                 name=name,
             )
         for key in ready:

@@ -82,16 +82,16 @@ _SPEECH = {
 }
 _MOTIONS = {
     "standing": "No velocity was commanded.",
-    "forward": f"At least {_STILL_MPS} m/s forward, turning or not; or slower, and nothing faster beside it.",
-    "backward": f"At least {_STILL_MPS} m/s backward, turning or not; or slower, and nothing faster beside it.",
-    "sideways": f"At least {_STILL_MPS} m/s to the side, neither forward nor backward; or slower likewise.",
-    "turning": f"At least {_STILL_RADPS} rad/s on the spot; or slower likewise.",
+    "forward": f"At least {_STILL_MPS} m/s forward, turning or not; or slower, if no other motion is faster.",
+    "backward": f"At least {_STILL_MPS} m/s backward, turning or not; or slower, if no other motion is faster.",
+    "sideways": f"At least {_STILL_MPS} m/s to the side, not forward or backward; or slower, if no other is faster.",
+    "turning": f"At least {_STILL_RADPS} rad/s on the spot; or slower, if no other motion is faster.",
 }
 _ANSWER_USES = {
     "said": "",
     "edited": "",
     "dismissed": "",
-    "unheard": "It was to be said, but silenced before anybody heard it.",
+    "unheard": "It was requested but stopped before anything was heard.",
 }
 # Periodic measurements, and the ends of the timeline: shown in tables, not as tiers.
 _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
@@ -424,11 +424,11 @@ class TimelineBuilder:
         )
         known: dict[str, tuple[str, dict[str, str]]] = {
             MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
-            ERRORS_VOCABULARY: ("What the wizard did wrong.", dict.fromkeys(states.WIZARD_ERRORS, "")),
-            "Motion": ("How the robot was told to move.", _MOTIONS),
-            "Driving source": ("What the velocity came from.", dict.fromkeys(get_args(CommandSource), "")),
-            "Speech origin": ("Where the words came from.", dict.fromkeys(get_args(UtteranceOrigin), "")),
-            "Answer use": ("What became of the answer.", _ANSWER_USES),
+            ERRORS_VOCABULARY: ("Errors made by the wizard.", dict.fromkeys(states.WIZARD_ERRORS, "")),
+            "Motion": ("Motion that was commanded.", _MOTIONS),
+            "Driving source": ("Source of the commanded velocity.", dict.fromkeys(get_args(CommandSource), "")),
+            "Speech origin": ("Origin of the utterance.", dict.fromkeys(get_args(UtteranceOrigin), "")),
+            "Answer use": ("Use of the answer.", _ANSWER_USES),
         }
         vocabularies = []
         for name, (description, entries) in known.items():

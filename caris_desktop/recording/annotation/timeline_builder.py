@@ -263,4 +263,4 @@ class WavReader:
                 return channels, rate, offset, length // (2 * channels)
             else:
                 self._file.seek(length + length % 2, 1)
-        raise ValueError("it holds no samples")
+        raise ValueError("it contains no samples")

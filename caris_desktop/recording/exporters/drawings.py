@@ -209,7 +209,7 @@ def _strip(
         parts.append(_element("line", x1=_LABEL_PX, x2=right, y1=middle, y2=middle, class_="rail"))
         parts += [_item(item, x, y) for item in row.items if _within(item, begins_s, ends_s)]
         y += _ROW_PX + _ROW_GAP_PX
-    title = f"What happened from {clock_text(begins_s)} to {clock_text(min(ends_s, lasts_s))}"
+    title = f"Event log from {clock_text(begins_s)} to {clock_text(min(ends_s, lasts_s))}"
     return _svg(_LABEL_PX + _PLOT_PX + 20.0, height + _AXIS_PX, *parts, title=title)
 
 
@@ -308,7 +308,7 @@ def path_on_map(way: Trajectory, grid: OccupancyGrid | None, places: Sequence[Pi
     parts.append(_start(spot(*way.points_m[0])))
     parts.append(_robot(spot(*way.points_m[-1]), float(way.headings_rad[-1])))
     parts.append(_scale_bar(width, whole, scale))
-    return _svg(width, whole, *parts, title="The way of the robot on the map", look="drawing map")
+    return _svg(width, whole, *parts, title="Path of the robot on the map", look="drawing map")
 
 
 def _bounds(way: Trajectory, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
@@ -384,7 +384,7 @@ def map_png(grid: OccupancyGrid) -> bytes:
     image[known, 3] = (np.clip(cells[known].astype(np.float32), 0, 100) * 2.55).astype(np.uint8)
     done, content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not done:
-        raise OSError("the map could not be written as a picture")
+        raise OSError("the map could not be encoded as an image")
     return content.tobytes()
 
 

@@ -277,10 +277,10 @@ def _video(session: Session, name: str, first_ns: int, out: Path, progress: Call
             (out / name).unlink(missing_ok=True)
             _log.warning("%s is copied as it is: %r", name, error)
         else:
-            note = f"The camera began {late_ms / 1000:.3f} s into the session; its first picture stands until then."
+            note = f"The camera started {late_ms / 1000:.3f} s into the session; its first frame is shown until then."
             return LinkedMedia(name, "video/mp4", 0, note)
     _copy(session.folder / name, out / name, progress)
-    return LinkedMedia(name, "video/mp4", -round(late_ms), "As it was recorded.")
+    return LinkedMedia(name, "video/mp4", -round(late_ms), "Unchanged from the recording.")
 
 
 def _delay_video(source: Path, target: Path, delay_s: float, progress: Callable[[float], None]) -> None:
@@ -338,10 +338,10 @@ def _sound(session: Session, name: str, blocks: list[tuple[int, int, int, int]],
             (out / name).unlink(missing_ok=True)
             _log.warning("%s is copied as it is: %s", name, error)
         else:
-            note = f"Silence was put in where nothing was recorded, {max(late_ns, 0) / 1e9:.3f} s at the beginning."
+            note = f"Silence replaces gaps in the recording, including {max(late_ns, 0) / 1e9:.3f} s at the start."
             return LinkedMedia(name, mime, 0, note)
     _copy(session.folder / name, out / name, lambda _fraction: None)
-    return LinkedMedia(name, mime, -round(late_ns / 1e6), "As it was recorded.")
+    return LinkedMedia(name, mime, -round(late_ns / 1e6), "Unchanged from the recording.")
 
 
 def _place_sound(session: Session, source: Path, runs: list[tuple[int, int, int, int]], target: Path) -> None:
@@ -382,12 +382,14 @@ def _wav_head(channels: int, rate: int, samples: int) -> bytes:
 
 def _about_media(session: Session, media: Iterable[LinkedMedia]) -> str:
     lines = [
-        f"Session {session.folder.name}, which began at {session.clock.utc(session.started_ns)} (UTC).",
-        "Times in the .eaf are milliseconds since then. The files beside it:",
+        f"Session {session.folder.name}, started at {session.clock.utc(session.started_ns)} (UTC).",
+        "Times in the .eaf file are milliseconds since then. The files next to it:",
         "",
     ]
     for item in media:
         lines.append(f"{item.file_name}: {item.note}")
         if item.time_origin_ms:
-            lines.append(f"  Its time is the document's plus {item.time_origin_ms} ms (TIME_ORIGIN in the .eaf).")
+            lines.append(
+                f"  Its time is the time of the document plus {item.time_origin_ms} ms (TIME_ORIGIN in the .eaf file)."
+            )
     return "\n".join(lines) + "\n"

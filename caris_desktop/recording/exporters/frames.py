@@ -127,8 +127,8 @@ class _Yolo:
             (folder / "labels" / part).mkdir(parents=True)
         self.paths = [folder / "data.yaml", folder / "boxes.csv"]
         self.paths[0].write_text(
-            "# Pictures of one session. The boxes were found by the perception of the recording, not by people.\n"
-            "# val is the last fifth of the time. For figures that mean something, keep whole sessions apart.\n"
+            "# Images of one session. The boxes come from a detector and tracker, and have not been corrected.\n"
+            "# val is the last fifth of the session. For meaningful results, validate on other sessions.\n"
             "train: images/train\nval: images/val\nnames:\n  0: person\n",
             encoding="utf-8",
         )
@@ -261,8 +261,11 @@ class _Mot:
         )
         said = sequence.folder / "gt" / "MACHINE-MADE.txt"
         said.write_text(
-            "gt.txt holds the tracks of the recording's own tracker. Nobody has corrected them: they are no ground "
-            "truth\nuntil somebody does. The file has this name because tools for the MOT format look for it.\n",
+            (
+                "gt.txt contains the tracks of the recording's own tracker. They have not been corrected, so "
+                "they are not ground truth\nyet. The file has this name because tools for the MOT format look "
+                "for it.\n"
+            ),
             encoding="utf-8",
         )
         times = sequence.folder / "frames.csv"
@@ -284,79 +287,79 @@ class _Mot:
 
 
 def _rate(most_hz: float | None) -> str:
-    return "every frame that was perceived" if most_hz is None else f"at most {most_hz:g} frames per second"
+    return "every processed frame" if most_hz is None else f"at most {most_hz:g} frames per second"
 
 
 def _readme(session: Session, yolo: _Yolo, mot: _Mot, *, driving: Written, dialogue: Written, missing: int) -> str:
     version = session.header.get("program_version", "")
-    without = f" {missing} moments with people had no picture in the video and were left out.\n" if missing else ""
+    without = f" {missing} detections of people without a frame in the video were left out.\n" if missing else ""
     sequences = ", ".join(sequence.folder.name for sequence in mot.sequences.values()) or "none"
     clock = session.clock
     told = robot_clock(session).summary(
         utc_ns_at=clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
     )
-    robot = "It is not known here."
+    robot = "In this session, the robot's clock is unknown."
     if told is not None:
-        robot = f"Here it is known to {told.uncertainty_ms:.1f} ms ({told.estimates} measurements)."
+        robot = f"In this session, it is accurate to {told.uncertainty_ms:.1f} ms ({told.estimates} measurements)."
     return f"""# Data card: session {session.folder.name}
 
 Recorded by CARIS Desktop {version} in a Wizard-of-Oz study: a person (the wizard) drove the robot and chose what it
-said. Began {clock.utc(clock.started_ns)}, lasted {session.duration_s:.1f} s. People are opaque ids; the pictures show
-people, and what was said is in the texts: handle both as the consent of the study demands.
+said. Started {clock.utc(clock.started_ns)}, duration {session.duration_s:.1f} s. People are identified by opaque ids.
+The images show people, and the texts contain what was said: handle both as the consent of the study requires.
 
 ## Clock
-`session_s` and all `..._s` moments are seconds since the session began, on one monotonic clock; `utc` is the same
-moment in UTC by the clock of the recording computer; `stamp_ns` the same in nanoseconds of the monotonic clock, as in
-the session's `events.mcap`. `age_s` is how old a value was: since the robot measured it, by its own stamp mapped to the
-session's clock where its clock is known, else since it reached the console. {robot}
+`session_s` and all times that end in `_s` are seconds since the start of the session, on one monotonic clock. `utc` is
+the same time in UTC, from the clock of the recording computer. `stamp_ns` is the same time in nanoseconds of the
+monotonic clock, as in the session's `events.mcap`. `age_s` is the age of a value. If the robot's clock is known, it is
+the time since the measurement, from the robot's timestamp; otherwise it is the time since the arrival at the console.
+{robot}
 
-## yolo/ ({yolo.images["train"]} + {yolo.images["val"]} pictures, {yolo.boxes} boxes)
+## yolo/ ({yolo.images["train"]} + {yolo.images["val"]} images, {yolo.boxes} boxes)
 {_rate(yolo.most_hz).capitalize()} of each camera.{without} `labels/*/NAME.txt`: a line for each person, as
-`class x y width height`, class 0 = person, centre and size as fractions of the picture. An empty file: nobody found.
-`boxes.csv` adds moment, track, person id, confidence (0..1) and pixels (from the left upper corner, from 0).
-The boxes were **found by a detector and a tracker, nobody has corrected them**. `val` is the last fifth of the session;
-pictures of one session resemble each other, so test on other sessions.
+`class x y width height`, class 0 = person, centre and size as fractions of the image. An empty file: no people
+detected. `boxes.csv` adds time, track, person id, confidence (0..1) and pixels (from the upper left corner, from 0).
+The boxes come **from a detector and a tracker, and have not been corrected**. `val` is the last fifth of the session;
+images of one session resemble each other, so test on other sessions.
 
 ## mot/ ({sequences})
-{_rate(mot.most_hz).capitalize()} of each camera, in the layout of the MOTChallenge. `det/det.txt`:
+{_rate(mot.most_hz).capitalize()} of each camera, in the MOTChallenge layout. `det/det.txt`:
 `frame,-1,left,top,width,height,confidence,-1,-1,-1`; `gt/gt.txt`: `frame,id,left,top,width,height,1,1,1`, both in
-pixels, counted from 1. **The tracks are machine-made**, see `gt/MACHINE-MADE.txt`. `frames.csv`: when each frame was
-taken; `tracks.csv`: the tracker's number and the person ids of each id. `frameRate` is the mean, rounded: frames are
-not exactly regular.
+pixels, counted from 1. **The tracks are machine-made**, see `gt/MACHINE-MADE.txt`. `frames.csv`: time of each frame;
+`tracks.csv`: track number and person ids of each id. `frameRate` is the rounded mean: the frame interval is not
+constant.
 
 ## driving/ ({driving.episodes} episodes, {driving.steps} steps)
-`episodes.jsonl` lists the episodes, `episode-NNNN.jsonl` has a line for each step of 0.1 s. Every line names its
-`session`, `participant`, `condition` and `trial`, here and in `dialogue/`. An episode begins with the first velocity
-other than zero and ends when there was none for 2 s; it keeps 0.5 s of rest at its end.
-`state` is what the console had when the step began, by arrival; null where it is not known or older than 5 s:
-- `pictures`: for each camera that had one, the newest frame: `image` is a file beside the steps, at most
-  {PICTURE_WIDTH_PX} pixels wide; `frame_sequence` as in the session's `events.mcap`. A frame that several steps saw is
-  there once; cameras whose video lacks the frame are absent.
-- `scan`: `ranges_m` in metres, null where nothing returned; beam i looks along
-  `angle_min_rad + i * angle_increment_rad` from the laser, which sits at `robot_from_laser`
-  (null where nobody told).
+`episodes.jsonl` lists the episodes, `episode-NNNN.jsonl` has a line for each step of 0.1 s. Every line contains its
+`session`, `participant`, `condition` and `trial`, here and in `dialogue/`. An episode starts with the first velocity
+other than zero and ends after 2 s without one; it includes 0.5 s of rest at its end.
+`state` is the latest data that had arrived at the console at the start of the step; null if unknown or older than 5 s:
+- `pictures`: the newest frame of each camera that had one: `image` is a file next to the steps, at most
+  {PICTURE_WIDTH_PX} pixels wide; `frame_sequence` as in the session's `events.mcap`. A frame shared by several steps is
+  stored once; a camera is absent if its video lacks the frame.
+- `scan`: `ranges_m` in metres, null for no return; beam i points along
+  `angle_min_rad + i * angle_increment_rad` from the laser, which is mounted at `robot_from_laser` (null if unknown).
 - `pose_in_map`: `x_m`, `y_m`, `heading_rad` (counter-clockwise) of the robot in its map.
 - `odometry`: pose in the drifting odometry frame, and velocity in the robot's own frame (m/s, rad/s, left positive).
-- `goal`: the navigation goal under way, null without one. A goal moves the robot without commands of the wizard.
-- `people_in_map`: places in the map, metres, `spread_m` is one standard deviation; `people_in_view`: boxes, pixels.
+- `goal`: the active navigation goal, null without one. A goal moves the robot without commands from the wizard.
+- `people_in_map`: positions in the map, metres, `spread_m` is one standard deviation; `people_in_view`: boxes, pixels.
 
-`action` is the velocity in force when the step ended, as it was sent to the robot: after ramps, limits and the obstacle
-guard. `source` is what the wizard drove with: keyboard, gamepad, onscreen; rehearsal (scripted), stop and lease (the
+`action` is the velocity in effect at the end of the step, as sent to the robot: after ramps, limits and the obstacle
+guard. `source` is the wizard's input device: keyboard, gamepad, onscreen; or rehearsal (scripted), stop and lease (the
 program ended the motion), none.
 
 ## dialogue/ ({dialogue.episodes} turns)
-`turns.jsonl`: a line for each thing the robot said, or was to say.
-- `decided_s`: when the wizard asked for it. `context` is what there was at that moment.
-- `context.transcript`: up to {20} utterances before, oldest first; `ended_s` null: still being said.
-- `context.people_in_view`: how many people each camera saw.
-- `context.assistant`: exchanges with a language model that were answered since the turn before: prompt, answer, `cut`
-  (empty; `length` or `filter` where the answer ends before its end), and
-  what was done with it in the end (`said`, `edited`, `dismissed`, `unused`).
+`turns.jsonl`: a line for each utterance of the robot, spoken or only requested.
+- `decided_s`: time of the wizard's request. `context` is the situation at that time.
+- `context.transcript`: up to {20} previous utterances, oldest first; `ended_s` null: not yet finished.
+- `context.people_in_view`: number of people in view of each camera.
+- `context.assistant`: exchanges with a language model that were answered since the previous turn: prompt, answer, `cut`
+  (empty; `length` or `filter` if the answer is truncated), and
+  its final use (`said`, `edited`, `dismissed`, `unused`).
 - `action.text`, and `action.origin`: `typed`, `phrase` (prepared), `filler`, `suggestion`, `assistant` (a language
-  model's answer as it was), `edited` (one that the wizard changed), `heard` (of an imported recording).
-- `action.state`: finished, interrupted, failed, requested (never said), started (its end is not known). `action.said`:
-  anybody heard at least a part of it.
-- `response_time_s`: from the end of what the participant said to the beginning of this; null where it is no response:
-  nobody spoke before, or over 30 s passed. `wizard_reaction_time_s`: from the end of that, or the model's answer if it
-  came later, to `decided_s`.
+  model's answer, unchanged), `edited` (an answer that the wizard changed), `heard` (from an imported recording).
+- `action.state`: finished, interrupted, failed, requested (never said), started (its end is unknown). `action.said`:
+  at least a part of it was audible.
+- `response_time_s`: from the end of the participant's utterance to the start of this one; null if it is not a response:
+  no participant spoke before, or more than 30 s passed. `wizard_reaction_time_s`: from the end of the participant's
+  utterance, or from the model's answer if that came later, to `decided_s`.
 """

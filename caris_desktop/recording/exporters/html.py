@@ -82,11 +82,11 @@ _ORIGINS = {
 _SOURCES = {
     "keyboard": "Keyboard",
     "gamepad": "Gamepad",
-    "onscreen": "Buttons on the screen",
+    "onscreen": "On-screen buttons",
     "rehearsal": "Rehearsed script",
     "stop": "Stop",
     "lease": "Safety stop",
-    "none": "Not told",
+    "none": "Not specified",
 }
 _SEVERITIES = {"error": "red", "warning": "amber", "info": ""}
 _USES = {
@@ -95,7 +95,7 @@ _USES = {
     "dismissed": ("dismissed", ""),
     "unused": ("unused", ""),
 }
-_CUTS = {"": "", "length": "cut off at its limit", "filter": "cut off by a filter"}
+_CUTS = {"": "", "length": "cut off at the length limit", "filter": "cut off by a filter"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +146,8 @@ def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) 
         **_problems(facts),
         **_alarms(facts, measures),
         "footer": (
-            f"Made by CARIS Desktop from the session {session.folder.name}. Times are minutes and seconds since the"
-            " recording began."
+            f"Created by CARIS Desktop from the session {session.folder.name}. Times are minutes and seconds since the"
+            " start of the recording."
         ),
     }
 
@@ -191,13 +191,13 @@ def _facts(facts: SessionData) -> list[tuple[str, str]]:
 
 
 def _checked(facts: SessionData) -> str:
-    """``12 of 14 checks passed. Not so: Consent form signed (not checked; ticked later)``; empty without any."""
+    """``12 of 14 checks passed. Not passed: Consent form signed (not checked; ticked later)``; empty without any."""
     preflight = preflight_of(facts.of(PreflightChecked))
     if not preflight.checks:
         return ""
     passed = f"{preflight.passed} of {len(preflight.checks)} checks passed"
     not_so = "; ".join(open_words(preflight))
-    return f"{passed}. Not so: {not_so}" if not_so else passed
+    return f"{passed}. Not passed: {not_so}" if not_so else passed
 
 
 def _scenarios(facts: SessionData) -> str:
@@ -271,9 +271,9 @@ class _Seen:
         entries = [
             ("filler", "bar", "filler"),
             ("driven", "bar", "driven by the wizard"),
-            ("navigated", "bar", "on its way by itself"),
-            ("late", "bar", "step of the protocol that took longer than expected"),
-            ("mark", "diamond", "mark; with a line: a stretch"),
+            ("navigated", "bar", "driving autonomously"),
+            ("late", "bar", "protocol step that took longer than expected"),
+            ("mark", "diamond", "mark; with a line: an interval"),
             ("error", "triangle", "wizard error"),
             ("trouble", "dot", "problem"),
             ("pause", "bar", "recording paused"),
@@ -293,7 +293,7 @@ class _Seen:
         seconds = (facts.odometry_ns - facts.session.started_ns) / 1e9
         speed_mps = facts.odometry[:, 2]
         top_mps = max(0.1, float(np.nanmax(speed_mps)))
-        return [Curve(f"Speed, to {top_mps:.1f} m/s", seconds, speed_mps, top_mps, "speed")]
+        return [Curve(f"Speed, up to {top_mps:.1f} m/s", seconds, speed_mps, top_mps, "speed")]
 
     def _all_rows(self) -> Iterator[Row]:
         facts = self._facts
@@ -355,7 +355,7 @@ class _Seen:
         by_person: dict[str, list[Item]] = {}
         for visit in visits(self._facts):
             name = f"Person {visit.number or visit.person_id}"
-            item = self._item(visit.start_ns, visit.end_ns, "present", f"{name} is there")
+            item = self._item(visit.start_ns, visit.end_ns, "present", f"{name} is present")
             by_person.setdefault(name, []).append(item)
         people = list(by_person.items())
         for name, items in people[:_MAX_PEOPLE_ROWS]:
@@ -428,10 +428,10 @@ def _trajectory(
     if driving.max_speed_mps is not None:
         fact.append(f"at most {driving.max_speed_mps:.2f} m/s")
     if not in_map:
-        fact.append("by its odometry, without a map")
-    legend = [_Legend(_sample("line", "way"), "driven by the wizard, the later the stronger")]
+        fact.append("from odometry, without a map")
+    legend = [_Legend(_sample("line", "way"), "driven by the wizard; the colour gets stronger with time")]
     if by_itself.any():
-        legend.append(_Legend(_sample("line", "way itself"), "on its way by itself"))
+        legend.append(_Legend(_sample("line", "way itself"), "driving autonomously"))
     looks = {pin.look for pin in way.pins}
     for look, shape, words in (
         ("mark", "diamond", "mark"), ("error", "triangle", "wizard error"), ("trouble", "square", "emergency stop"),
@@ -543,13 +543,13 @@ def _talk(measures: Measures) -> dict[str, Any]:
     if measures.interrupted:
         origin_rows.append(Part("Interrupted", measures.interrupted, "silence", str(measures.interrupted)))
     if measures.unsaid:
-        origin_rows.append(Part("Asked for, but never said", measures.unsaid, "silence", str(measures.unsaid)))
+        origin_rows.append(Part("Requested but never said", measures.unsaid, "silence", str(measures.unsaid)))
     robot_s = measures.talk["robot"].speech_s if "robot" in measures.talk else 0.0
     return {
-        "talk_fact": f"the robot {robot_s / talked_s:.0%} of it" if talked_s > 0.0 and robot_s > 0.0 else "",
-        "talk_bar": drawings.share_bar(parts, title="Who spoke how long") if rows else Markup(""),
+        "talk_fact": f"robot: {robot_s / talked_s:.0%} of speech" if talked_s > 0.0 and robot_s > 0.0 else "",
+        "talk_bar": drawings.share_bar(parts, title="Speaking time") if rows else Markup(""),
         "talk_rows": rows,
-        "origin_bar": drawings.share_bar(origins, title="Where the robot's words came from"),
+        "origin_bar": drawings.share_bar(origins, title="Origin of the robot's speech"),
         "origin_rows": origin_rows,
     }
 
@@ -564,10 +564,10 @@ def _driving(measures: Measures) -> dict[str, Any]:
         for number, (source, seconds) in enumerate(driving.seconds_by_source.items())
     ]
     if driving.navigating_s:
-        parts.append(Part("On its way by itself", driving.navigating_s, "share-2", duration_text(driving.navigating_s)))
+        parts.append(Part("Driving autonomously", driving.navigating_s, "share-2", duration_text(driving.navigating_s)))
     rows = [{"label": part.label, "look": part.look, "shown": part.shown} for part in parts]
     if not driving.seconds_by_source:
-        rows.insert(0, {"label": "Driven by the wizard", "look": "", "shown": "not at all"})
+        rows.insert(0, {"label": "Driven by the wizard", "look": "", "shown": "never"})
 
     def add(label: str, shown: str) -> None:
         rows.append({"label": label, "look": "", "shown": shown})
@@ -580,13 +580,13 @@ def _driving(measures: Measures) -> dict[str, Any]:
         add(f"Goals {outcome}", str(count))
     add("Stop pressed", str(driving.stops))
     add("Emergency stops", str(driving.emergency_stops))
-    add("The guard slowed or stopped it", str(driving.guard_interventions))
+    add("Obstacle guard interventions", str(driving.guard_interventions))
     if driving.guard_s.get("overridden"):
-        add("With the guard switched off", duration_text(driving.guard_s["overridden"]))
+        add("Obstacle guard turned off", duration_text(driving.guard_s["overridden"]))
     for reason, count in driving.ended_by_itself.items():
         add(f"Driving ended: {reason}", str(count))
     if measures.link_trouble_s:
-        add("Link in trouble", duration_text(measures.link_trouble_s))
+        add("Connection interrupted", duration_text(measures.link_trouble_s))
     return {
         "driving_fact": duration_text(driving.driving_s) if driving.driving_s else "",
         "driving_bar": drawings.share_bar(parts, title="How the robot was driven"),
@@ -608,7 +608,7 @@ def _protocol(measures: Measures) -> dict[str, Any]:
                 "number": step.number,
                 "title": step.title,
                 "planned": duration_text(step.expected_s) if step.expected_s else "–",
-                "actual": duration_text(step.time_s) if step.visits else "not begun",
+                "actual": duration_text(step.time_s) if step.visits else "not started",
                 "visits": step.visits,
                 "late": duration_text(step.late_s) if step.late_s >= LATE_FROM_S else "",
                 "skipped": "" if not step.skipped else "skipped" if step.skipped == 1 else f"skipped {step.skipped} ×",
@@ -627,7 +627,7 @@ def _marks(facts: SessionData, measures: Measures, coding: AnnotationDocument) -
     for label, count in sorted(measures.errors.items(), key=lambda entry: -entry[1]):
         rate = per_10_min(count, measures.recorded_s)
         shown = f"{count} ({rate:.1f} per 10 min)" if rate is not None else str(count)
-        rows.append({"kind": "wizard error", "look": "red", "label": label or "not told which", "shown": shown})
+        rows.append({"kind": "wizard error", "look": "red", "label": label or "not specified", "shown": shown})
     when = facts.session.clock.session_s
     return {
         "marks_fact": counted(sum(measures.marks.values()), "mark"),
@@ -690,9 +690,9 @@ def _models(facts: SessionData, measures: Measures) -> dict[str, Any]:
 
 def model_name(model: ModelUse) -> str:
     """``smollm2-135m, q8_0 (embedded, on this computer)``, ``gpt-4o (openai, at api.openai.com)``."""
-    named = ", ".join(part for part in (model.model, model.version) if part) or "not told"
+    named = ", ".join(part for part in (model.model, model.version) if part) or "not specified"
     where = f"on {model.place}" if model.place == THIS_COMPUTER else f"at {model.place}"
-    kind = ", ".join(part for part in (model.provider, where if model.place else "server not told") if part)
+    kind = ", ".join(part for part in (model.provider, where if model.place else "server not specified") if part)
     return f"{named} ({kind})"
 
 
@@ -718,7 +718,7 @@ def _photos(facts: SessionData) -> dict[str, Any]:
     ]
     fact = counted(len(photos), "photo")
     if len(photos) > _MAX_PHOTOS:
-        fact += f", the first {_MAX_PHOTOS} of them here"
+        fact += f", the first {_MAX_PHOTOS} are shown"
     return {"photos": shown, "photos_fact": fact}
 
 
@@ -793,7 +793,7 @@ def _alarms(facts: SessionData, measures: Measures) -> dict[str, Any]:
     """Alarms section: cause, duration and end of each."""
     when = facts.session.clock.session_s
     alarms = measures.alarms
-    ended = {True: "stood to the end", False: "ended by itself"}
+    ended = {True: "active until the end", False: "ended automatically"}
     return {
         "alarms_fact": f"{counted(len(alarms), 'alarm')}, {duration_text(sum(alarm.stood_s for alarm in alarms))}",
         "alarms": [
@@ -803,7 +803,7 @@ def _alarms(facts: SessionData, measures: Measures) -> dict[str, Any]:
                 "look": _SEVERITIES[alarm.severity],
                 "text": alarm.what + ("" if alarm.times == 1 else f" ({alarm.times} times)"),
                 "stood": duration_text(alarm.stood_s),
-                "ended": f"seen to by {in_words(alarm.seen_to_by)}"
+                "ended": f"dismissed by {in_words(alarm.seen_to_by)}"
                 if alarm.seen_to_by
                 else ended[alarm.end_ns is None],
             }

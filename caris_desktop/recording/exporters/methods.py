@@ -32,7 +32,7 @@ def write_methods_of_study(sessions: Sequence[Session], out: Path, context: Expo
 
 def as_markdown(sheet: MethodsSheet) -> str:
     """Sheet as Markdown; text from the recording is escaped."""
-    lines = [f"# {_plain(sheet.title)}", "", sheet.about, "", f"Still to be filled in by hand: {_open(sheet)}.", ""]
+    lines = [f"# {_plain(sheet.title)}", "", sheet.about, "", f"To be filled in by hand: {_open(sheet)}.", ""]
     for section in sheet.sections:
         lines += [f"## {section.title}", ""]
         for item in section.items:
@@ -45,7 +45,7 @@ def as_markdown(sheet: MethodsSheet) -> str:
                 lines += ["", f"- [ ] **To fill in by hand:** {item.by_hand}"]
             lines.append("")
     lines += [
-        "## Paragraph for a paper", "", "What stands in square brackets is still to be filled in.", "",
+        "## Paragraph for a paper", "", "Text in square brackets still has to be filled in.", "",
         _plain(sheet.paragraph), "",
     ]  # fmt: skip
     for appendix in sheet.appendices:

@@ -79,7 +79,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     marker = "The wizard" if len(wizards) <= 1 else "The wizards"
     rate = per_10_min(count, recorded_s)
     if count:
-        kinds = listing_counts({label or "not told which": number for label, number in errors.items()})
+        kinds = listing_counts({label or "not specified": number for label, number in errors.items()})
         yield (f"{marker} marked {number_of(count, 'error')} of their own ({kinds}; {rate or 0.0:.1f} per 10 minutes).")
     else:
         yield f"{marker} marked no errors of their own."
@@ -90,10 +90,10 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         parts = [
             f"{lost} values were not recorded" if lost > 1 else "one value was not recorded" if lost else "",
             f"{number_of(cut, 'recording')} {was_or_were(cut)} cut off before the end" if cut else "",
-            f"{number_of(damaged, 'recording')} lost a part afterwards" if damaged else "",
+            f"{number_of(damaged, 'recording')} lost data afterwards" if damaged else "",
         ]
         text = listing([part for part in parts if part])
-        yield f"Of the record, {text}."
+        yield f"Data loss: {text}."
 
 
 def _movement_sentence(study: StudyFacts) -> str:
@@ -101,9 +101,11 @@ def _movement_sentence(study: StudyFacts) -> str:
     goals = study.counted(lambda m: m.driving.goals)
     count, reached = sum(goals.values()), goals.get("reached", 0)
     ways = [one.measures.driving.distance_m for one in study.known if one.measures.driving.distance_m is not None]
-    of_some = "" if len(ways) == len(study.known) else f", in the {len(ways)} of {len(study.known)} with odometry"
-    distance = f" ({distance_text(sum(ways))} in all{of_some})" if ways else ""
-    by_hand = f"was driven by hand for {duration_text(driven_s)}" if driven_s else ""
+    of_some = (
+        "" if len(ways) == len(study.known) else f", in the {len(ways)} of {len(study.known)} sessions with odometry"
+    )
+    distance = f" ({distance_text(sum(ways))} in total{of_some})" if ways else ""
+    by_hand = f"was driven manually for {duration_text(driven_s)}" if driven_s else ""
     by_itself = ""
     if count:
         if count == 1:
@@ -134,7 +136,7 @@ def _model_sentence(study: StudyFacts, model: ModelUse) -> str:
     accepted = model.said + model.edited
     answers = "its answer" if model.answered == 1 else f"its {number_of(model.answered, 'answer')}"
     if model.answered == 1:
-        used = "used as it was" if model.said else "edited and used" if model.edited else "not used"
+        used = "used unchanged" if model.said else "edited and used" if model.edited else "not used"
         return f"{text}; {answers} was {used} by the wizard."
     edited = ""
     if model.edited:

@@ -148,9 +148,10 @@ class _Answers:
         return MethodsSheet(
             title=f"Methods sheet of {of}",
             about=(
-                "Filled from the record of CARIS Desktop after the reporting guidelines for Wizard-of-Oz studies by"
-                " Riek (2012) and current practice in disclosing language models. Each answer names the parts of the"
-                " record that it is from. What the record cannot tell is marked to be filled in by hand."
+                "Filled in from the CARIS Desktop recording, following the reporting guidelines for "
+                "Wizard-of-Oz studies by Riek (2012) and current practice in disclosing language models. "
+                "Each answer names its sources in the recording. Information that is not in the recording is "
+                "marked to be filled in by hand."
             ),
             sections=tuple(section for section in sections if section.items),
             paragraph=paragraph(self._of),
@@ -166,28 +167,28 @@ class _Answers:
         own = []
         if goals:
             own.append(
-                f"It drove by itself to {number_of(sum(goals.values()), 'goal')} that the wizard set"
+                f"It drove autonomously to {number_of(sum(goals.values()), 'goal')} that the wizard set"
                 f" ({listing_counts(goals)}; {duration_text(navigated_s)})."
             )
         guarded = sum(one.measures.driving.guard_interventions for one in self._of.known)
         if any("event/guard_changed" in one.streams for one in self._of.known):
             often = f"slowed or stopped it {times_word(guarded)}" if guarded else "never slowed or stopped it"
-            own.append(f"A guard against obstacles {often}.")
+            own.append(f"An obstacle guard {often}.")
         own.append(self._who_decided_words())
         return SheetSection(
             "Robot",
             (
                 SheetItem(
-                    "How many robots, and of which kind?",
+                    "How many robots were used, and of which kind?",
                     listing(robots),
                     ("session.json", *events_named(RobotChosen)) if robots else (),
                     "Make, model and appearance (humanoid, mechanical, ...)." if robots else "The robot.",
                 ),
                 SheetItem(
-                    "What did the robot do by itself, and what did the wizard decide?",
+                    "What did the robot do autonomously, and what did the wizard decide?",
                     " ".join(part for part in own if part),
                     ("event/goal_changed", "event/guard_changed", "event/utterance_changed"),
-                    "How it was presented to participants: as autonomous or not.",
+                    "Whether the robot was presented to participants as autonomous.",
                 ),
                 SheetItem(
                     "How did it move?",
@@ -207,8 +208,8 @@ class _Answers:
                 f"{number_of(len(people), 'participant').capitalize()} in {number_of(len(self._of.known), 'session')}."
             )
             if without:
-                verb = "names" if without == 1 else "name"
-                answer += f" {number_of(without, 'session').capitalize()} {verb} no participant."
+                verb = "has" if without == 1 else "have"
+                answer += f" {number_of(without, 'session').capitalize()} {verb} no named participant."
         conditions = Counter(one.session.trial.get("condition", "") for one in self._of.known)
         conditions.pop("", None)
         seen = [one.measures for one in self._of.known]
@@ -219,10 +220,10 @@ class _Answers:
                     "How many participants?",
                     answer,
                     ("session.json",) if answer else (),
-                    "" if answer else "How many took part.",
+                    "" if answer else "Number of participants.",
                 ),
                 SheetItem(
-                    "Which conditions, with how many sessions each?",
+                    "Which conditions were there, and with how many sessions each?",
                     listing_counts(conditions),
                     ("session.json",) if conditions else (),
                     "" if conditions else "The conditions, if any.",
@@ -235,11 +236,11 @@ class _Answers:
                 SheetItem("Who were they?", by_hand="Age, gender, background, experience with robots, recruitment."),
                 SheetItem(
                     "What were they told?",
-                    by_hand="Instructions, consent, what they believed of the robot's autonomy, debriefing.",
+                    by_hand="Instructions, consent, beliefs about the robot's autonomy, debriefing.",
                 ),
                 SheetItem(
                     "Was the simulation convincing?",
-                    by_hand="Whether participants suspected a wizard, and how that was found out.",
+                    by_hand="Whether participants suspected a wizard, and how this was determined.",
                 ),
             ),
         )
@@ -251,12 +252,12 @@ class _Answers:
             return ""
         identities = sum(one.identities for one in seen)
         told = (
-            "as the console counted them: "
-            f"{number_of(identities, 'identity', 'identities')} of its detector and tracker, which may give one person "
-            "several."
+            "as counted by the console: "
+            f"{number_of(identities, 'identity', 'identities')} from its detector and tracker, which may give one "
+            "person several."
         )
         if len(people) == 1:
-            return f"{number_of(people[0], 'person', 'people').capitalize()} at once at most, {told}"
+            return f"At most {number_of(people[0], 'person', 'people')} at once, {told}"
         median = f"{statistics.median(people):g}"
         return f"At most {min(people)} to {max(people)} at once in a session (median {median}), {told}"
 
@@ -270,19 +271,19 @@ class _Answers:
                     "How many wizards?",
                     self._wizards_text(wizards),
                     ("session.json",) if wizards else (),
-                    "Who they were (researcher, confederate, naive), and what they knew of the hypotheses.",
+                    "Who they were (researcher, confederate, naive), and what they knew about the hypotheses.",
                 ),
                 SheetItem(
                     "How were they trained?",
                     self._training_text(wizards),
                     ("session.json of practice sessions",),
-                    "Training outside of the program; the criterion for being ready.",
+                    "Training outside the program; the readiness criterion.",
                 ),
                 SheetItem(
                     "What could the wizard perceive?",
                     self._perceived(),
                     ("events.mcap", *events_named(ScenarioOpened)),
-                    "What the wizard saw and heard without the program (same room, one-way mirror, ...).",
+                    "What the wizard saw and heard outside the program (same room, one-way mirror, ...).",
                 ),
                 SheetItem(
                     "What could the wizard do, and what was used?",
@@ -301,13 +302,13 @@ class _Answers:
                     "How fast did the wizard and the robot respond?",
                     self._responses_text(),
                     ("event/utterance_changed", *events_named(LlmExchange)),
-                    "" if self._of.responses() else "Response times: what participants said is not in the record.",
+                    "" if self._of.responses() else "Response times: participants' speech is not in the recording.",
                 ),
                 SheetItem(
                     "Which errors did the wizard make?",
                     self._errors_text(errors),
                     ("event/marked",),
-                    "How errors were noticed: only those that the wizard marked are in the record.",
+                    "How errors were noticed: the recording contains only errors that the wizard marked.",
                 ),
             ),
         )
@@ -345,15 +346,17 @@ class _Answers:
                 SheetItem("When, and how long?", f"{self._dates()}: {length}.", ("session.json",)),
                 *self._checked(),
                 *self._went_wrong(),
-                SheetItem("Where did it take place?", by_hand="Place, room, number of locations, who else was there."),
                 SheetItem(
-                    "Was the robot's behaviour developed in several rounds?",
-                    by_hand="Pilots and what was changed after them.",
+                    "Where did it take place?", by_hand="Place, room, number of locations, other people present."
                 ),
-                SheetItem("With which software?", self._software(), ("session.json",)),
                 SheetItem(
-                    "Which limitations follow from the wizard?",
-                    by_hand="What of the wizard's part could later be done by the robot itself, and how well.",
+                    "Was the robot's behaviour developed in several iterations?",
+                    by_hand="Pilot studies, and what was changed after them.",
+                ),
+                SheetItem("Which software was used?", self._software(), ("session.json",)),
+                SheetItem(
+                    "Which limitations result from the use of a wizard?",
+                    by_hand="Which of the wizard's tasks the robot could later do autonomously, and how well.",
                 ),
             ),
         )
@@ -369,12 +372,12 @@ class _Answers:
         )
         still_open = Counter(words for one in kept for words in open_words(one.preflight))
         which = "the session" if len(kept) == 1 else f"{ready} of {len(kept)} sessions"
-        verb = "was" if ready or len(kept) > 1 else "was not"
-        parts = [f"In {which} everything that the program checks {verb} ready."]
+        share = "all" if ready or len(kept) > 1 else "not all"
+        parts = [f"In {which}, {share} of the program's checks passed."]
         if by_hand:
             parts.append(f"Ticked by the wizard: {listing_counts(by_hand)}.")
         if still_open:
-            parts.append(f"Not so: {listing_counts(still_open)}.")
+            parts.append(f"Not passed: {listing_counts(still_open)}.")
         return [SheetItem("What was checked before each session?", " ".join(parts), events_named(PreflightChecked))]
 
     def _went_wrong(self) -> list[SheetItem]:
@@ -388,7 +391,7 @@ class _Answers:
             by_cause.setdefault(alarm.cause, []).append(alarm)
         told = [
             f"{group[0].what.rstrip('.')}: {number_of(len(group), 'alarm')},"
-            f" {duration_text(sum(one.stood_s for one in group))} in all."
+            f" {duration_text(sum(one.stood_s for one in group))} in total."
             for group in sorted(by_cause.values(), key=len, reverse=True)
         ]
         concerned = sum(bool(one.measures.alarms) for one in self._of.known)
@@ -397,8 +400,8 @@ class _Answers:
         whole = len(self._of.known)
         answer = (
             f"{number_of(len(alarms), 'alarm').capitalize()} in"
-            f" {'the session' if whole == 1 else f'{concerned} of {whole} sessions'}; somebody saw to {seen_to},"
-            f" {len(alarms) - seen_to - stood_on} ended by themselves, {stood_on} stood when a session ended."
+            f" {'the session' if whole == 1 else f'{concerned} of {whole} sessions'}; {seen_to} dismissed,"
+            f" {len(alarms) - seen_to - stood_on} ended automatically, {stood_on} active when a session ended."
         )
         return [SheetItem("What went wrong during the sessions?", " ".join((answer, *told)), sources)]
 
@@ -409,7 +412,7 @@ class _Answers:
                 (
                     SheetItem(
                         "Was a language model used?",
-                        "No: no question to one is in the record.",
+                        "No: the recording contains no questions to a language model.",
                         events_named(LlmExchange),
                     ),
                 ),
@@ -421,38 +424,38 @@ class _Answers:
         prompts = (
             f"{number_of(count, 'system prompt').capitalize()}, in full in the appendix."
             if count
-            else "Without a system prompt."
+            else "No system prompt was used."
         )
         days = days_words(one.session for one in self._of.known if one.exchanges)
         return SheetSection(
             "Language model",
             (
                 SheetItem(
-                    "Which model, which version?",
+                    "Which model and which version?",
                     " ".join(
                         f"{model_name(model)}: asked {times_word(model.asked)}"
-                        f"{'' if model.version else '; its version is not in the record'}."
+                        f"{'' if model.version else '; its version is not in the recording'}."
                         for model in self._of.models
                     ),
                     sources,
-                    "Who runs the server, and what becomes of the questions there."
+                    "Who runs the server, and what happens to the questions there."
                     if any(model.place != THIS_COMPUTER for model in self._of.models)
                     else "",
                 ),
                 SheetItem("When?", f"{days}.", ("session.json",)),
                 SheetItem(
-                    "With which parameters?",
+                    "Which parameters were used?",
                     f"{'; '.join(map(settings_words, settings))}. {_seeds(exchanges)}",
                     sources,
                 ),
                 SheetItem(
-                    "With which prompts?",
-                    f"{prompts} Every prompt is in the record as it was sent.",
+                    "Which prompts were used?",
+                    f"{prompts} The recording contains every prompt as it was sent.",
                     sources,
                 ),
                 SheetItem(
                     "What was it used for, and who decided?",
-                    "It proposed what the robot could say. Nothing of it was said unless the wizard chose to.",
+                    ("It proposed what the robot could say. The robot said a proposal only if the wizard chose it."),
                     (*sources, "event/answer_used"),
                 ),
                 SheetItem(
@@ -478,22 +481,26 @@ class _Answers:
         for one in self._of.known:
             name = f"{one.session.folder.name}: " if several else ""
             losses += [f"{name}{loss}" for loss in one.session.losses]
-        losses = losses or ["No loss is in the record."]
+        losses = losses or ["No missing data was recorded."]
         if self._of.copies:
-            losses.append(f"{number_of(self._of.copies, 'copy', 'copies').capitalize()} of sessions did not count.")
+            losses.append(f"{number_of(self._of.copies, 'copy', 'copies').capitalize()} of sessions not counted.")
         if cut:
             losses.append(f"{number_of(cut, 'recording').capitalize()} {was_or_were(cut)} cut off before the end.")
         if pauses:
-            losses.append(f"Recording was paused {times_word(pauses)}, for {duration_text(paused_s)} in all.")
+            losses.append(f"Recording was paused {times_word(pauses)}, for {duration_text(paused_s)} in total.")
         trouble_s = sum(one.measures.link_trouble_s for one in self._of.known)
         if trouble_s:
-            losses.append(f"The robot could not be reached for {duration_text(trouble_s)} in all.")
+            losses.append(f"The robot could not be reached for {duration_text(trouble_s)} in total.")
         return SheetSection(
-            "Record",
+            "Recording",
             (
-                SheetItem("Which clocks, and how exact?", self._clocks(), ("event/link_quality", "session.json")),
                 SheetItem(
-                    "What was lost?",
+                    "Which clocks were used, and how accurate were they?",
+                    self._clocks(),
+                    ("event/link_quality", "session.json"),
+                ),
+                SheetItem(
+                    "Which data is missing?",
                     " ".join(losses),
                     ("event/gap", "event/recording_paused", "event/link_changed", "session.json"),
                 ),
@@ -517,16 +524,16 @@ class _Answers:
             shown = [f"{SOURCE_WORDS.get(source, source)} ({duration_text(s)})" for source, s in sources.items()]
             parts.append(f"The wizard drove with {listing(shown)}.")
         else:
-            parts.append("The wizard did not drive it by hand.")
+            parts.append("The wizard did not drive it manually.")
         if ways:
             some = (
                 ""
                 if len(ways) == len(self._of.known)
-                else f", in the {len(ways)} of {len(self._of.known)} with odometry"
+                else f", in the {len(ways)} of {len(self._of.known)} sessions with odometry"
             )
-            parts.append(f"It went {distance_text(sum(ways))} in all{some}.")
+            parts.append(f"It drove {distance_text(sum(ways))} in total{some}.")
         else:
-            parts.append("How far it went is not known: the robot told no odometry.")
+            parts.append("The distance is unknown: the robot reported no odometry.")
         if known_speeds:
             parts.append(f"Its highest speed was {max(known_speeds):.2f} m/s.")
         stops = sum(one.measures.driving.stops for one in self._of.known)
@@ -534,18 +541,18 @@ class _Answers:
         if stops or emergencies:
             parts.append(f"Stop was pressed {times_word(stops)}, the emergency stop {times_word(emergencies)}.")
         else:
-            parts.append("Neither stop nor the emergency stop was pressed.")
+            parts.append("Neither Stop nor the emergency stop was pressed.")
         return " ".join(parts)
 
     def _speech(self) -> str:
         origins = self._of.counted(lambda m: m.origins)
         whole = sum(origins.values())
         if not whole:
-            return "It said nothing."
+            return "The robot did not speak."
         voices = {voice for one in self._of.known for voice in one.voices}
         voice = {frozenset({"robot"}): " The voice was the robot's own.",
                  frozenset({"computer"}): " The voice was synthesised by the wizard's computer.",
-                 frozenset({"both"}): " The robot's own voice and the wizard's computer spoke at once."}.get(
+                 frozenset({"both"}): " The robot's own voice and the wizard's computer spoke at the same time."}.get(
                      frozenset(voices), "")  # fmt: skip
         return f"It spoke {times_word(whole)}: {share_words(origins)}.{voice}"
 
@@ -555,8 +562,8 @@ class _Answers:
             said.update(one.said_by)
         others = dict(said.most_common())
         others.pop(in_words(WIZARD), None)
-        but = f", but for what it was made to say by others ({listing_counts(others)})" if others else ""
-        return f"What it said was decided by the wizard{but}." if said else ""
+        but = f", except for utterances by others ({listing_counts(others)})" if others else ""
+        return f"The wizard decided what it said{but}." if said else ""
 
     def _wizards_text(self, wizards: list[str]) -> str:
         if not wizards:
@@ -568,27 +575,27 @@ class _Answers:
     def _training_text(self, wizards: list[str]) -> str:
         practised = self._of.training()
         if not practised:
-            return "No practice session before the first session is in the record."
+            return "No practice session was recorded before the first session."
         parts = [
             f"{name}: {duration_text(sum(one.duration_s for one in runs))} in"
             f" {number_of(len(runs), 'practice session')}{_best_score(runs)}"
             for name, runs in practised.items()
         ]
         without = [name for name in wizards if name not in practised]
-        rest = f" Of {listing(without)} no practice session is in the record." if without else ""
+        rest = f" No practice session was recorded for {listing(without)}." if without else ""
         return f"With the program, before the first session: {'; '.join(parts)}.{rest}"
 
     def _perceived(self) -> str:
         shown = [words for stream, words in SEEN if any(stream in one.streams for one in self._of.known)]
         texts = [f"On the console: {listing(shown)}."] if shown else []
         texts.append(
-            "What participants said was transcribed for the wizard."
+            "Participants' speech was transcribed for the wizard."
             if any(one.heard for one in self._of.known)
-            else "What participants said was not transcribed."
+            else "Participants' speech was not transcribed."
         )
         panels = distinct(panel for one in self._of.known for scenario in one.scenarios for panel in scenario.panels)
         if panels:
-            texts.append(f"Panels of the scenario: {', '.join(panels)}.")
+            texts.append(f"Panels in the scenario: {', '.join(panels)}.")
         return " ".join(texts)
 
     def _produced(self) -> str:
@@ -605,9 +612,9 @@ class _Answers:
         if phrases:
             texts.append(f"{number_of(phrases, 'prepared phrase').capitalize()} on keys.")
         if able:
-            texts.append(f"The scenario let the wizard type what the robot says, {listing(able)}.")
+            texts.append(f"The scenario allowed the wizard to type what the robot says, {listing(able)}.")
         if unable:
-            texts.append(f"It did not let the wizard {listing(unable, 'or')}.")
+            texts.append(f"It did not allow the wizard to {listing(unable, 'or')}.")
         moves = sum(one.head_moves for one in self._of.known)
         controls = sum(one.controls for one in self._of.known)
         goals = sum(sum(one.measures.driving.goals.values()) for one in self._of.known)
@@ -623,7 +630,7 @@ class _Answers:
             if count
         ]
         if used:
-            texts.append(f"Used beside speech and driving: {listing(used)}.")
+            texts.append(f"Used in addition to speech and driving: {listing(used)}.")
         return " ".join(texts)
 
     def _responses_text(self) -> str:
@@ -647,7 +654,7 @@ class _Answers:
             if gaps_s
         ]
         if told:
-            parts.append(f"Median by what the robot said it with: {listing(told)}.")
+            parts.append(f"Median by means of speech: {listing(told)}.")
         reaction = SummaryStats.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
         if reaction is not None:
             parts.append(
@@ -667,9 +674,9 @@ class _Answers:
             planned = max(record.expected_s for record in records)
             spread = SummaryStats.of([record.time_s for record in begun])
             facts = [f"{duration_text(planned)} planned" if planned else ""]
-            facts.append("never begun" if spread is None else f"median {duration_text(spread.median)} in fact")
+            facts.append("never started" if spread is None else f"median {duration_text(spread.median)} actual")
             often = {
-                "begun in {} of {}": len(begun) if len(begun) < len(records) and begun else 0,
+                "started in {} of {}": len(begun) if len(begun) < len(records) and begun else 0,
                 "skipped in {} of {}": sum(record.skipped > 0 for record in records),
                 "late in {} of {}": sum(record.late_s >= LATE_FROM_S for record in records),
             }
@@ -680,7 +687,7 @@ class _Answers:
                 "Which protocol did the wizard follow, and how closely?",
                 f"{number_of(len(steps), 'step').capitalize()}: {'; '.join(told)}.",
                 events_named(ProtocolOpened, StepEntered, ProtocolEnded),
-                "Why steps were skipped or took longer, where that matters.",
+                "Why steps were skipped or took longer, if relevant.",
             )
         ]
 
@@ -689,7 +696,7 @@ class _Answers:
         if not count:
             return "The wizard marked no errors."
         rate = per_10_min(count, self._of.recorded_s())
-        kinds = listing_counts({label or "not told which": number for label, number in errors.items()})
+        kinds = listing_counts({label or "not specified": number for label, number in errors.items()})
         shown = f", {rate:.1f} per 10 minutes" if rate is not None else ""
         return f"The wizard marked {number_of(count, 'error')} ({kinds}){shown}."
 
@@ -728,21 +735,21 @@ class _Answers:
             first, whole = SummaryStats.of(model.first_token_s), SummaryStats.of(model.answer_s)
             name = f"{model_name(model)}: " if len(self._of.models) > 1 else ""
             if first is not None:
-                texts.append(f"{name}To the first word: {spread_words(first)}.")
+                texts.append(f"{name}Time to the first word: {spread_words(first)}.")
             if whole is not None:
-                texts.append(f"{name}To the whole answer: {spread_words(whole)}.")
+                texts.append(f"{name}Time to the complete answer: {spread_words(whole)}.")
         return " ".join(texts)
 
     def _clocks(self) -> str:
         known = [one.clock for one in self._of.known if one.clock is not None]
-        text = "All times are those of one monotonic clock of the wizard's computer, mapped to UTC at the start."
+        text = "All times are from one monotonic clock of the wizard's computer, mapped to UTC at the start."
         if not known:
             return f"{text} The offset of the robot's clock was not measured."
         drifts = [abs(clock.drift_ms_per_min) for clock in known]
         # Adding zero turns minus zero into zero.
         offsets = [round(clock.utc_offset_s, 3) + 0.0 for clock in known]
         if max(map(abs, offsets)) > _OWN_TIME_S:
-            ahead = "it counted from a moment of its own"
+            ahead = "it had its own epoch"
         elif len(offsets) == 1:
             ahead = f"it was {offsets[0]:+.3f} s from the computer's UTC"
         else:
@@ -750,8 +757,9 @@ class _Answers:
         unknown = len(self._of.known) - len(known)
         rest = f" In {number_of(unknown, 'session')} it was not measured." if unknown else ""
         return (
-            f"{text} The robot's clock was compared with it once a second: {ahead}, and drifted by at most"
-            f" {max(drifts):.1f} ms per minute; its stamps are known to ±{max(c.uncertainty_ms for c in known):.1f} ms."
+            f"{text} The robot's clock was compared with it once per second: {ahead}, and drifted by at most"
+            f" {max(drifts):.1f} ms per minute; its timestamps are accurate to"
+            f" ±{max(c.uncertainty_ms for c in known):.1f} ms."
             f"{rest}"
         )
 
@@ -777,7 +785,7 @@ def _seeds(exchanges: Sequence[LlmExchange]) -> str:
     if not seeded:
         return "No seed was sent."
     which = "Each question" if seeded == len(exchanges) else f"{seeded} of the {len(exchanges)} questions"
-    return f"{which} had a seed of its own, which is in the record."
+    return f"{which} had a separate seed, which is in the recording."
 
 
 def events_named(*kinds: type[Any]) -> tuple[str, ...]:

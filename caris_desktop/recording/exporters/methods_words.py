@@ -11,21 +11,21 @@ from caris_desktop.recording.studies.measures import SummaryStats, quantile, sha
 
 SEEN = (
     ("frame", "the video of the robot's camera"),
-    ("people", "boxes around the people that a detector found in it"),
+    ("people", "boxes around the people detected in it"),
     ("map", "a map"),
-    ("pose", "the robot's place on it"),
+    ("pose", "the robot's position on it"),
     ("scan", "the LIDAR scan"),
-    ("people_in_map", "where people stood on the map"),
-    ("head", "how the robot's head was turned"),
-    ("battery", "the robot's battery"),
+    ("people_in_map", "people's positions on the map"),
+    ("head", "the orientation of the robot's head"),
+    ("battery", "the robot's battery charge"),
 )
 CAN = (
     ("driving", "drive the robot"),
     ("assistant", "ask a language model"),
     ("photos", "take photos"),
     ("naming_people", "name people"),
-    ("robot_controls", "use further controls of the robot"),
-    ("transcription", "read what was said"),
+    ("robot_controls", "use further robot controls"),
+    ("transcription", "read the transcript"),
     ("own_voice", "speak through the robot with their own voice"),
     ("face", "change the robot's face"),
 )
@@ -37,12 +37,12 @@ ORIGIN_WORDS = {
     "filler": "fillers",
     "dictated": "dictated by the wizard",
     "own_voice": "in the wizard's own voice",
-    "heard": "of the robot's own accord",
+    "heard": "unprompted robot speech",
 }
 SOURCE_WORDS = {
     "keyboard": "the keyboard",
     "gamepad": "a gamepad",
-    "onscreen": "buttons on the screen",
+    "onscreen": "on-screen buttons",
     "rehearsal": "a rehearsed script",
 }
 _NUMBERS = (
@@ -99,7 +99,7 @@ def spread_words(spread: SummaryStats) -> str:
 
 MEANS_WORDS: dict[ReplyMeans, str] = {
     "typed": "typed", "phrase": "a phrase", "suggestion": "a suggestion", "edited_suggestion": "an edited suggestion",
-    "filler": "a filler", "assistant": "an answer of the assistant", "own_voice": "the wizard's own voice",
+    "filler": "a filler", "assistant": "an assistant answer", "own_voice": "the wizard's own voice",
     "dictated": "dictated",
 }  # fmt: skip
 

@@ -47,29 +47,32 @@ _ENCODINGS: dict[str, str] = {
 }  # fmt: skip
 # The first matching pattern describes a file of the session.
 _DESCRIPTIONS = (
-    ("recovered/*", "As the recording left it when it was cut off, before it was repaired."),
-    ("session.json", "What heads the session: when, who (pseudonyms), scenario, software, clock, files."),
+    ("recovered/*", "File of a recording that was cut off, before its repair."),
+    ("session.json", "Session header: time, people (pseudonyms), scenario, software, clock, files."),
     (
         "events.mcap",
-        "Every event and every value of the robot's streams with its moment. FORMAT.md says how to read it.",
+        "Every event and every value of the robot's streams, with timestamps. FORMAT.md describes the format.",
     ),
     (
         "*.frames.csv",
-        "For each frame of the video of this name when it came, when it was taken, and when the video shows it.",
+        "Arrival time, capture time and position in the video of each frame of the video with this name.",
     ),
-    ("video-*", "Video of one camera; the .frames.csv beside it has the true time of each frame."),
-    ("audio-*", "Sound of one source. Which sample belongs to which moment is in the audio stream of events.mcap."),
-    ("movement.txt", "How the robot was driven, for reading."),
-    ("speech.txt", "Who said what when, for reading."),
-    ("people.json", "When which person (opaque ids) was seen."),
+    ("video-*", "Video of one camera; the .frames.csv file next to it contains the true time of each frame."),
+    ("audio-*", "Audio of one source. The audio stream of events.mcap contains the time of each sample."),
+    ("movement.txt", "Readable log of how the robot was driven."),
+    ("speech.txt", "Readable log of the conversation: speaker, text and time."),
+    ("people.json", "Times at which each person (opaque ids) was seen."),
     ("photos/*", "A photo that the wizard took."),
     ("llm/*", "One exchange with a language model: prompt, parameters, answer."),
     ("annotations/*", "Annotations of one coder."),
-    (MANIFEST_NAME, "SHA-256 of each file when the session was closed, as sha256sum reads it."),
+    (MANIFEST_NAME, "SHA-256 checksums of all files when the session was closed, in sha256sum format."),
 )
 # Session headers, including those from before a repair.
 _HEADS = re.compile(r"session\.json|recovered/[^/]*session\.json[^/]*")
-_SCRUBBED = "In this copy pseudonyms stand for wizard and coders, and the robot's profile for its address."
+_SCRUBBED = (
+    "In this copy, pseudonyms replace the names of the wizard and coders, and the robot profile replaces the "
+    "robot's address."
+)
 _CODINGS = "annotations/"
 _TEXTS = (".json", ".txt", ".csv", ".yaml", ".md")
 _MAX_TEXT_BYTES = 64 * 1024 * 1024
@@ -141,8 +144,9 @@ def licence_of(chosen: str) -> Entity:
             "@id": "#no-licence",
             "@type": "CreativeWork",
             "name": "No licence was chosen",
-            "description": "Nothing permits the use of these data beyond what the law allows anyway. Ask whoever made "
-            "them.",
+            "description": (
+                "These data may be used only as the law permits without a licence. Ask their authors for permission."
+            ),
         }
     if re.match(r"https?://\S+$", chosen):
         return {"@id": chosen, "@type": "CreativeWork", "name": chosen, "url": chosen}
@@ -161,8 +165,8 @@ def _refuse_names(session: Session) -> None:
                 raise SessionError(
                     localized(
                         QT_TR_NOOP(
-                            "{name} holds names of people (in the stream 'status'), which must not leave the study."
-                            " Nothing was written."
+                            "{name} contains names of people (in the stream 'status'), which must not leave "
+                            "the study. Nothing was written."
                         ),
                         name=session.folder.name,
                     )
@@ -182,8 +186,8 @@ def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
     if told:
         warn(
             QT_TR_NOOP(
-                "%n message(s) in events.mcap name folders of the recording computer, which may tell who used it. They"
-                " are in the archive as they were recorded.",
+                "%n message(s) in events.mcap contain folder names of the recording computer, which may "
+                "reveal who used it. They are in the archive as recorded.",
                 "",
                 told,
             )
@@ -297,10 +301,10 @@ class _Scrubbed:
     left_out: str = ""
 
 
-_FOUND = QT_TR_NOOP("{file} is left out of the archive: it is what a repair found, and may say where the robot is.")
-_LARGE = QT_TR_NOOP("{file} is left out of the archive: it is too large to look for names in it.")
-_DAMAGED = QT_TR_NOOP("{file} is left out of the archive: it is damaged, and may name the wizard anywhere.")
-_CODER_DAMAGED = QT_TR_NOOP("{file} is left out of the archive: it is damaged, and may name a coder anywhere.")
+_FOUND = QT_TR_NOOP("{file} is excluded from the archive: it was saved by a repair and may reveal where the robot is.")
+_LARGE = QT_TR_NOOP("{file} is excluded from the archive: it is too large to search for names.")
+_DAMAGED = QT_TR_NOOP("{file} is excluded from the archive: it is damaged and may contain the wizard's name.")
+_CODER_DAMAGED = QT_TR_NOOP("{file} is excluded from the archive: it is damaged and may contain a coder's name.")
 
 
 def _scrubbed(session: Session, name: str) -> _Scrubbed:
@@ -407,7 +411,7 @@ def _manifest(path: Path) -> dict[str, str]:
 
 
 def _description(name: str) -> str:
-    return next((text for pattern, text in _DESCRIPTIONS if fnmatch(name, pattern)), "A part of the session.")
+    return next((text for pattern, text in _DESCRIPTIONS if fnmatch(name, pattern)), "Part of the session.")
 
 
 def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_Packed]:
@@ -418,7 +422,7 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
     schemas = {spec.name: recorded[spec.name].json_schema or schema_of(spec)[1] for spec in specs}
     schemas |= {its.topic[1:]: its.json_schema or {} for its in channels if its.topic in DERIVED_TOPICS}
     (out / "schemas").mkdir()
-    written = {"FORMAT.md": "How to read events.mcap and the other files, in words."}
+    written = {"FORMAT.md": "Description of the format of events.mcap and the other files."}
     (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
     with (out / "data_dictionary.csv").open("w", encoding=style.encoding, newline="") as file:
         rows = style.writer(file)
@@ -426,7 +430,7 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
         for stream, schema in schemas.items():
             rows.writerow((stream, "", "record", "", " ".join(str(schema.get("description", "")).split())))
             rows.writerows((stream, *row) for row in _fields(schema))
-    written["data_dictionary.csv"] = "Each field of each stream in events.mcap: type, unit, meaning."
+    written["data_dictionary.csv"] = "All fields of all streams in events.mcap: type, unit, meaning."
     for stream, schema in schemas.items():
         name = f"schemas/{stream.replace('/', '.')}.schema.json"
         (out / name).write_text(json.dumps(schema, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -461,16 +465,18 @@ def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, 
 
 
 _OF_NUMBERS = f"""\
-- **Known to others.** `/scan`, `/map`, `/pose`, `/path`, `/people`, `/lens`, what is said and problems have the
-  fields of a schema of Foxglove, with its name, and beside them those of this program. `/tf` (where the robot and its
-  fixed cameras are) follows from the others.
-- **A field that is missing** has no value.
-- **Numbers that JSON cannot hold** are `{INFINITE}` (infinite: nothing returned, of a scan) and `{INVALID}` (invalid)
-  in scans and paths.
-- **The map** is `data`: base64 of a signed byte for each cell, `column_count` in a row, the row at the origin first."""
+- **Foxglove schemas.** `/scan`, `/map`, `/pose`, `/path`, `/people`, `/lens`, utterances and problems have the fields
+  and the name of a Foxglove schema, and additional fields of this program. `/tf` (the poses of the robot and its fixed
+  cameras) is derived from the other topics.
+- **Missing fields** have no value.
+- **Numbers that JSON cannot represent** are written as `{INFINITE}` (infinite: no return, in a scan) and `{INVALID}`
+  (invalid) in scans and paths.
+- **Maps** are in `data`: base64 of one signed byte per cell, `column_count` cells per row, the row at the origin
+  first."""
 _OF_NUMBERS_BEFORE_3 = """\
-- **null** in a list of numbers is a value that JSON cannot hold: for scans, nothing returned (infinite).
-- **Grids** (maps) are objects: `data` is base64 of zlib-deflated bytes, `dtype` and `shape` say of what; row 0 first.\
+- **null** in a list of numbers is a value that JSON cannot represent: for scans, no return (infinite).
+- **Grids** (maps) are objects: `data` is base64 of bytes compressed with zlib, `dtype` and `shape` describe them;
+  row 0 first.\
 """
 
 
@@ -487,13 +493,14 @@ def _format_text(session: Session, specs: list[StreamSpec]) -> str:
     return f"""# How to read this session
 
 `{name}/` is one session of CARIS Desktop, format version {session.header.get("format_version", "?")}, as it was
-recorded. The program itself opens it (`caris-desktop replay {name}`); nothing but this page is needed to read it
-without.
+recorded. CARIS Desktop opens it with `caris-desktop replay {name}`; to read it without the program, only this page is
+needed.
 
 ## events.mcap
 An MCAP file ({_MCAP_URL}): a log of messages in topics, with readers in many languages (in Python `pip install mcap`).
-Each message is a JSON object in UTF-8. Each topic carries the JSON Schema of its messages in the file itself; the same
-schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file that was cut off is readable up to there.
+Each message is a JSON object in UTF-8. The file contains the JSON Schema of the messages of each topic. The same
+schemas are in `schemas/`, and `data_dictionary.csv` lists every field. A truncated file is readable up to the point of
+truncation.
 
     from mcap.reader import make_reader
     import json
@@ -501,35 +508,35 @@ schemas lie in `schemas/`, and `data_dictionary.csv` lists every field. A file t
         for schema, channel, message in make_reader(file).iter_messages():
             print(message.log_time, channel.topic, json.loads(message.data))
 
-- **Time.** `stamp_ns`, and every other field that ends in `_ns` except robot stamps, counts nanoseconds of one
+- **Time.** `stamp_ns`, and every other field that ends in `_ns` except robot timestamps, counts nanoseconds of one
   monotonic clock. UTC in nanoseconds since 1970 is `{anchor.utc_ns} + (stamp_ns - {anchor.monotonic_ns})` (also in
-  `session.json` under `clock`). The session began at {session.started_ns}. `publish_time` of a message is
-  when it was measured, by the robot's stamp where its clock is known and else its `stamp_ns`, in UTC; `log_time` is
-  when the value reached the recording computer, in UTC. Messages lie in the order of arrival.
-- **Robot stamps.** `robot_stamp_ns` is nanoseconds of the robot's own clock. `/event/link_quality` has measurements of
-  how far it is ahead: robot clock minus session clock (`clock_offset_ms`) with a bound for the error.
-- **Units** end the names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are counter-clockwise, x forward,
-  y left.
+  `session.json` under `clock`). The session started at {session.started_ns}. `publish_time` of a message is its
+  measurement time in UTC: the robot's timestamp if the robot's clock is known, otherwise `stamp_ns`. `log_time` is its
+  arrival time at the recording computer, in UTC. Messages are in the order of arrival.
+- **Robot timestamps.** `robot_stamp_ns` is in nanoseconds of the robot's own clock. `/event/link_quality` contains
+  measurements of the offset of that clock: robot clock minus session clock (`clock_offset_ms`), with an error bound.
+- **Units** are at the end of field names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are
+  counter-clockwise, x forward, y left.
 {_of_numbers(session)}
-- **Who asked** for what an event tells of is its `actor`: `wizard`, `wizard:NAME` (another one), `console` (the
-  program by itself), `model` (the language model) or `script`; empty where it was none of these, and in sessions
+- **Actors.** `actor` of an event is its originator: `wizard`, `wizard:NAME` (another wizard), `console` (the program
+  automatically), `model` (the language model) or `script`. It is empty for any other originator, and in sessions
   before version 3 of the format.
 
-| topic | what |
+| topic | content |
 | --- | --- |
 {rows}
 
-## Beside it
-- `video-*.mp4` (H.264): `video-*.frames.csv` has a line for each frame: `frame` (from 0), `video_s` (when the video
-  shows it), `stamp_ns` (when it reached the recording computer), `robot_stamp_ns`, `utc` (of `stamp_ns`), `sequence`
-  (as in `/frame` and `/people`), `taken_ns`, `taken_utc` and `uncertainty_ms` (when the camera took it, by the robot's
-  stamp and clock, and how far off that may be; empty where it is not known). The video shows a frame when it was taken,
-  or else when it came; its time 0 is `first_stamp_ns` of `videos` in `session.json`.
-- `audio-*`: `/audio/...` says which samples of which file belong to which moment.
-- `annotations/CODER.json`: labels of one coder, in milliseconds since the session began.
-- `{MANIFEST_NAME}`: checksums, `sha256sum -c {MANIFEST_NAME}` in `{name}/` checks them.
+## Other files
+- `video-*.mp4` (H.264): `video-*.frames.csv` has a line for each frame: `frame` (from 0), `video_s` (position in the
+  video), `stamp_ns` (arrival time at the recording computer), `robot_stamp_ns`, `utc` (of `stamp_ns`), `sequence` (as
+  in `/frame` and `/people`), `taken_ns`, `taken_utc` and `uncertainty_ms` (capture time, from the robot's timestamp and
+  clock, and its uncertainty; empty if unknown). The video shows a frame at its capture time, or at its arrival time if
+  the capture time is unknown. Its time 0 is `first_stamp_ns` of `videos` in `session.json`.
+- `audio-*`: `/audio/...` maps the samples of each file to times.
+- `annotations/CODER.json`: labels of one coder, in milliseconds since the start of the session.
+- `{MANIFEST_NAME}`: checksums; to verify them, run `sha256sum -c {MANIFEST_NAME}` in `{name}/`.
 
-People are opaque ids. Their names were never in these files.
+People are identified by opaque ids. These files never contained their names.
 """
 
 
@@ -573,7 +580,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
                 "@type": "Person",
                 "name": f"Participant {participant}",
                 "identifier": participant,
-                "description": "A pseudonym. The name is in the database of the study only.",
+                "description": "A pseudonym. The name is only in the database of the study.",
             }
         )
     recording: Entity = {
@@ -607,7 +614,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
         {
             "@id": "ro-crate-preview.html",
             "@type": "CreativeWork",
-            "name": "What is in this crate, for reading",
+            "name": "Readable overview of this crate",
             "about": {"@id": "./"},
             "encodingFormat": "text/html",
         },
@@ -615,7 +622,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
             "@id": folder_id,
             "@type": "Dataset",
             "name": f"Session {folder}",
-            "description": "The session as it was recorded; FORMAT.md says how to read it.",
+            "description": "The session as recorded; FORMAT.md describes the format.",
             "hasPart": [{"@id": quote(file.name)} for file in of_session],
         },
         *(_file(file) for file in packed),
@@ -632,7 +639,7 @@ def _file(file: _Packed) -> Entity:
     encoding = _ENCODINGS.get(Path(file.name).suffix.lower(), "application/octet-stream")
     description = file.description
     if file.unlike_manifest:
-        description += f" It has changed since the session was closed: its checksum is not that of {MANIFEST_NAME}."
+        description += f" It was changed after the session was closed: its checksum differs from {MANIFEST_NAME}."
     return {
         "@id": quote(file.name),
         "@type": "File",
@@ -668,17 +675,21 @@ def _about(session: Session, files: list[_Packed]) -> str:
     scenario = session.header.get("scenario")
     title = scenario.get("title", "") if isinstance(scenario, dict) else ""
     parts = [
-        "A recorded session of a Wizard-of-Oz study with a mobile robot: what the robot sensed, how it was driven, "
-        "what was said, what people in front of it did.",
+        (
+            "A recorded session of a Wizard-of-Oz study with a mobile robot: sensor data, driving, speech, and "
+            "the behaviour of people in front of the robot."
+        ),
         f"Scenario: {title}." if title else "",
         f"It lasted {session.duration_s:.0f} s.",
-        "It was imported from a bag of another program." if isinstance(session.header.get("source"), dict) else "",
-        "The recording was cut off; what was saved is here." if not session.closed_properly else "",
-        "Files that changed since the session was closed say so."
+        "It was imported from another program's bag." if isinstance(session.header.get("source"), dict) else "",
+        "The recording was cut off; this copy contains the data that was saved." if not session.closed_properly else "",
+        "Files that changed after the session was closed are marked as changed."
         if any(file.unlike_manifest for file in files)
         else "",
-        "Pseudonyms stand for the wizard and coders, and the robot's profile for its address; all else is as it was"
-        " recorded."
+        (
+            "Pseudonyms replace the names of the wizard and coders, and the robot profile replaces the robot's "
+            "address. Everything else is as recorded."
+        )
         if session.pseudonymised
         else "",
         *session.repairs,
@@ -692,7 +703,7 @@ def _how_it_ended(session: Session) -> str:
         "wizard": "The wizard ended it.",
         "console_closed": "It ended when the program was closed.",
         "disk_full": "It ended because the disk was full.",
-        "imported": "It was imported from a bag of another program.",
+        "imported": "It was imported from another program's bag.",
     }
     return words.get(session.reason, "It was cut off.") if session.closed_properly else "It was cut off."
 
@@ -714,9 +725,9 @@ def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:
     root, recording = entities["./"], entities["#recording"]
     licence = entities[root["license"]["@id"]]
     facts = [
-        ("Began", recording["startTime"]),
+        ("Started", recording["startTime"]),
         ("Ended", recording["endTime"]),
-        ("Participant (pseudonym)", entities.get("#participant", {}).get("identifier", "not told")),
+        ("Participant (pseudonym)", entities.get("#participant", {}).get("identifier", "not specified")),
         *(
             (name.capitalize(), entities[f"#trial-{name}"]["value"])
             for name in _TOLD_OF_TRIAL

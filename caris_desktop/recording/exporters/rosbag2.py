@@ -124,7 +124,7 @@ def write_rosbag2(
         topics = bags.topics
     if bags.left_out:
         what = QT_TR_NOOP(
-            "%n message(s) were left out: their moments or numbers are none that ROS knows.", "", bags.left_out
+            "%n message(s) were skipped: their times or numbers are out of range for ROS.", "", bags.left_out
         )
         context.warn(what)
     readme = out / "README.md"
@@ -617,15 +617,15 @@ def _readme(
     anchor = session.clock.anchor
     summary = clock.summary(utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns)
     if summary is None:
-        robot = "The link never measured the robot's clock: stamps are when values reached the console."
+        robot = "The robot's clock was never measured: timestamps are the arrival times at the console."
     else:
         robot = (
-            f"Stamps of the robot ({moments.mapped} of {moments.mapped + moments.as_arrived} stamped values) were "
-            f"mapped to UTC by {summary.estimates} measurements of its clock, which was {summary.utc_offset_s:+.3f} s "
-            f"off and drifted {summary.drift_ms_per_min:+.2f} ms/min. Each lies within "
-            f"{moments.worst_uncertainty_ns / 1e6:.1f} ms of the true moment."
+            f"Timestamps of the robot ({moments.mapped} of {moments.mapped + moments.as_arrived} values with one) were "
+            f"mapped to UTC with {summary.estimates} measurements of its clock, which was "
+            f"{summary.utc_offset_s:+.3f} s off and drifted {summary.drift_ms_per_min:+.2f} ms/min. Each is within "
+            f"{moments.worst_uncertainty_ns / 1e6:.1f} ms of the true time."
         )
-    pictures = "every frame" if image_hz is None else f"at most {image_hz:g} pictures per second"
+    pictures = "every frame" if image_hz is None else f"at most {image_hz:g} frames per second"
     rows = "\n".join(
         f"| `{topic.name}` | `{topic.type.replace('/msg/', '/')}`{_only_in(topic)} | {count} |"
         for topic, count in sorted(topics.items(), key=lambda item: item[0].name)
@@ -633,28 +633,28 @@ def _readme(
     return f"""# Session {session.folder.name} as ROS bags
 
 `ros2/` is a rosbag2 (MCAP, CDR, message definitions inside): `ros2 bag play ros2`. `session.bag` is the same for
-ROS 1: `rosbag play --clock session.bag`. Both hold the same messages, except for pictures:
+ROS 1: `rosbag play --clock session.bag`. Both contain the same messages, except for images:
 
-- ROS 2 has every frame as the camera's video holds it, not encoded anew: H.264 in `foxglove_msgs/CompressedVideo`,
-  with what a decoder needs before each key frame. Foxglove shows it; for other nodes the image_transport plugin
-  `foxglove_compressed_video_transport` unfolds `/camera/NAME/image`.
-- ROS 1, which has no such message, has {pictures} of each camera as JPEG.
+- ROS 2 has every frame of the camera's video, without re-encoding: H.264 in `foxglove_msgs/CompressedVideo`, with the
+  decoder parameters before each key frame. Foxglove shows it; for other nodes, the image_transport plugin
+  `foxglove_compressed_video_transport` decodes `/camera/NAME/image`.
+- ROS 1 has no such message type; it has {pictures} of each camera as JPEG.
 
 ## Clocks
-- The time of a message in the bag is when the value reached the console, in UTC by the clock of that computer.
-- `header.stamp` is when it was measured or sent, in UTC by the same clock. {robot}
-- Stamps inside the JSON of `{VALUE_TOPICS}...` are nanoseconds of the session's monotonic clock; `{SESSION_TOPIC}`
-  holds what maps them to UTC: utc_ns + (stamp_ns - monotonic_ns).
+- The time of a message in the bag is its arrival time at the console, in UTC from the clock of that computer.
+- `header.stamp` is the time of measurement or sending, in UTC from the same clock. {robot}
+- Timestamps in the JSON of `{VALUE_TOPICS}...` are nanoseconds of the session's monotonic clock; `{SESSION_TOPIC}`
+  contains the values that map them to UTC: utc_ns + (stamp_ns - monotonic_ns).
 
 ## Frames
-REP 105: `{MAP}` -> `{ODOM}` -> `{BASE}` -> laser; `{MAP}` -> `{BASE}` where the robot sent no odometry. Metres and
+REP 105: `{MAP}` -> `{ODOM}` -> `{BASE}` -> laser; `{MAP}` -> `{BASE}` if the robot sent no odometry. Metres and
 radians. Cameras: optical frames.
 
 ## Topics
-`{VALUE_TOPICS}STREAM` are values and events for which there is no standard message, as JSON in `std_msgs/String`: the
-fields of this program that the channel of that name has in the session's `events.mcap`. `{COMMAND}` are the velocities
-as they were sent, in the robot's own type; `{VALUE_TOPICS}event/command_sent` has their source beside them. People are
-opaque ids.
+`{VALUE_TOPICS}STREAM` contains values and events without a standard message type, as JSON in `std_msgs/String`, with
+the same fields as the channel of that name in the session's `events.mcap`. `{COMMAND}` contains the velocities as sent,
+in the robot's own type; `{VALUE_TOPICS}event/command_sent` also contains their source. People are identified by opaque
+ids.
 
 | topic | type | messages |
 | --- | --- | --- |

@@ -86,8 +86,10 @@ _RESERVED = (
     "number",
 )
 _MEANINGS = {
-    "actor": "Who did that: wizard (this computer's), wizard:NAME (another one), console, model or script. Empty: "
-    "somebody or something else, or nobody wrote it down, as before version 3.",
+    "actor": (
+        "Actor: wizard (of this computer), wizard:NAME (another wizard), console, model or script. Empty: "
+        "another actor, or not recorded, as before version 3."
+    ),
 }
 # Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
@@ -149,10 +151,10 @@ def key_columns(session: Session) -> tuple[Column, ...]:
     """Leading columns of every row, in formats whose files are joined across sessions."""
     trial = session.trial
     told = (
-        ("session", "Name of the session's folder.", session.folder.name),
-        ("participant", "Who took part, as told at the start.", trial.get("participant", "")),
-        ("condition", "The condition, as told at the start.", trial.get("condition", "")),
-        ("trial", "The trial, as told at the start.", trial.get("trial", "")),
+        ("session", "Name of the session folder.", session.folder.name),
+        ("participant", "The participant, as entered at the start.", trial.get("participant", "")),
+        ("condition", "The condition, as entered at the start.", trial.get("condition", "")),
+        ("trial", "The trial, as entered at the start.", trial.get("trial", "")),
     )
     return tuple(_constant(name, description, plain_text(value)) for name, description, value in told)
 
@@ -166,7 +168,7 @@ TIME_COLUMNS = (
         "session_s",
         "seconds",
         "number",
-        "Time since the session began; negative: known before.",
+        "Time since the start of the session; negative: known before the start.",
         lambda value, times: times.session_s(value.stamp_ns),
         "session",
     ),
@@ -174,7 +176,7 @@ TIME_COLUMNS = (
         "utc",
         "",
         "utc",
-        "The same moment in UTC, by the clock of this computer when the session began.",
+        "The same time in UTC, from the clock of this computer at the start of the session.",
         lambda value, times: times.clock.anchor.utc_ns_at(value.stamp_ns),
         "UTC",
     ),
@@ -182,7 +184,7 @@ TIME_COLUMNS = (
         "stamp_ns",
         "nanoseconds",
         "integer",
-        "The same moment on the session's monotonic clock, for joining tables.",
+        "The same time on the session's monotonic clock, for joining tables.",
         lambda value, _times: value.stamp_ns,
         "session",
     ),
@@ -193,7 +195,7 @@ STREAM_TIME_COLUMNS = (
         "arrived_session_s",
         "seconds",
         "number",
-        "When it reached the console, as time since the session began; rows are in this order.",
+        "Arrival time at the console, since the start of the session; rows are in this order.",
         lambda _value, times: times.session_s(times.arrival_ns),
         "session",
     ),
@@ -666,12 +668,12 @@ def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterat
     hint, optional = _without_none(hint)
     unit = _unit(path[-1])
     words = _MEANINGS.get(path[-1]) or _in_words(name, unit)
-    unknown = " Empty where it is not known." if optional else ""
+    unknown = " Empty if unknown." if optional else ""
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         yield from _columns(hint, path, item=item)
     elif _record_list(hint) is not None and len(path) == 1 and not item:
         yield Column(
-            f"{name}_count", "", "integer", f"How many; each is a row of the table of {name}.{unknown}",
+            f"{name}_count", "", "integer", f"Number of entries; each is a row of the table of {name}.{unknown}",
             lambda row, _: None if (records := read(row)) is None else len(records),
         )  # fmt: skip
     elif dtype := array_dtype(hint):
@@ -690,7 +692,7 @@ def _columns_of_field(path: tuple[str, ...], hint: Any, *, item: bool) -> Iterat
                 f"{name.removesuffix('_ns')}_session_s",
                 "seconds",
                 "number",
-                f"{name} as time since the session began.{unknown}",
+                f"{name} as time since the start of the session.{unknown}",
                 lambda row, times: times.session_s(read(row)),
                 clock,
             )
@@ -701,7 +703,7 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
         "robot_stamp_ns",
         unit,
         "integer",
-        "The robot's own stamp, on the robot's clock; empty where it sent none.",
+        "The robot's own timestamp, on the robot's clock; empty if it sent none.",
         lambda row, _: read(row),
         "robot",
     )
@@ -709,8 +711,10 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
         "measured_session_s",
         "seconds",
         "number",
-        "When the robot measured it, as time since the session began: the robot's stamp less the offset of its clock. "
-        "Empty where that is not known; session_s tells when it arrived.",
+        (
+            "Measurement time, since the start of the session: the robot's timestamp minus the offset of its "
+            "clock. Empty if the offset is unknown; session_s gives the arrival time."
+        ),
         lambda row, times: None if (found := times.measured(row)) is None else times.session_s(found.stamp_ns),
         "session",
     )
@@ -718,7 +722,7 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
         "measured_uncertainty_s",
         "seconds",
         "number",
-        "Measured_session_s is right to within this, more or less.",
+        "Uncertainty of measured_session_s (plus or minus).",
         lambda row, times: None if (found := times.measured(row)) is None else round(found.uncertainty_ns / 1e9, 6),
         "session",
     )
@@ -729,17 +733,18 @@ def _columns_of_array(name: str, unit: str, dtype: "np.dtype[Any]", read: Callab
     whole: Kind = "cells" if dtype.itemsize == 1 else "depths"
     kind: Kind = whole if dtype.kind in "iu" else "points" if points else "numbers"
     yield Column(
-        f"{name}_shape", "", "integers", "How many values; rows and columns of a grid, points and coordinates.",
+        f"{name}_shape", "", "integers", "Number of values; for a grid rows and columns, for points their number "
+            "and coordinates.",
         lambda row, _: None if (array := read(row)) is None else list(array.shape),
     )  # fmt: skip
     yield Column(
         f"{name}_min", unit, "number", "The smallest finite value.", lambda row, _: _smallest(read(row))
     )  # fmt: skip
     description = {
-        "cells": "The grid row by row, from its origin. Not in CSV files, for it is large.",
-        "depths": "The depths row by row, from the upper left; 0 where it is not known. Not in CSV files.",
-        "points": "The points, x and y each.",
-        "numbers": "The values; inf: nothing was returned.",
+        "cells": "The grid row by row, from its origin. Not in CSV files, because it is large.",
+        "depths": "The depths row by row, from the upper left; 0 if unknown. Not in CSV files.",
+        "points": "The points, as x and y.",
+        "numbers": "The values; inf: no return.",
     }[kind]
     yield Column(name, unit, kind, description, lambda row, _: read(row))
 
@@ -759,7 +764,7 @@ def _record_list(hint: Any) -> type[Any] | None:
 def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
     """Table of a list field; its rows are (number, item)."""
     columns = [_of_item(column) for column in _columns(item_type, item=True)]
-    index = Column("number", "", "integer", f"Which of the {field} of this moment, from 1.", lambda row, _: row[0])
+    index = Column("number", "", "integer", f"Number among the {field} at this time, from 1.", lambda row, _: row[0])
     return Table(
         f"{parent}_{field}",
         f"The {field} of {parent}, one row each. {_doc(item_type)}".strip(),
@@ -821,18 +826,18 @@ def _kind(hint: Any) -> tuple[Kind, str]:
         if members == {int, float}:
             return "number", ""
         if members <= {int, float, bool, str}:
-            return "text", "A number, true or false, or words."
+            return "text", "A number, true or false, or text."
     if origin in (tuple, list):
         item = without_alias(get_args(hint)[0])
         kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
         if item in kinds:
             written = "as JSON" if item is str else "separated by semicolons"
-            return kinds[item], f"Several; in CSV files {written}."
+            return kinds[item], f"A list; in CSV files {written}."
     if origin in (dict, tuple, list) or hint is Any:
         return "json", "As JSON."
     plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
     if hint not in plain:
-        raise TypeError(f"no column is known that holds {hint}")
+        raise TypeError(f"no column type is defined for {hint}")
     return plain[hint], ""
 
 
@@ -868,10 +873,10 @@ VISITS_TABLE = _described(_VisitRow, "visits")
 ANNOTATIONS_TABLE = _described(_AnnotationRow, "annotations")
 SESSION_TABLE = Table(
     "session",
-    "The session as a whole: what heads it, how long it is, its videos and sound, and the robot's clock.",
+    "The session as a whole: header, duration, videos, audio and the robot's clock.",
     (
-        Column("key", "", "text", "What is told.", lambda fact, _: fact.key),
-        Column("value", "", "text", "What it is; units are in the names of the keys.", lambda fact, _: fact.value),
+        Column("key", "", "text", "Name of the value.", lambda fact, _: fact.key),
+        Column("value", "", "text", "The value; units are in the names of the keys.", lambda fact, _: fact.value),
     ),
 )
 DICTIONARY_TABLE = Table(
@@ -881,15 +886,24 @@ DICTIONARY_TABLE = Table(
         Column(name, "", "text", description, lambda row, _: row)
         for name, description in (
             ("table", "The table."),
-            ("column", "Its column; empty in the row that describes the table itself."),
-            ("unit", "The unit, empty where there is none."),
+            ("column", "The column; empty in the row that describes the table itself."),
+            ("unit", "The unit; empty if there is none."),
             (
                 "type",
-                "What the values are. In CSV files utc is ISO 8601, texts are JSON, numbers have semicolons between, an"
-                " apostrophe stands before text that spreadsheets would take for a formula (not with --plain-csv).",
+                (
+                    "The type of the values. In CSV files, utc is ISO 8601, texts are JSON, and numbers are "
+                    "separated by semicolons. An apostrophe precedes text that spreadsheets would read as a "
+                    "formula (not with --plain-csv)."
+                ),
             ),
-            ("clock", "Of times: session (monotonic), UTC (this computer's at the start), or robot (its own)."),
-            ("description", "What it means."),
+            (
+                "clock",
+                (
+                    "The clock of a time: session (monotonic), UTC (of this computer at the start), or robot (the "
+                    "robot's own)."
+                ),
+            ),
+            ("description", "The meaning."),
         )
     ),
 )

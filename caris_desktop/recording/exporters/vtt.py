@@ -57,11 +57,11 @@ def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtt
     if video.file_name:
         begins_s = session.clock.session_s(video.first_stamp_ns)
         note = (
-            f"Times since the first frame of {_line(video.file_name)}, which is second {begins_s:.3f} of {name}. "
+            f"Times are relative to the first frame of {_line(video.file_name)}, at second {begins_s:.3f} of {name}. "
             f"{video.moments}"
         )
     else:
-        note = f"Times since the session {name} began, which was at {session.clock.utc(session.started_ns)}."
+        note = f"Times are relative to the start of the session {name}, at {session.clock.utc(session.started_ns)}."
     blocks = ["WEBVTT", f"NOTE {note}"]
     cues = [cue for utterance in said if (cue := _cue(utterance, video)) is not None]
     blocks += [text for _, text in sorted(cues, key=lambda cue: cue[0])]
@@ -85,7 +85,7 @@ def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
     text = f"<v{cut_short} {_escaped(speaker)}>{_escaped(_line(said.text))}"
     note = ""
     if said.heard_text is not None:
-        note = f"NOTE {identifier} was corrected. What was made out: {_line(said.heard_text)}\n\n"
+        note = f"NOTE {identifier} was corrected. Original transcript: {_line(said.heard_text)}\n\n"
     return start_ms, f"{note}{identifier}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}"
 
 

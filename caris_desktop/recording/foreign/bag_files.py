@@ -120,7 +120,7 @@ def open_bag(path: Path, *, scratch: Path) -> Bag:
     except OSError as error:
         raise BagError(f"{path} cannot be read: {error.strerror or error}.") from error
     if not size_bytes:
-        raise BagError(f"{path} is empty: nothing was ever recorded in it.")
+        raise BagError(f"{path} is empty: it contains no recording.")
     if start.startswith(_ROS1_MAGIC):
         return Ros1Bag(path)
     if start.startswith(_MCAP_MAGIC):
@@ -128,10 +128,12 @@ def open_bag(path: Path, *, scratch: Path) -> Bag:
     if start.startswith(_SQLITE_MAGIC):
         return SqliteBag(path)
     if start.startswith(b"#ROSBAG V1"):
-        raise BagError(f"{path} is a bag of an old format. Bring it up to date with 'rosbag fix', then import it.")
+        raise BagError(f"{path} is a bag in an old format. Update it with 'rosbag fix', then import it.")
     if start.startswith(_ZSTD_MAGIC):
-        raise BagError(f"{path} is one compressed file of a rosbag2. Import its folder, the one with metadata.yaml.")
-    raise BagError(f"{path} is no bag: it does not begin as a ROS 1 bag, an MCAP file or a rosbag2 database does.")
+        raise BagError(
+            f"{path} is a single compressed file of a rosbag2. Import the folder that contains metadata.yaml."
+        )
+    raise BagError(f"{path} is not a ROS 1 bag, an MCAP file or a rosbag2 database.")
 
 
 def in_order_of_time(messages: Iterable[BagMessage]) -> Iterator[BagMessage]:
@@ -180,14 +182,14 @@ class Ros1Bag:
                 try:
                     record = self._next(file, wanted=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
                 except _CutError as error:
-                    notes.add(f"The bag breaks off or is damaged at byte {at} ({error}); what comes before was read.")
+                    notes.add(f"The bag is truncated or damaged at byte {at} ({error}); the data before that was read.")
                     return
                 if record is None:
                     return
                 try:
                     yield from self._of_record(file, record, channels, notes, min(1.0, file.tell() / size_bytes))
                 except (_CutError, _TooLargeError) as error:
-                    notes.add(f"The part of the bag at byte {at} is damaged ({error}); the rest of it was left out.")
+                    notes.add(f"The part of the bag at byte {at} is damaged ({error}); the rest of it was skipped.")
 
     def _of_record(
         self,
@@ -209,7 +211,7 @@ class Ros1Bag:
         elif kind == self._CHUNK:
             compressed = fields.get("compression", b"none") != b"none"
             if not is_whole:
-                notes.add("The bag breaks off; what comes before was read.")
+                notes.add("The bag is truncated; everything before that point was read.")
                 if compressed:
                     return
             chunk = io.BytesIO(self._unfolded(fields, data) if compressed else data)
@@ -249,7 +251,7 @@ class Ros1Bag:
             return None
         fields = _ros1_fields(_exactly(file, _u32(head), most=_MAX_HEADER_BYTES))
         if len(fields.get("op", b"")) != 1:
-            raise _CutError("a record without a kind")
+            raise _CutError("a record without a type")
         length, kind = _u32(file.read(4)), fields["op"][0]
         if kind not in wanted:
             file.seek(length, io.SEEK_CUR)
@@ -281,7 +283,7 @@ class Ros1Bag:
         channel = channels.get(_u32(fields.get("conn", b"")))
         time = fields.get("time", b"")
         if channel is None or len(time) != 8:
-            raise _CutError("a message of no topic")
+            raise _CutError("a message without a topic")
         seconds, nanoseconds = struct.unpack("<LL", time)
         yield BagMessage(seconds * 1_000_000_000 + nanoseconds, channel, data, fraction)
 
@@ -292,7 +294,7 @@ def _ros1_fields(content: bytes) -> dict[str, bytes]:
         length = _u32(content[at : at + 4])
         name, equals, value = content[at + 4 : at + 4 + length].partition(b"=")
         if not equals or at + 4 + length > len(content):
-            raise _CutError("a field that cannot be read")
+            raise _CutError("an unreadable field")
         fields[name.decode("utf-8", "replace")] = value
         at += 4 + length
     return fields
@@ -328,20 +330,20 @@ class McapBag:
                     # Truncated or damaged bytes raise many kinds of errors (struct, overflow, memory, mcap's own).
                     _log.info("%s breaks off at byte %d (%r)", self._path, at, error)
                     notes.add(
-                        f"The file breaks off or is damaged at byte {at}{_why(error)}; what comes before was read."
+                        f"The file is truncated or damaged at byte {at}{_why(error)}; the data before that was read."
                     )
                     return
                 try:
                     inner = self._of_chunk(record) if isinstance(record, Chunk) else [record]
                 except Exception as error:
                     _log.info("%s: the chunk at byte %d is left out (%r)", self._path, at, error)
-                    notes.add(f"The part of the file at byte {at} is damaged{_why(error)}; it was left out.")
+                    notes.add(f"The part of the file at byte {at} is damaged{_why(error)}; it was skipped.")
                     continue
                 fraction = min(1.0, file.tell() / size_bytes)
                 for item in inner:
                     if isinstance(item, Header) and item.library.startswith("caris-desktop") and not item.profile:
                         raise BagError(
-                            f"{self._path} is a part of a session of CARIS Desktop. Open the session's folder instead."
+                            f"{self._path} belongs to a CARIS Desktop session. Open the session folder instead."
                         )
                     if isinstance(item, Schema):
                         schemas[item.id] = item
@@ -380,7 +382,7 @@ class McapBag:
 
         content = _unfolded(chunk.data, chunk.compression, chunk.uncompressed_size)
         if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
-            raise _CutError("its checksum is wrong")
+            raise _CutError("its checksum is invalid")
         records: list[Any] = breakup_chunk(replace(chunk, compression="", data=content))
         return records
 
@@ -400,7 +402,7 @@ class SqliteBag:
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
         wal = self._path.with_name(f"{self._path.name}-wal")
         if wal.exists() and wal.stat().st_size:
-            notes.add(f"{self._path.name} was not closed properly; what is only in {wal.name} was left out.")
+            notes.add(f"{self._path.name} was not closed properly; data that is only in {wal.name} was skipped.")
         # Immutable: SQLite must not create files next to the bag.
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro&immutable=1"
         try:
@@ -408,7 +410,7 @@ class SqliteBag:
                 yield from self._rows(database, notes)
         except sqlite3.Error as error:
             _log.info("%s", self._path, exc_info=True)
-            notes.add(f"{self._path.name} is damaged ({error}); what could be read of it was read.")
+            notes.add(f"{self._path.name} is damaged ({error}); only the readable part was read.")
 
     def _rows(self, database: sqlite3.Connection, notes: ReadNotes) -> Iterator[BagMessage]:
         definitions: dict[str, tuple[str, str]] = {}
@@ -436,10 +438,10 @@ class SqliteBag:
             if channel is None:
                 continue
             if not isinstance(data, bytes):
-                notes.add(f"A message of {channel.topic} is far too large; it was left out.")
+                notes.add(f"A message of {channel.topic} is far too large; it was skipped.")
                 continue
             if not isinstance(at_ns, int):
-                notes.add(f"A message of {channel.topic} has no time; it was left out.")
+                notes.add(f"A message of {channel.topic} has no time; it was skipped.")
                 continue
             message = BagMessage(at_ns, channel, data, number / max(1, count))
             yield from _unfolded_message(message, notes) if self._folded else (message,)
@@ -476,7 +478,7 @@ class _FoldedMessages:
 
 def _open_folder(folder: Path, scratch: Path) -> Bag:
     if is_session(folder):
-        raise BagError(f"{folder} is a session already. Open it as it is.")
+        raise BagError(f"{folder} is already a session. Open it directly.")
     notes = ReadNotes()
     metadata = _metadata(folder / "metadata.yaml")
     if metadata is None:
@@ -491,11 +493,13 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         mode = str(metadata.get("compression_mode") or "").lower()
         notes_missing = [name for name in names if not (folder / name).is_file()]
         if notes_missing:
-            notes.add(f"Files that metadata.yaml names are missing: {', '.join(notes_missing)}.")
+            notes.add(f"Files listed in metadata.yaml are missing: {', '.join(notes_missing)}.")
         if mode not in ("", "none") and str(metadata.get("compression_format")) != "zstd":
-            raise BagError(f"{folder} is compressed as {metadata.get('compression_format')}, which cannot be read.")
+            raise BagError(
+                f"{folder} uses the compression {metadata.get('compression_format')}, which is not supported."
+            )
     if not files:
-        raise BagError(f"{folder} is no rosbag2: it holds no .mcap or .db3 file.")
+        raise BagError(f"{folder} is not a rosbag2: it contains no .mcap or .db3 file.")
     parts: list[Bag] = []
     for path in files:
         unfolded = _unfold_file(path, scratch) if path.suffix == ".zstd" else path
@@ -515,7 +519,7 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
 def _metadata(path: Path) -> dict[str, Any] | None:
     try:
         if path.stat().st_size > _MAX_METADATA_BYTES:
-            raise BagError(f"{path} is far too large to describe a bag.")
+            raise BagError(f"{path} is far too large for bag metadata.")
         told = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data
         information = told["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
@@ -523,7 +527,7 @@ def _metadata(path: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BagError(f"{path} does not describe a bag ({type(error).__name__}).") from error
+        raise BagError(f"{path} does not contain bag metadata ({type(error).__name__}).") from error
     return information
 
 
@@ -547,10 +551,10 @@ def _unfold_file(path: Path, scratch: Path) -> Path:
             while block := unfolding.read(1 << 20):
                 written += len(block)
                 if written > room:
-                    raise BagError(f"{path} unfolds to more than there is room for.")
+                    raise BagError(f"{path} is too large to decompress on this disk.")
                 out.write(block)
     except zstandard.ZstdError as error:
-        raise BagError(f"{path} cannot be unfolded: {error}.") from error
+        raise BagError(f"{path} cannot be decompressed: {error}.") from error
     return target
 
 
@@ -574,7 +578,7 @@ def _unfolded_message(message: BagMessage, notes: ReadNotes) -> Iterator[BagMess
     try:
         yield message._replace(data=_unfolded(message.data, "zstd", None))
     except ValueError as error:
-        notes.add(f"A message of {message.channel.topic} was left out: {error}.")
+        notes.add(f"A message of {message.channel.topic} was skipped: {error}.")
 
 
 def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
@@ -600,11 +604,11 @@ def _unfolded(data: bytes, compression: str, size_bytes: int | None) -> bytes:
         else:
             raise _CutError(f"an unknown compression {compression!r}")
     except (zstandard.ZstdError, OSError, EOFError, RuntimeError) as error:
-        raise _CutError(f"it cannot be unfolded: {error}") from error
+        raise _CutError(f"it cannot be decompressed: {error}") from error
     if len(content) > most:
-        raise _TooLargeError("a part that is far too large: more than it says")
+        raise _TooLargeError("a part that is larger than its declared size")
     if size_bytes is not None and len(content) != size_bytes:
-        raise _CutError("a part that is shorter than it says")
+        raise _CutError("a part that is smaller than its declared size")
     return content
 
 

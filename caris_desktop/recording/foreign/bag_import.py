@@ -118,9 +118,9 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
     """
     path, folder = path.absolute(), folder.absolute()
     if folder.exists() or folder.is_symlink():
-        raise BagError(f"{folder} exists already. Nothing was written; choose another name.")
+        raise BagError(f"{folder} already exists. Nothing was written; choose another name.")
     if path.is_dir() and path.resolve() in (folder.parent.resolve(), *folder.parent.resolve().parents):
-        raise BagError(f"{folder} would lie inside the bag. Nothing was written; choose another place.")
+        raise BagError(f"{folder} would be inside the bag. Nothing was written; choose another folder.")
     partial: Path | None = None
     try:
         # A file is opened before any folder is created; a rosbag2 folder may need scratch space for decompression.
@@ -137,7 +137,9 @@ def import_bag(path: Path, folder: Path, progress: Callable[[float], None] = lam
     except OSError as error:
         _log.info("importing %s", path, exc_info=True)
         advice = " Free some room, or choose another disk." if no_room(error) else ""
-        raise BagError(f"{path} could not be imported: {error.strerror or error}. Nothing was kept.{advice}") from error
+        raise BagError(
+            f"{path} could not be imported: {error.strerror or error}. Nothing was saved.{advice}"
+        ) from error
     finally:
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
@@ -193,7 +195,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
     if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
-            f"{path.name} holds nothing that this program knows ({len(survey.counts)} topics of the types {names}). "
+            f"{path.name} contains no supported data ({len(survey.counts)} topics of the types {names}). "
             "Nothing was written."
         )
     own = survey.own
@@ -253,7 +255,7 @@ def _refuse_nothing(
 ) -> None:
     if not any(casting.roles[channel].kind not in ("tf", "session") for channel in used):
         first = next(iter(faults.values()), "no message could be read")
-        raise BagError(f"{path.name} holds no message that could be used ({first}). Nothing was written.")
+        raise BagError(f"{path.name} contains no usable message ({first}). Nothing was written.")
 
 
 def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float], None]) -> _Survey:
@@ -265,12 +267,12 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
             progress(_SURVEY_SHARE * min(1.0, message.fraction))
         survey.counts[message.channel] += 1
         if not 0 < message.at_ns < _LATEST_UTC_NS:
-            notes.add("Messages whose time is zero, or no time at all, were left out.")
+            notes.add("Messages with a zero or invalid time were skipped.")
             continue
         minute = minutes.get(message.at_ns // _MINUTE_NS)
         if minute is None:
             if len(minutes) >= _MOST_MINUTES:
-                notes.add("The times in the bag lie too far apart; messages of further times were left out.")
+                notes.add("The times in the bag are spread too widely; messages at further times were skipped.")
                 continue
             minutes[message.at_ns // _MINUTE_NS] = _BagPart(message.at_ns, message.at_ns, 1, number)
         else:
@@ -289,9 +291,9 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
     survey.last_ns = max((each.last_ns + moved_ns for each, moved_ns in kept), default=0)
     if not survey.counts or not survey.last_ns:
         said = f" {notes.sentences[0]}" if notes.sentences else ""
-        raise BagError(f"{path.name} holds no messages.{said} Nothing was written.")
+        raise BagError(f"{path.name} contains no messages.{said} Nothing was written.")
     if survey.last_ns < _SIMULATED_BEFORE_NS:
-        notes.add("The bag's clock is that of a simulation: dates are not those of the recording.")
+        notes.add("The bag uses simulation time: its dates are not the dates of the recording.")
     return survey
 
 
@@ -318,7 +320,7 @@ def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
             stretch.moved_ns = None
             notes.add(
                 f"{stretch.count} message{'s' * (stretch.count != 1)} of {_utc_text(stretch.first_ns)} UTC, hours from"
-                " all others, were left out: their time is wrong."
+                " all others, were skipped: their time is wrong."
             )
     kept = sorted((each for each in stretches if each.moved_ns is not None), key=lambda stretch: stretch.number)
     largest = max(kept, key=lambda stretch: stretch.count, default=None)
@@ -336,8 +338,8 @@ def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
         if stretch.moved_ns:
             notes.add(
                 f"The times from {_utc_text(stretch.first_ns)} to {_utc_text(stretch.last_ns)} UTC"
-                f" ({stretch.count} messages) lie hours from the others, as where the clock was set while it was"
-                f" recorded: the gap of {abs(stretch.moved_ns) / 3.6e12:.1f} hours was taken out."
+                f" ({stretch.count} messages) are hours from the others, probably because the clock was set during"
+                f" the recording: the gap of {abs(stretch.moved_ns) / 3.6e12:.1f} hours was removed."
             )
 
 
@@ -419,7 +421,7 @@ class _SessionWriter:
         try:
             self._log.write(BY_TYPE[type(value)], value, arrived_ns)
         except (TypeError, ValueError) as error:
-            raise MessageError(f"it holds what cannot be recorded: {error}") from error
+            raise MessageError(f"it contains data that cannot be recorded: {error}") from error
         self._written_ns[type(value)] = arrived_ns
         self._plain.add(value)
         if arrived_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
@@ -497,27 +499,27 @@ class _SessionWriter:
 def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: MessageConverter, survey: _Survey) -> None:
     for frame in sorted(maker.lasers_without_place):
         notes.add(
-            f"Where the laser '{frame}' sits on the robot is not told: its scans are kept and exported, but not drawn."
+            f"The position of the laser '{frame}' on the robot is unknown: its scans are imported, but not drawn."
         )
     if maker.odometry_without_pose:
         notes.add(
-            f"{maker.odometry_without_pose} messages of the odometry tell no rotation (a zero quaternion): their speed "
-            "is kept, and their pose is reckoned from it."
+            f"{maker.odometry_without_pose} odometry messages have no rotation (a zero quaternion): their speed "
+            "is imported, and their pose is computed from it."
         )
     if maker.unusable_transforms:
         which = ", ".join(sorted(maker.unusable_transforms)[:10])
-        notes.add(f"Transforms without a rotation or place are left out: {which}.")
+        notes.add(f"Transforms without a rotation or position were skipped: {which}.")
     for frame, tilt_rad in sorted(maker.tilted_lasers.items()):
         notes.add(
-            f"The laser '{frame}' is tilted by {math.degrees(tilt_rad):.0f} degrees: its scans are kept and exported, "
+            f"The laser '{frame}' is tilted by {math.degrees(tilt_rad):.0f} degrees: its scans are imported, "
             "but not drawn."
         )
     for camera, why in writer.without_video.items():
         notes.add(f"The video of the camera {camera} ended early: {why}.")
     if survey.own is None:
         notes.add(
-            "Times are those of the bag's clock. The robot's own stamps are kept beside them; how far the two clocks "
-            "disagree is not known."
+            "Times are from the bag's clock. The robot's own timestamps are stored in addition; the offset "
+            "between the two clocks is unknown."
         )
 
 
@@ -559,7 +561,7 @@ def _write_header(
         "clock": {
             "monotonic_ns": clock.anchor.monotonic_ns,
             "utc_ns": clock.anchor.utc_ns,
-            "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns).",
+            "note": "The UTC time of a timestamp is utc_ns + (stamp_ns - monotonic_ns).",
         },
         "started_ns": clock.started_ns,
         "started_utc": clock.utc(clock.started_ns),

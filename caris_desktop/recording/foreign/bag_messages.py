@@ -92,17 +92,17 @@ class MessageReader:
         if self._encoding == "json":
             return
         if self._encoding not in ("ros1", "cdr"):
-            raise NotUnderstoodError(f"its messages are encoded as '{self._encoding or 'nothing known'}'")
+            raise NotUnderstoodError(f"its messages are encoded as '{self._encoding or 'unknown'}'")
         self._store = typestore(1 if self._encoding == "ros1" else 2)
         if self._type not in self._store.fielddefs:
-            raise NotUnderstoodError("its type is not known")
+            raise NotUnderstoodError("its type is unknown")
         if not channel.definition or _is_standard(self._store, self._type, channel):
             return
         older = _older_of_ros1() if self._encoding == "ros1" and self._type in _OLDER_OF_ROS1 else None
         if older is not None and _is_standard(older, self._type, channel):
             self._store = older
         else:
-            raise NotUnderstoodError(f"its definition of {channel.type} is not the standard one")
+            raise NotUnderstoodError(f"its definition of {channel.type} differs from the standard")
 
     def read(self, data: bytes) -> Message:
         """Decode one message. Raises MessageError if malformed."""
@@ -116,7 +116,7 @@ class MessageReader:
         except Exception as error:
             # Generated readers raise many kinds of errors for malformed bytes.
             _log.debug("a message of %s", self._type, exc_info=True)
-            raise MessageError(f"{self._type} cannot be read from its bytes ({error})") from error
+            raise MessageError(f"{self._type} cannot be decoded ({error})") from error
         if not isinstance(message, dict):
             raise MessageError(f"{self._type} must be an object")
         return message

@@ -141,9 +141,9 @@ def map_bag_topics(
         elif channel in unreadable:
             casting.reasons[channel] = unreadable[channel]
         elif wish.kind != "value" and wish.stream in streams_as_json:
-            casting.reasons[channel] = f"the same is in {VALUE_TOPICS}{wish.stream}"
+            casting.reasons[channel] = f"the same data is in {VALUE_TOPICS}{wish.stream}"
         elif own and wish.kind in ("tf", "utterance") and channel.topic != "/tf_static":
-            casting.reasons[channel] = "the same is in other topics"
+            casting.reasons[channel] = "the same data is in other topics"
         else:
             wishes.setdefault(wish, []).append(channel)
     for role, channels in wishes.items():
@@ -153,7 +153,7 @@ def map_bag_topics(
             if channel in chosen:
                 casting.roles[channel] = role
             else:
-                casting.reasons[channel] = f"{chosen[0].topic} is taken for the {role.stream}"
+                casting.reasons[channel] = f"{chosen[0].topic} is used for {role.stream}"
     _merge_poses(casting, counts)
     _merge_cameras(casting, counts)
     return casting
@@ -183,7 +183,7 @@ def _role(channel: BagChannel) -> TopicRole | str:
             return TopicRole("frames of reference", "tf")
         case "geometry_msgs/Twist" | "geometry_msgs/TwistStamped" as name:
             if "cmd_vel" not in topic and "cmdvel" not in topic:
-                return "its name does not say that these velocities drive the robot"
+                return "its name does not indicate that these velocities drive the robot"
             return TopicRole("event/command_sent", "twist" if name.endswith("Twist") else "twist_stamped")
         case "sensor_msgs/CompressedImage":
             if "depth" in words:
@@ -200,9 +200,9 @@ def _role(channel: BagChannel) -> TopicRole | str:
         case "std_msgs/String":
             if any(word in topic for word in _SPEECH_WORDS):
                 return TopicRole("event/utterance_changed", "utterance")
-            return "its name does not say that these texts are speech"
+            return "its name does not indicate that these texts are speech"
         case name:
-            return f"{name or 'its type'} has no counterpart here"
+            return f"{name or 'its type'} has no equivalent in this program"
 
 
 def _own_role(channel: BagChannel) -> TopicRole | str:
@@ -211,11 +211,11 @@ def _own_role(channel: BagChannel) -> TopicRole | str:
         return TopicRole("session.json", "session")
     spec = BY_NAME.get(name)
     if spec is None:
-        return "a stream that this version does not know"
+        return "a stream that is unknown to this version"
     if spec.value_type in (SessionStarted, SessionEnded):
-        return "the import has a beginning and an end of its own"
+        return "the import has its own start and end"
     if spec.value_type is AudioBlock:
-        return "its sound is not in the bag"
+        return "its audio is not in the bag"
     return TopicRole(name, "value", name)
 
 
@@ -250,7 +250,7 @@ def _merge_poses(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> Non
         for channel in channels:
             if channel is not best:
                 del casting.roles[channel]
-                casting.reasons[channel] = f"{best.topic} is taken for the {stream}"
+                casting.reasons[channel] = f"{best.topic} is used for {stream}"
 
 
 def _merge_cameras(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> None:
@@ -264,7 +264,7 @@ def _merge_cameras(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> N
         for channel in channels:
             if channel is not best:
                 del casting.roles[channel]
-                casting.reasons[channel] = f"the same pictures are in {best.topic}"
+                casting.reasons[channel] = f"the same images are in {best.topic}"
 
 
 def camera_name(topic: str) -> str:
@@ -481,7 +481,7 @@ class MessageConverter:
 
         video = message_conversion.decode_compressed_image({**message, "header": {"stamp": message.get("timestamp")}})
         if video.encoding != "h264":
-            raise MessageError(f"video that is encoded as '{video.encoding}'")
+            raise MessageError(f"video with the unsupported encoding '{video.encoding}'")
         if camera not in self._decoders:
             decoder = self._decoders[camera] = av.CodecContext.create("h264", "r")
             decoder.options = {"max_pixels": str(MOST_PIXELS)}
@@ -499,9 +499,9 @@ class MessageConverter:
         try:
             value = from_jsonable(BY_NAME[stream].value_type, json.loads(message_conversion.decode_string(message)))
         except (ValueError, RecursionError) as error:
-            raise MessageError(f"no value of {stream}: {error}") from error
+            raise MessageError(f"not a value of {stream}: {error}") from error
         if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - at_ns) > _SAME_SESSION_NS:
-            raise MessageError(f"a value of {stream} that belongs to another time")
+            raise MessageError(f"a value of {stream} from another time")
         if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._own is not None:
             # The export mapped the robot's stamps to UTC, which is their clock from here on.
             utc_minus_session_ns = self._own.anchor.utc_ns - self._own.anchor.monotonic_ns
@@ -514,7 +514,7 @@ class MessageConverter:
             return Pose2D(0.0, 0.0, 0.0)
         place = self._tree.pose_in(MAP_FRAME, frame)
         if place is None:
-            raise MessageError(f"it is told in the frame '{frame}', whose place in the map is not known")
+            raise MessageError(f"it is in the frame '{frame}', and the pose of this frame in the map is unknown")
         return place.floor
 
 
@@ -522,4 +522,4 @@ def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
     try:
         return np.asarray(decoded(content), np.uint8)
     except PictureError as error:
-        raise MessageError(f"a picture that {error}") from error
+        raise MessageError(f"an image that {error}") from error

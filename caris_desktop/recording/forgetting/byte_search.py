@@ -100,7 +100,7 @@ class ByteSearch:
         if _is_packed(head):
             for part, opened in self._unpacked(file, head, inside or name, inside, closed):
                 if depth + 1 >= _DEEPEST:
-                    closed.append(f"{part}: it is packed too often")
+                    closed.append(f"{part}: nested too deeply")
                     continue
                 found = self._opened(opened, part.lower(), depth + 1, part)
                 hits += found.hits
@@ -135,7 +135,7 @@ class ByteSearch:
                                 yield f"{where}{info.filename}", packed
             elif head.startswith(_BAG_MAGIC):
                 if _bag_is_packed(file):
-                    closed.append(f"{name}: its blocks are compressed")
+                    closed.append(f"{name}: its chunks are compressed")
             else:
                 with _opener(head)(file) as packed:
                     yield f"{where}unpacked", packed
@@ -249,7 +249,7 @@ def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
             if mcap_chunks.is_chunk(record):
                 yield mcap_chunks.decompress(record) + b"\n"
         except mcap_chunks.DamagedBlockError as error:
-            closed.append(f"{name}: the block at byte {index.offsets[number]}: {error}")
+            closed.append(f"{name}: the chunk at byte {index.offsets[number]}: {error}")
 
 
 def _png_texts(file: Any) -> Iterator[bytes]:
@@ -302,7 +302,7 @@ class _Row(io.RawIOBase):
 def _values_of(file: Any) -> Iterator[bytes]:
     name = getattr(file, "name", None)
     if not isinstance(name, str):
-        raise ValueError("it is a database inside of another file")  # noqa: TRY004 - of what lies in it
+        raise ValueError("it is a database inside another file")  # noqa: TRY004 - of what lies in it
     with closing(sqlite3.connect(f"{Path(name).absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         tables = [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         for table in tables:

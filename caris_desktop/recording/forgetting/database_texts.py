@@ -26,7 +26,7 @@ class DatabaseTexts:
         def scan(whose: str, text: str) -> str:
             nonlocal to_change
             if whose not in self._ids:
-                found = self._work.find(text, self._file, lambda: f"what is kept of {whose}")
+                found = self._work.find(text, self._file, lambda: f"data stored about {whose}")
                 to_change = to_change or any(decision == "redact" for _, _, decision in found)
             return text
 

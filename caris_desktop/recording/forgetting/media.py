@@ -104,14 +104,14 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
         image = decoded(content, cv2.IMREAD_UNCHANGED)
     except PictureError as error:
         raise UnreadableMediaError(
-            localized(QT_TR_NOOP("{file} cannot be read as a picture"), file=source.name)
+            localized(QT_TR_NOOP("{file} cannot be read as an image"), file=source.name)
         ) from error
     if image.dtype != np.uint8:
         image = (image >> 8).astype(np.uint8)
     done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))
     if not done:
         raise UnreadableMediaError(
-            localized(QT_TR_NOOP("{file} cannot be written as a picture again"), file=source.name)
+            localized(QT_TR_NOOP("{file} cannot be written as an image again"), file=source.name)
         )
     written: bytes = coded.tobytes()
     try:
@@ -170,7 +170,7 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
     """Offset of the samples, sample rate, and bytes per sample frame."""
     head = file.read(12)
     if head[:4] != b"RIFF" or head[8:] != b"WAVE":
-        raise UnreadableMediaError(localized(QT_TR_NOOP("{file} is no WAV file"), file=name))
+        raise UnreadableMediaError(localized(QT_TR_NOOP("{file} is not a WAV file"), file=name))
     rate_hz, frame_bytes = 0, 0
     while len(part := file.read(8)) == 8:
         kind, length = part[:4], int.from_bytes(part[4:], "little")
@@ -179,4 +179,4 @@ def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
         content: Any = file.read(length + length % 2) if kind != b"data" else b""
         if kind == b"fmt " and len(content) >= 16:
             _, _, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", content[:16])
-    raise UnreadableMediaError(localized(QT_TR_NOOP("{file} holds no sound"), file=name))
+    raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=name))

@@ -12,11 +12,12 @@ from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError
 from caris_desktop.recording.forgetting.text_erasure import Decision, Passage
 
 _HEAD = """\
-# Texts and files that may name or show the person who is being forgotten. Write in place of each ? what becomes of it:
-#   redact   the name, or what was said, is replaced by [forgotten], and its sound is silenced
-#   keep     it stays, since it names somebody else, or nobody; or since somebody else said it
-#   remove   the whole file goes; for files that cannot be changed inside, or that nothing could look into
-# Then run the same command again with --review THIS_FILE. The file holds the name: it is deleted once all is decided.
+# Texts and files that may name or show the person to be erased. Replace each ? with a decision:
+#   redact   replace the name or the utterance with [forgotten], and silence its audio
+#   keep     leave it unchanged, because it does not name the person, or another person said it
+#   remove   remove the whole file; for files that cannot be edited or searched
+# Then run the same command again with --review THIS_FILE. This file contains the name: it is deleted when all
+# decisions are made.
 """
 _PERSON, _NAMES = "# person: ", "# names: "
 _ESCAPED = re.compile(r"\\u([0-9a-fA-F]{4})")
@@ -57,7 +58,7 @@ def read_review(path: Path) -> Review:
         raise ErasureStoppedError(
             localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error),
             QT_TR_NOOP("Nothing was changed."),
-            QT_TR_NOOP("Name the list of texts again."),
+            QT_TR_NOOP("Enter the path of the list of texts again."),
         ) from error
     person_id = ""
     names: tuple[str, ...] = ()
@@ -73,14 +74,14 @@ def read_review(path: Path) -> Review:
         if len(words) < 2 or words[0] not in _DECISIONS:
             raise ErasureStoppedError(
                 localized(
-                    QT_TR_NOOP("Line {number} of {path} begins with {word}, which is no decision."),
+                    QT_TR_NOOP("Line {number} of {path} starts with {word}, which is not a decision."),
                     number=number,
                     path=path,
                     word=repr(words[0]),
                 ),
                 QT_TR_NOOP("Nothing was changed."),
                 localized(
-                    QT_TR_NOOP("Write one of {words} there, or leave the ? for later."), words=", ".join(_DECISIONS)
+                    QT_TR_NOOP("Enter one of {words} there, or leave the ? for later."), words=", ".join(_DECISIONS)
                 ),
             )
         decisions[words[1]] = words[0]  # type: ignore[assignment]

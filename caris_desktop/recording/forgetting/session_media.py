@@ -98,7 +98,8 @@ class SessionMedia:
         except UnreadableMediaError as error:
             self.problems.append(
                 localized(
-                    QT_TR_NOOP("{why}. It may show the person: remove it, or ask again with --remove-media."), why=error
+                    QT_TR_NOOP("{why}. It may show the person: remove the file, or try again with --remove-media."),
+                    why=error,
                 )
             )
 
@@ -183,7 +184,9 @@ class SessionMedia:
                 except UnreadableMediaError as error:
                     self.problems.append(
                         localized(
-                            QT_TR_NOOP("{why}. It may name the person: remove it, or ask again with --remove-media."),
+                            QT_TR_NOOP(
+                                "{why}. It may name the person: remove the file, or try again with --remove-media."
+                            ),
                             why=error,
                         )
                     )

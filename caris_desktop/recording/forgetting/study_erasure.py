@@ -59,21 +59,21 @@ _PEOPLE, _SCENARIO = "people.sqlite", "/event/scenario_opened"
 # Temporary files that a kill may leave; none has replaced its target yet.
 _PARTS = (f".*{PART}", f".{RECEIPT}.*.part", ".review-*.part", f".{MANIFEST_NAME}.*.part")
 _KINDS = (
-    ("video", "film", "films"),
+    ("video", "video", "videos"),
     ("photo", "photo", "photos"),
-    ("sound", "sound", "sounds"),
-    ("text", "file of text", "files of text"),
-    ("export", "file of exports", "files of exports"),
+    ("sound", "audio file", "audio files"),
+    ("text", "text file", "text files"),
+    ("export", "exported file", "exported files"),
     ("copy", "copy", "copies"),
     ("history", "list of typed sentences", "lists of typed sentences"),
     ("log", "log", "logs"),
 )
 _OF_MEDIA = ("video", "photo", "sound")
 _PICTURES = (".png", ".jpg", ".mp4")
-_UNEXAMINED = QT_TR_NOOP("nothing looked for people in it")
-_NOT_CHANGED = QT_TR_NOOP("What was done up to now is kept, and nothing else was changed.")
+_UNEXAMINED = QT_TR_NOOP("it was not searched for people")
+_NOT_CHANGED = QT_TR_NOOP("The changes made so far remain, and nothing else was changed.")
 _IN_THE_MIDDLE = QT_TR_NOOP(
-    "Forgetting stopped in the middle: what was done up to now is kept, and nothing else was changed."
+    "Erasing stopped before it finished: the changes made so far remain, and nothing else was changed."
 )
 
 
@@ -151,18 +151,18 @@ def forget_person(
         recorded = next((folder for folder in files_of(request.study).sessions if is_held(folder)), None)
         if recorded is not None:
             raise ErasureStoppedError(
-                localized(QT_TR_NOOP("{session} is being recorded or repaired at this moment."), session=recorded.name),
-                QT_TR_NOOP("Nobody was forgotten; nothing was changed."),
-                QT_TR_NOOP("End the recording first, then ask again."),
+                localized(QT_TR_NOOP("{session} is currently being recorded or repaired."), session=recorded.name),
+                QT_TR_NOOP("No person was erased; nothing was changed."),
+                QT_TR_NOOP("Stop the recording first, then try again."),
             )
         (request.study / FOLDER).mkdir(exist_ok=True)
         try:
             lock = hold(request.study / FOLDER)
         except FolderHeldError as error:
             raise ErasureStoppedError(
-                QT_TR_NOOP("Somebody is being forgotten in this study already."),
+                QT_TR_NOOP("Another person is already being erased from this study."),
                 QT_TR_NOOP("Nothing was changed."),
-                QT_TR_NOOP("Wait for the end of that."),
+                QT_TR_NOOP("Wait until that has finished."),
             ) from error
         with lock:
             return _Forgetting(request, erase, progress).run()
@@ -212,8 +212,9 @@ class _Forgetting:
         self._problems += [
             localized(
                 QT_TR_NOOP(
-                    "{link} leads out of the study, to {target}. What is there was neither searched nor changed: "
-                    "erase the person there yourself, or move it into the study's folder and ask again."
+                    "{link} points outside the study, to {target}. That location was neither searched nor "
+                    "changed: erase the person there yourself, or move it into the study folder and try "
+                    "again."
                 ),
                 link=self._journal.name_of(link),
                 target=self._without_names(str(target)),
@@ -253,7 +254,7 @@ class _Forgetting:
         self._drop_index()
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
-        self._notify(0.85, QT_TR_NOOP("Searching every byte again"))
+        self._notify(0.85, QT_TR_NOOP("Searching all files again, byte by byte"))
         proof = self._proof(sessions)
         proof["not_looked_at"] = sorted(
             place.file for place in self._texts.places.values() if place.kind == "unexamined"
@@ -275,7 +276,7 @@ class _Forgetting:
                 links += links_in(folder / "events.mcap")
         self._ids = everyone_who_is(self._request.person_ids, links)
         for number, folder in enumerate(sessions):
-            self._notify(0.05 * number / len(sessions), QT_TR_NOOP("Looking for where they were seen"))
+            self._notify(0.05 * number / len(sessions), QT_TR_NOOP("Finding where the person appears"))
             with self._reporting_problems(folder):
                 self._seen_in[folder] = sightings_in(folder / "events.mcap", self._ids)
 
@@ -354,10 +355,7 @@ class _Forgetting:
         changed = {change.file for change in self._journal.changes()}
         self._problems += [
             localized(
-                QT_TR_NOOP(
-                    "{file} has another name outside of the study, a hard link. Under that it is as it was: delete it "
-                    "there."
-                ),
+                QT_TR_NOOP("{file} has a hard link outside the study. The file is unchanged there: delete it there."),
                 file=name,
             )
             for name in self._journal.noted("elsewhere")
@@ -378,7 +376,7 @@ class _Forgetting:
                 continue
             export = exports.of(path)
             if searched.closed:
-                self._decide_on(path, QT_TR_NOOP("it could not be unpacked"))
+                self._decide_on(path, QT_TR_NOOP("it could not be decompressed"))
             if any(path.is_relative_to(folder) for folder in sessions) or not is_opaque(path):
                 continue
             tagged = path.parent == self._study / "photos" and names_people(path)
@@ -532,7 +530,7 @@ class _Forgetting:
                 )
             return
         hits = searched.hits or self._spoken_search.file(path).hits
-        words = hits[0].words or f"a {hits[0].what}" if searched.hits else "a sentence of theirs"
+        words = hits[0].words or f"a {hits[0].what}" if searched.hits else "a sentence by this person"
         if hits and work.note_file(file, words, count=len(hits)) == "remove":
             self._journal.remove(path, "text")
 
@@ -630,7 +628,7 @@ class _Forgetting:
         }
 
     def _finish(self, begun: str, proof: dict[str, Any], waiting: int) -> Forgotten:
-        self._notify(0.97, QT_TR_NOOP("Erasing them from the study's database"))
+        self._notify(0.97, QT_TR_NOOP("Erasing the person from the study database"))
         self._erase()
         database = [path for path in self._study.glob(f"{_PEOPLE}*") if path.is_file()]
         in_database = sum(len(self._search.file(path).hits) for path in database) + self._stored_texts().naming()
@@ -740,13 +738,13 @@ def receipt_words(path: Path) -> str:
     found = sum(after.get(what, 0) for what in ("names", "pictures", "sentences", "in_people_database"))
     said = receipts[-1].get("utterances", {}) if receipts else {}
     speech = (
-        f" Of what was said, {said.get('theirs_removed', 0)} utterances of theirs and {said.get('nobodys_removed', 0)} "
-        f"that may be theirs were removed, {said.get('nobodys_kept', 0)} kept, {said.get('nobodys_waiting', 0)} wait."
+        f" Removed {said.get('theirs_removed', 0)} utterances by this person and {said.get('nobodys_removed', 0)} "
+        f"that may be; {said.get('nobodys_kept', 0)} retained, {said.get('nobodys_waiting', 0)} undecided."
         if any(said.values())
         else ""
     )
     searched = f"{after.get('bytes', 0) / 1e6:.0f} MB in {after.get('files', 0)} files were searched byte by byte"
-    return f"{', '.join(done) or 'No recording had to be changed'}. {searched}: found {found} times.{speech}"
+    return f"{', '.join(done) or 'No recording had to be changed'}. {searched}: {found} matches.{speech}"
 
 
 def _moments_of(session: Session | None) -> Callable[[int], str]:
@@ -839,9 +837,9 @@ def _explained(study: Path) -> Iterator[None]:
         yield
     except FolderHeldError as error:
         raise ErasureStoppedError(
-            localized(QT_TR_NOOP("{file} is in use at this moment."), file=error.filename),
+            localized(QT_TR_NOOP("{file} is currently in use."), file=error.filename),
             _NOT_CHANGED,
-            QT_TR_NOOP("Ask again once that has ended."),
+            QT_TR_NOOP("Try again when it is no longer in use."),
         ) from error
     except OSError as error:
         if no_room(error):
@@ -849,8 +847,8 @@ def _explained(study: Path) -> Iterator[None]:
                 QT_TR_NOOP("The disk is full."),
                 _IN_THE_MIDDLE,
                 QT_TR_NOOP(
-                    "Free as much room as the study's largest film or sound takes, then ask again: it goes on where it "
-                    "stopped."
+                    "Free as much disk space as the study's largest video or audio file takes, then try "
+                    "again: erasing resumes where it stopped."
                 ),
             ) from error
         raise ErasureStoppedError(
@@ -860,5 +858,5 @@ def _explained(study: Path) -> Iterator[None]:
                 why=error.strerror or error,
             ),
             _IN_THE_MIDDLE,
-            QT_TR_NOOP("Make it possible, then ask again: it goes on where it stopped."),
+            QT_TR_NOOP("Make the file accessible, then try again: erasing resumes where it stopped."),
         ) from error

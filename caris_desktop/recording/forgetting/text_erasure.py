@@ -215,7 +215,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
         index = mcap_chunks.scan(opened)
 
         def scan(value: bytes) -> bytes:
-            spans = work.find(_text_of(value), file, lambda: "what heads the record")
+            spans = work.find(_text_of(value), file, lambda: "recording header")
             found.to_change |= _is_to_change(spans)
             return value
 

@@ -52,7 +52,7 @@ class MarkerOutlet:
             # Without its native library the package raises RuntimeError, or OSError if it does not load.
             _log.warning("pylsl: %s", error)
             raise OutletUnavailableError(
-                QT_TR_NOOP("No markers go out: Lab Streaming Layer is not installed."),
+                QT_TR_NOOP("No markers are sent: Lab Streaming Layer is not installed."),
                 QT_TR_NOOP("Install it (pip install pylsl), then start the recording again."),
             ) from error
         try:
@@ -64,10 +64,10 @@ class MarkerOutlet:
             _log.exception("the outlet does not open")
             raise OutletUnavailableError(
                 localized(
-                    QT_TR_NOOP("No markers go out: the Lab Streaming Layer outlet does not open ({error})."),
+                    QT_TR_NOOP("No markers are sent: the Lab Streaming Layer outlet could not be opened ({error})."),
                     error=error,
                 ),
-                QT_TR_NOOP("Check the network of this computer, then start the recording again."),
+                QT_TR_NOOP("Check this computer's network, then start the recording again."),
             ) from error
         self._lsl_clock = pylsl.local_clock
         self.words = False
@@ -91,8 +91,8 @@ class MarkerOutlet:
             _log.exception("%s is not sent", spec.name)
             self.close()
             raise OutletUnavailableError(
-                localized(QT_TR_NOOP("No markers go out any more: Lab Streaming Layer failed ({error})."), error=error),
-                QT_TR_NOOP("Check the network of this computer, then start the recording again."),
+                localized(QT_TR_NOOP("Markers are no longer sent: Lab Streaming Layer failed ({error})."), error=error),
+                QT_TR_NOOP("Check this computer's network, then start the recording again."),
             ) from error
 
     def _send(self, spec: StreamSpec, value: Any) -> None:

@@ -194,7 +194,7 @@ class MediaWriter:
                     raise
                 # Some drivers limit the number of open encoders.
                 _log.warning("%s does not open for %s (%s): the next one is tried", encoder.title, camera, error)
-        raise ValueError("no encoder opens")
+        raise ValueError("no video encoder could be opened")
 
 
 class _Budget:
@@ -423,7 +423,7 @@ def write_photo(
     except cv2.error as error:
         raise ValueError(str(error)) from error
     if not encoded:
-        raise ValueError("the picture could not be encoded")
+        raise ValueError("the image could not be encoded")
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_file(path, with_texts(png.tobytes(), texts), durable=False, on_full=on_full)
     return path

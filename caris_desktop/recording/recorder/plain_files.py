@@ -21,14 +21,14 @@ _POSE_EVERY_NS = 1_000_000_000
 # The pose of a robot at rest jitters by centimetres.
 _STILL_M, _STILL_RAD = 0.05, math.radians(3.0)
 _MOVEMENT_HEAD = (
-    "# How the robot was driven. Times: clock on the wall, then seconds of the session.\n"
-    "# command: the velocity sent to the robot, at each change. pose: where it was in the map, when that changed by\n"
-    "# 5 cm or 3 degrees, once per second at most. forward and left in m/s, turn in degrees/s (left positive), x and\n"
+    "# Driving log. Times: local time, then seconds since the start of the session.\n"
+    "# command: velocity sent to the robot, at each change. pose: position in the map, after each change by\n"
+    "# 5 cm or 3 degrees, at most once per second. forward and left in m/s, turn in degrees/s (left positive), x and\n"
     "# y in m, heading in degrees.\n"
     f"{'time':<12} {'session_s':>10} {'what':<8} {'forward':>8} {'left':>8} {'turn':>8}"
     f" {'x':>9} {'y':>9} {'heading':>8}  by\n"
 )
-_SPEECH_HEAD = "# Who said what. Times: clock on the wall, then seconds of the session.\n"
+_SPEECH_HEAD = "# Conversation log. Times: local time, then seconds since the start of the session.\n"
 
 
 class PlainFiles:
@@ -173,7 +173,7 @@ class PlainFiles:
         who = known[0] if corrected.speaker is None else corrected.speaker
         text = known[1] if corrected.text is None else corrected.text
         self._spoken[corrected.utterance_id] = (who, text)
-        who = f"{who or 'not sure who'}{f' ({corrected.person_id})' if corrected.person_id else ''}"
+        who = f"{who or 'unknown speaker'}{f' ({corrected.person_id})' if corrected.person_id else ''}"
         was = f", before: {' '.join(known[1].split())}" if text != known[1] else ""
         self._write_speech(corrected.stamp_ns, who, text, f"  [corrected{was}]")
 

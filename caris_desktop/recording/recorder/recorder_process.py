@@ -174,8 +174,8 @@ class _Recorder:
         image_bgr = self._frames.read(wanted.ref)
         if image_bgr is None:
             self._report_problem(
-                QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The picture was gone before it could be kept."),
-                QT_TR_NOOP("Take it again."), "warning",
+                QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The image was lost before it could be saved."),
+                QT_TR_NOOP("Take the photo again."), "warning",
                 cause=ANSWER,
             )  # fmt: skip
             return
@@ -190,13 +190,13 @@ class _Recorder:
         except (OSError, ValueError) as error:
             _log.exception("photo %s", wanted.without_session)
             self._report_problem(
-                QT_TR_NOOP("The photo could not be kept."),
+                QT_TR_NOOP("The photo could not be saved."),
                 localized(
-                    QT_TR_NOOP("{parent} cannot be written ({error})."),
+                    QT_TR_NOOP("{parent} cannot be written to ({error})."),
                     parent=wanted.without_session.parent,
                     error=error,
                 ),
-                QT_TR_NOOP("Make room on its disk, or make the study's folder writable, then take it again."),
+                QT_TR_NOOP("Free some disk space, or make the study folder writable, then take the photo again."),
                 cause=ANSWER,
             )
             return
@@ -292,7 +292,7 @@ class _Recorder:
     def _report_outlet(self, error: OutletUnavailableError | None) -> None:
         if error is None:
             return
-        meaning = QT_TR_NOOP("Everything is recorded here all the same; other recorders get no markers.")
+        meaning = QT_TR_NOOP("Everything is still recorded here; other recorders do not receive markers.")
         if self._session is not None:
             self._session.problem("warning", error.what, meaning, error.advice)
         else:

@@ -100,7 +100,7 @@ class SessionRecorder:
         OSError if the folder is unusable.
         """
         if blurring is None and start.blur != BlurDemand():
-            raise ValueError("nobody can be covered here")
+            raise ValueError("pixelating is not available")
         self.folder = start.folder
         self.full = False
         self._broken: OSError | None = None
@@ -139,7 +139,7 @@ class SessionRecorder:
         self._reason: str | None = None
         self.folder.mkdir(parents=True, exist_ok=True)
         if any(path.name != LOCK_NAME for path in self.folder.iterdir()):
-            raise FileExistsError(17, "the folder holds files already", str(self.folder))
+            raise FileExistsError(17, "the folder already contains files", str(self.folder))
         self._lock = hold(self.folder)
         if blurring is not None:
             blurring.use_demand(start.blur)
@@ -193,7 +193,7 @@ class SessionRecorder:
         self._written_until_ns = max(self._written_until_ns, arrived_ns)
         spec = BY_TYPE.get(type(value))
         if spec is None:
-            self._miss(type(value).__name__, QT_TR_NOOP("this kind is not in the stream table"))
+            self._miss(type(value).__name__, QT_TR_NOOP("this type is not in the stream table"))
         elif spec.expected_period_s is not None and value.stamp_ns < self._goes_on_ns:
             pass  # belongs to the pause and is merely late
         elif isinstance(value, FrameRef):
@@ -217,7 +217,7 @@ class SessionRecorder:
     def note_unreadable(self) -> None:
         """Note an undecodable value from the console."""
         if not self.paused:
-            self._miss("unknown", QT_TR_NOOP("it could not be read on its way from the console"))
+            self._miss("unknown", QT_TR_NOOP("the message from the console could not be decoded"))
 
     def take_photo(self, wanted: TakePhoto) -> None:
         """Save one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
@@ -226,7 +226,7 @@ class SessionRecorder:
                 "warning",
                 QT_TR_NOOP("No photo was taken."),
                 QT_TR_NOOP("This scenario does not permit photos."),
-                QT_TR_NOOP("Permit photos in the scenario where they are wanted."),
+                QT_TR_NOOP("To take photos, permit them in the scenario."),
                 cause=ANSWER,
             )
             return
@@ -235,7 +235,7 @@ class SessionRecorder:
                 "warning",
                 QT_TR_NOOP("No photo was taken."),
                 QT_TR_NOOP("The recording is paused."),
-                QT_TR_NOOP("Resume it, then try again."),
+                QT_TR_NOOP("Resume the recording, then try again."),
                 cause=ANSWER,
             )
             return
@@ -255,7 +255,7 @@ class SessionRecorder:
     def _report_photo_gone(self) -> None:
         self.problem(
             "warning", QT_TR_NOOP("No photo was taken."),
-            QT_TR_NOOP("The picture was gone before it could be kept."), QT_TR_NOOP("Take it again."),
+            QT_TR_NOOP("The image was lost before it could be saved."), QT_TR_NOOP("Take the photo again."),
             cause=ANSWER,
         )  # fmt: skip
 
@@ -420,8 +420,10 @@ class SessionRecorder:
         self.problem(
             "error",
             what,
-            QT_TR_NOOP("The recording has ended; everything up to now is kept. Driving and speaking still work."),
-            QT_TR_NOOP("Free some room, or choose another study folder, then record again.")
+            QT_TR_NOOP(
+                "The recording has ended; everything recorded so far is saved. Driving and speaking still work."
+            ),
+            QT_TR_NOOP("Free some disk space, or choose another study folder, then record again.")
             if error is None
             else QT_TR_NOOP("Choose a study folder on another disk, then record again."),
         )
@@ -499,7 +501,7 @@ class SessionRecorder:
             self._log.write(spec, value, arrived_ns)
         except OSError as error:
             self._on_write_error(error)
-            self._miss(spec.name, QT_TR_NOOP("the disk did not take it"))
+            self._miss(spec.name, QT_TR_NOOP("it could not be written to the disk"))
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
             self._miss(spec.name, localized(gap_messages.NOT_WRITABLE, why=_short(error)))
@@ -508,8 +510,8 @@ class SessionRecorder:
                 self.problem(
                     "error",
                     localized(QT_TR_NOOP("{stream} cannot be recorded: {why}."), stream=spec.name, why=_short(error)),
-                    QT_TR_NOOP("Such values are missing in this session. Everything else is recorded."),
-                    QT_TR_NOOP("Do not rely on this session before the cause is known; the log has the details."),
+                    QT_TR_NOOP("These values are missing from this session. Everything else is recorded."),
+                    QT_TR_NOOP("Do not rely on this session until the cause is known; see the log for details."),
                 )
         self._guarded(lambda: self._plain.add(value))
         if self._offer is not None:
@@ -563,9 +565,9 @@ class SessionRecorder:
     def _troubles(self) -> list[str]:
         troubles: list[str] = []
         if self._on_reserve:
-            troubles.append(QT_TR_NOOP("the disk is full: events only, in the room kept for them"))
+            troubles.append(QT_TR_NOOP("the disk is full: only events are recorded, in reserved space"))
         elif self._video_ended:
-            troubles.append(QT_TR_NOOP("video ended: the disk is nearly full"))
+            troubles.append(QT_TR_NOOP("video stopped: the disk is nearly full"))
         elif self._spared_because:
             every_second = QT_TR_NOOP("every second frame is recorded: {why}")
             troubles.append(localized(every_second, why=self._spared_because))
@@ -596,9 +598,9 @@ class SessionRecorder:
         if failure.kind == "photo":
             self.problem(
                 "error",
-                QT_TR_NOOP("The photo could not be kept."),
-                QT_TR_NOOP("The session goes on without it."),
-                QT_TR_NOOP("Free some room on the disk.")
+                QT_TR_NOOP("The photo could not be saved."),
+                QT_TR_NOOP("The session continues without the photo."),
+                QT_TR_NOOP("Free some disk space.")
                 if failure.disk_full
                 else localized(QT_TR_NOOP("Try again. ({detail})"), detail=failure.detail),
                 cause=ANSWER,
@@ -613,10 +615,12 @@ class SessionRecorder:
             self.problem(
                 "error",
                 localized(
-                    QT_TR_NOOP("The video of {camera} ended: {detail}."), camera=failure.camera, detail=failure.detail
+                    QT_TR_NOOP("Video recording of {camera} stopped: {detail}."),
+                    camera=failure.camera,
+                    detail=failure.detail,
                 ),
-                QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
-                QT_TR_NOOP("Stop and start the recording to have video again."),
+                QT_TR_NOOP("Everything recorded so far is saved. Events and robot data are still recorded."),
+                QT_TR_NOOP("Stop and restart the recording to record video again."),
             )
 
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
@@ -629,10 +633,10 @@ class SessionRecorder:
                 "warning",
                 localized(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
                 QT_TR_NOOP(
-                    "Frames are left out evenly and counted, until there is time for all of them again. Nothing else is"
-                    " missing."
+                    "Frames are skipped evenly and counted until the computer can record all of them again. "
+                    "Nothing else is missing."
                 ),
-                QT_TR_NOOP("Close other programs, or choose a smaller picture or fewer frames for this camera."),
+                QT_TR_NOOP("Close other programs, or choose a lower resolution or frame rate for this camera."),
                 until="quiet",
                 cause="busy",
             )
@@ -702,8 +706,10 @@ class SessionRecorder:
         self.problem(
             "warning",
             localized(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
-            QT_TR_NOOP("What happens waits in memory and keeps its times; only pictures are left out, and counted."),
-            QT_TR_NOOP("Close other programs. If it lasts, record with fewer or smaller cameras."),
+            QT_TR_NOOP(
+                "Events wait in memory with their original times. Only frames are skipped, and they are counted."
+            ),
+            QT_TR_NOOP("Close other programs. If this continues, record fewer cameras or lower their resolution."),
             until="quiet",
             cause="busy",
         )
@@ -715,32 +721,32 @@ class SessionRecorder:
         self._end_audio(None)
         self.problem(
             "error",
-            QT_TR_NOOP("The disk is full: from here on only events and robot data are recorded."),
+            QT_TR_NOOP("The disk is full: from now on, only events and robot data are recorded."),
             localized(
-                QT_TR_NOOP("They have {megabytes} that were kept for them; then the recording ends."),
+                QT_TR_NOOP("{megabytes} are reserved for them. When this space is full, the recording ends."),
                 megabytes=_megabytes(self._reserve.left_bytes),
             ),
-            QT_TR_NOOP("Free some room on the disk now, or stop the recording."),
+            QT_TR_NOOP("Free some disk space now, or stop the recording."),
             cause="disk",
         )
 
     def _report_disk(self, disk: DiskState) -> None:
         free = _megabytes(disk.free_bytes or 0)
         if disk.stage == "out" and self._video_permitted:
-            self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} are left."), free=free))
+            self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} left."), free=free))
         elif disk.stage != "ample" and not self._told_scarce:
             self._told_scarce = True
             self.problem(
                 "warning",
-                localized(QT_TR_NOOP("The disk is filling up: {free} are left."), free=free)
+                localized(QT_TR_NOOP("The disk is filling up: {free} left."), free=free)
                 if disk.room_s is None
                 else localized(
-                    QT_TR_NOOP("The disk is filling up: {free} are left, at this rate for {time}."),
+                    QT_TR_NOOP("The disk is filling up: {free} left, enough for {time} at the current rate."),
                     free=free,
                     time=_minutes(disk.room_s),
                 ),
                 localized(
-                    QT_TR_NOOP("The video gets fewer frames when {lower} are left, and ends at {end}."),
+                    QT_TR_NOOP("The video frame rate is reduced when {lower} are left, and video stops at {end}."),
                     lower=_megabytes(self._limits.lower_video_free_bytes),
                     end=_megabytes(self._limits.end_video_free_bytes),
                 ),
@@ -752,18 +758,18 @@ class SessionRecorder:
             self.problem(
                 "warning",
                 localized(
-                    QT_TR_NOOP("The disk is slow: it took {delay_s} s to write what was recorded."),
+                    QT_TR_NOOP("The disk is slow: writing the recorded data took {delay_s} s."),
                     delay_s=f"{disk.delay_s:.1f}",
                 ),
                 localized(
                     QT_TR_NOOP(
-                        "Every second frame of the videos is left out meanwhile. A power cut now could cost the "
+                        "Meanwhile, every second video frame is skipped. A power failure now could lose the "
                         "last {delay_s} s."
                     ),
                     delay_s=f"{disk.delay_s + 1:.0f}",
                 ),
                 QT_TR_NOOP(
-                    "Close programs that use this disk, or choose a study folder on another one for the next session."
+                    "Close programs that use this disk, or choose a study folder on another disk for the next session."
                 ),
                 until="quiet",
                 cause="disk",
@@ -778,7 +784,7 @@ class SessionRecorder:
             "error",
             what,
             QT_TR_NOOP("Video is no longer recorded; events, robot data and speech still are."),
-            QT_TR_NOOP("Free some room on the disk, then stop and start the recording."),
+            QT_TR_NOOP("Free some disk space, then stop and restart the recording."),
             cause="disk",
         )
 
@@ -793,9 +799,9 @@ class SessionRecorder:
         if error is not None and not no_room(error):
             self.problem(
                 "error",
-                localized(QT_TR_NOOP("Sound is no longer recorded: {error}."), error=error.strerror or error),
-                QT_TR_NOOP("What was recorded up to now is kept. Events and robot data go on."),
-                QT_TR_NOOP("Stop and start the recording to have sound again."),
+                localized(QT_TR_NOOP("Audio is no longer recorded: {error}."), error=error.strerror or error),
+                QT_TR_NOOP("Everything recorded so far is saved. Events and robot data are still recorded."),
+                QT_TR_NOOP("Stop and restart the recording to record audio again."),
             )
         elif error is not None:
             self._on_reserve = True
@@ -837,9 +843,11 @@ class SessionRecorder:
             "clock": {
                 "monotonic_ns": header.anchor.monotonic_ns,
                 "utc_ns": header.anchor.utc_ns,
-                "note": "UTC of a stamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap publish_time is when "
-                "a value was measured, by the robot's stamp where its clock is known, and log_time its arrival at the "
-                "console, both in UTC.",
+                "note": (
+                    "The UTC time of a timestamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap, "
+                    "publish_time is the measurement time of a value, from the robot's timestamp if its clock is "
+                    "known. log_time is the arrival time at the console. Both are in UTC."
+                ),
             },
             "started_ns": self.started_ns,
             "started_utc": self._clock.utc(self.started_ns),
@@ -903,18 +911,18 @@ def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
         return (
             QT_TR_NOOP("The disk is full."),
             meaning,
-            QT_TR_NOOP("Free some room, or choose another study folder, then record again."),
+            QT_TR_NOOP("Free some disk space, or choose another study folder, then record again."),
         )
     if isinstance(error, FileExistsError):
         return (
-            localized(QT_TR_NOOP("{folder} holds files already."), folder=folder),
+            localized(QT_TR_NOOP("{folder} already contains files."), folder=folder),
             meaning,
-            QT_TR_NOOP("Record again: the next session gets a folder of its own."),
+            QT_TR_NOOP("Record again: the next session gets its own folder."),
         )
     return (
-        localized(QT_TR_NOOP("{folder} cannot be written: {error}."), folder=folder, error=error.strerror or error),
+        localized(QT_TR_NOOP("{folder} cannot be written to: {error}."), folder=folder, error=error.strerror or error),
         meaning,
-        QT_TR_NOOP("Choose a study folder that you may write to, then record again."),
+        QT_TR_NOOP("Choose a writable study folder, then record again."),
     )
 
 

@@ -217,7 +217,7 @@ class _Video:
         if self._told_bytes is not None and self.path.stat().st_size < self._told_bytes:
             content = content_of(self.path)
             self.times = self.times.first(0 if content is None else len(content.times_s))
-            return f"{self.path.name} is cut off: {self.times.count} of its pictures are left."
+            return f"{self.path.name} is truncated: {self.times.count} frames are left."
         return ""
 
     def decode(self, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
@@ -271,7 +271,7 @@ class _Video:
 
     def _read_own_times(self) -> str:
         if not self._opened():
-            return f"{self.path.name} cannot be read: the session is shown without it."
+            return f"{self.path.name} cannot be read: the session is shown without this video."
         tick_s = float(self._stream.time_base)
         video_s = np.array([entry.timestamp for entry in self._stream.index_entries]) * tick_s
         stamps_ns = self._first_ns + np.round(video_s * 1e9).astype(np.int64)
@@ -309,10 +309,10 @@ def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, in
         try:
             name, camera, first_ns = str(entry["file_name"]), str(entry["camera"]), int(entry["first_stamp_ns"])
         except (KeyError, TypeError, ValueError):
-            problems.append(f"session.json names a video in a way that cannot be read: {str(entry)[:200]}")
+            problems.append(f"session.json contains an invalid entry for a video: {str(entry)[:200]}")
             continue
         if not inside(session.folder, name):
-            problems.append(f"{name} does not lie in the session's folder. It is left out.")
+            problems.append(f"{name} is outside the session folder. It is skipped.")
         elif not (session.folder / name).is_file():
             problems.append(f"{name} is missing.")
         else:

@@ -72,7 +72,7 @@ def hold(folder: Path) -> FolderLock:
             return FolderLock(path, descriptor)
         os.close(descriptor)
         time.sleep(_BETWEEN_TRIES_S)
-    raise FolderHeldError(errno.EBUSY, "the folder is being recorded into", str(folder))
+    raise FolderHeldError(errno.EBUSY, "a recording is in progress in this folder", str(folder))
 
 
 def is_held(folder: Path) -> bool:

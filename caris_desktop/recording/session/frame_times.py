@@ -83,7 +83,9 @@ def read_frame_times(path: Path) -> FrameTimes:
     try:
         at = [columns.index(name) for name in ("frame", "video_s", "stamp_ns", "robot_stamp_ns")]
     except ValueError as error:
-        raise ValueError(f"{path.name} has not the columns of a video's index: {', '.join(columns)[:200]}") from error
+        raise ValueError(
+            f"{path.name} does not have the columns of a video index: {', '.join(columns)[:200]}"
+        ) from error
     lines = rest.split(b"\n")[:-1]  # after the last line end: empty, or a truncated line
     number_at, video_at, stamp_at, robot_at = at
     # Older recordings lack them.
@@ -115,9 +117,9 @@ def moments_words(video: Mapping[str, Any]) -> str:
     """User text on which moments a video of ``session.json`` shows."""
     delay_ms, uncertainty_ms = video.get("delay_ms"), video.get("uncertainty_ms")
     if not isinstance(delay_ms, (int, float)) or not isinstance(uncertainty_ms, (int, float)):
-        return "Its pictures are shown when they reached the computer; when the camera took them is not known."
+        return "Its frames are shown at their arrival time at the computer; their capture time is unknown."
     return (
-        f"Its pictures are shown when the camera took them, by the robot's stamps and clock, to within "
+        f"Its frames are shown at their capture time, from the robot's timestamps and clock, accurate to "
         f"{uncertainty_ms:.1f} ms; they reached the computer {delay_ms:.0f} ms later."
     )
 

@@ -73,13 +73,13 @@ def rebuilt_header(folder: Path, *, missing: bool) -> dict[str, Any] | None:
                 "reason": None,
                 "losses": [
                     QT_TR_NOOP(
-                        "session.json was missing. What the session is headed by was made anew from events.mcap; who"
-                        " the wizard was, the settings, and what was known to be missing are lost with it."
+                        "session.json was missing. The session header was rebuilt from events.mcap. The "
+                        "wizard's name, the settings and the record of missing data are lost."
                     )
                     if missing
                     else QT_TR_NOOP(
-                        "session.json was damaged. What the session is headed by was made anew from events.mcap; who"
-                        " the wizard was, the settings, and what was known to be missing are lost with it."
+                        "session.json was damaged. The session header was rebuilt from events.mcap. The "
+                        "wizard's name, the settings and the record of missing data are lost."
                     )
                 ],
             }

@@ -56,7 +56,7 @@ def verify_manifest(folder: Path) -> list[str]:
     for number, line in enumerate(text.removesuffix("\n").split("\n"), start=1):
         match = _LINE.fullmatch(line)
         if match is None:
-            problems.append(f"Line {number} of {MANIFEST_NAME} is no checksum.")
+            problems.append(f"Line {number} of {MANIFEST_NAME} is not a checksum.")
             continue
         escaped, digest, name = match.groups()
         if escaped:
@@ -89,7 +89,7 @@ def _problem_of(folder: Path, name: str, digest: str) -> str:
     pure = PurePosixPath(name)
     path = folder / name
     if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(folder.resolve()):
-        return f"{name} does not lie in the session's folder."
+        return f"{name} is outside the session folder."
     try:
         found = _digest(path, lambda: True)
     except FileNotFoundError:

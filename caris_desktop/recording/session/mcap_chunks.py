@@ -248,7 +248,7 @@ def read_record(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     file.seek(int(index.offsets[number]))
     record = file.read(int(index.lengths[number]))
     if len(record) != index.lengths[number]:
-        raise DamagedBlockError("the file ends in the middle of it")
+        raise DamagedBlockError("it is truncated at the end of the file")
     return record
 
 
@@ -262,25 +262,25 @@ def decompress(record: bytes) -> bytes:
         compression = record[at : at + name_bytes]
         (folded_bytes,) = struct.unpack_from("<Q", record, at + name_bytes)
     except struct.error as error:
-        raise DamagedBlockError("its head is cut") from error
+        raise DamagedBlockError("its header is truncated") from error
     start = at + name_bytes + 8
     content = record[start : start + folded_bytes]
     if size_bytes > _MAX_BLOCK_BYTES:
-        raise DamagedBlockError(f"it would unfold to {size_bytes} bytes")
+        raise DamagedBlockError(f"it would decompress to {size_bytes} bytes")
     if compression == b"zstd":
         import zstandard
 
         try:
             # The frame's own size would be allocated unchecked.
             if zstandard.frame_content_size(content) not in (-1, size_bytes):
-                raise DamagedBlockError("its sizes contradict one another")
+                raise DamagedBlockError("its sizes are inconsistent")
             content = zstandard.ZstdDecompressor().decompress(content, max_output_size=size_bytes)
         except zstandard.ZstdError as error:
             raise DamagedBlockError(str(error)) from error
     elif compression:
-        raise DamagedBlockError(f"it is compressed in an unknown way: {compression!r}")
+        raise DamagedBlockError(f"unknown compression: {compression!r}")
     if len(content) != size_bytes or (crc and zlib.crc32(content) != crc):
-        raise DamagedBlockError("its checksum is wrong")
+        raise DamagedBlockError("its checksum is invalid")
     return content
 
 

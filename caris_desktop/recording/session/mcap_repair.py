@@ -46,7 +46,7 @@ def rewrite(
             record = mcap_chunks.read_record(source, index, number)
             content = mcap_chunks.decompress(record)
         except mcap_chunks.DamagedBlockError as error:
-            raise OSError(5, f"the disk gave other bytes than a moment ago: {error}") from error
+            raise OSError(5, f"the disk returned different data than before: {error}") from error
         look_at(content)
         _copy_block(writer, index, content, record)
     if added is not None:

@@ -63,13 +63,13 @@ def repair_wav(path: Path) -> SoundContent:
         size_bytes = file.seek(0, os.SEEK_END)
         file.seek(0)
         if file.read(4) != b"RIFF" or file.seek(8) != 8 or file.read(4) != b"WAVE":
-            raise ValueError(QT_TR_NOOP("it has not the head of a WAV file"))
+            raise ValueError(QT_TR_NOOP("it does not have a WAV header"))
         at, channels, rate_hz, frame_bytes = 12, 1, 1, 1
         while True:
             file.seek(at)
             head = file.read(8)
             if len(head) < 8:
-                raise ValueError(QT_TR_NOOP("it holds no sound"))
+                raise ValueError(QT_TR_NOOP("it contains no audio"))
             name, length = head[:4], int.from_bytes(head[4:], "little")
             if name == b"data":
                 break

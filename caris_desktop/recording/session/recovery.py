@@ -99,10 +99,7 @@ def repair_session(folder: Path) -> RepairReport:
             return RepairReport(False)  # the recorder is creating it
         raise SessionError(
             localized(
-                QT_TR_NOOP(
-                    "{folder} is still being recorded, or is being repaired at this moment. Open it once"
-                    " that has ended."
-                ),
+                QT_TR_NOOP("{folder} is still being recorded or repaired. Open it when that has finished."),
                 folder=folder,
             )
         ) from error
@@ -112,8 +109,8 @@ def repair_session(folder: Path) -> RepairReport:
             (
                 localized(
                     QT_TR_NOOP(
-                        "The session is damaged and could not be repaired, because {folder} cannot be written ({why})."
-                        " It is shown as it was left."
+                        "The session is damaged and could not be repaired, because {folder} cannot be "
+                        "written to ({why}). It is shown as it was found."
                     ),
                     folder=folder,
                     why=error.strerror or error,
@@ -128,19 +125,17 @@ def repair_session(folder: Path) -> RepairReport:
         except Exception as error:
             # A file's effect on a repair must not hide the rest of the session.
             _log.exception("repairing %s", folder)
-            why: object = localized(
-                QT_TR_NOOP("something in it is damaged in a way that was not foreseen; the log has the details")
-            )
+            why: object = localized(QT_TR_NOOP("the damage is of an unexpected kind; see the log for details"))
             if isinstance(error, OSError):
-                full = QT_TR_NOOP("the disk has no room for it")
+                full = QT_TR_NOOP("there is not enough disk space")
                 why = full if no_room(error) else error.strerror or error
             return RepairReport(
                 False,
                 (
                     localized(
                         QT_TR_NOOP(
-                            "The session is damaged and could not be repaired: {why}. It is shown as it was left;"
-                            " nothing of it was changed for the worse."
+                            "The session is damaged and could not be repaired: {why}. It is shown as it was "
+                            "found; the attempt caused no further damage."
                         ),
                         why=why,
                     ),
@@ -203,7 +198,7 @@ class _Repair:
                 self._write_header(videos, sounds)
         else:
             self._sentences.append(
-                QT_TR_NOOP("The list of checksums was missing and has been made now: it tells of changes from here on.")
+                QT_TR_NOOP("The list of checksums was missing and has been created now: it shows changes from now on.")
             )
         forget_counts(self._folder)
         # The manifest from the close shows later changes. It is never rewritten.
@@ -226,7 +221,7 @@ class _Repair:
             if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(
                     localized(
-                        QT_TR_NOOP("{path} is no record of events: nothing in it can be read. Nothing was changed."),
+                        QT_TR_NOOP("{path} is not an event log: nothing in it can be read. Nothing was changed."),
                         path=path,
                     )
                 )
@@ -338,7 +333,7 @@ class _Repair:
             self._sentences.append(localized(what, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
             self._sentences.append(
-                QT_TR_NOOP("events.mcap is not the file that was recorded; it holds %n values.", "", left)
+                QT_TR_NOOP("events.mcap is not the file that was recorded; it contains %n values.", "", left)
             )
         lost = self._lost.total()
         if lost:
@@ -347,7 +342,7 @@ class _Repair:
             told = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
             self._losses.append(localized(what, **told))
         elif self._expected is None and not self._complete:
-            self._losses.append(QT_TR_NOOP("How many values are missing at the end of events.mcap is not known."))
+            self._losses.append(QT_TR_NOOP("The number of values missing at the end of events.mcap is unknown."))
         elif self._damaged_bytes:
             self._losses.append(unread_bytes_words(self._damaged_bytes))
 
@@ -379,11 +374,11 @@ class _Repair:
                 sound = media_repair.repair_wav(path)
             except ValueError as error:
                 self._sentences.append(
-                    localized(QT_TR_NOOP("{file} was left as it is: {error}."), file=path.name, error=error)
+                    localized(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
                 )
                 continue
             if sound.repaired:
-                what = QT_TR_NOOP("{file} lacked its length; it holds {seconds} s of sound.")
+                what = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
                 self._sentences.append(localized(what, file=path.name, seconds=f"{sound.duration_s:.1f}"))
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
@@ -416,7 +411,7 @@ class _Repair:
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
             self._sentences.append(
-                localized(QT_TR_NOOP("{file} holds no whole picture; it was left as it is."), file=path.name)
+                localized(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
             )
             return None
         camera = str(told.get("camera") or camera_of_video(path.name, self._record.frames))
@@ -428,9 +423,7 @@ class _Repair:
                 self._persist(index)
             replace_file(index, lines, durable=True)
             self._sentences.append(
-                localized(
-                    QT_TR_NOOP("The frame times of {file} were brought in line with its pictures."), file=path.name
-                )
+                localized(QT_TR_NOOP("The frame times of {file} were matched to its frames."), file=path.name)
             )
         times = read_frame_times(index)
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
@@ -468,7 +461,7 @@ class _Repair:
         with path.open("rb+") as file:
             file.truncate(whole)
             os.fsync(file.fileno())
-        what = QT_TR_NOOP("{file} broke off within its last part, which is now {place}.")
+        what = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
         self._sentences.append(localized(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:

@@ -6,19 +6,20 @@ it.
 
 from itertools import product
 
-from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
+from caris_desktop.domain.recorded_messages import parse_recorded
+from caris_desktop.domain.translation import QT_TR_NOOP
 
 
 def new_index_words(left: int, *, finished: bool) -> str:
     """For truncated events, after ``{seconds}``, or events damaged after the end of the recording."""
     if finished:
         return QT_TR_NOOP(
-            "events.mcap was damaged after the recording had ended. The %n values that are left in it got a new index.",
+            "events.mcap was damaged after the recording ended. Its %n remaining values were indexed again.",
             "",
             left,
         )
     return QT_TR_NOOP(
-        "The recording was cut off after {seconds} s. The %n values that are left in it got a new index.", "", left
+        "The recording was cut off after {seconds} s. Its %n remaining values were indexed again.", "", left
     )
 
 
@@ -26,32 +27,31 @@ def lost_values_words(lost: int, *, broken: bool, early: bool) -> str:
     """For lost values; where so, with unreadable bytes and an early end."""
     if broken and early:
         return QT_TR_NOOP(
-            "%n of the {recorded} values that were recorded are missing from events.mcap; {bytes} bytes of it cannot be"
-            " read; it ends {seconds} s before the recording did.",
+            "%n of the {recorded} recorded values are missing from events.mcap; {bytes} bytes of it cannot "
+            "be read; it ends {seconds} s before the recording did.",
             "",
             lost,
         )
     if broken:
         return QT_TR_NOOP(
-            "%n of the {recorded} values that were recorded are missing from events.mcap; {bytes} bytes of it cannot be"
-            " read.",
+            "%n of the {recorded} recorded values are missing from events.mcap; {bytes} bytes of it cannot be read.",
             "",
             lost,
         )
     if early:
         return QT_TR_NOOP(
-            "%n of the {recorded} values that were recorded are missing from events.mcap; it ends {seconds} s before"
-            " the recording did.",
+            "%n of the {recorded} recorded values are missing from events.mcap; it ends {seconds} s before "
+            "the recording did.",
             "",
             lost,
         )
-    return QT_TR_NOOP("%n of the {recorded} values that were recorded are missing from events.mcap.", "", lost)
+    return QT_TR_NOOP("%n of the {recorded} recorded values are missing from events.mcap.", "", lost)
 
 
 def unread_bytes_words(count: int) -> str:
     """For unreadable bytes without a known loss."""
     return QT_TR_NOOP(
-        "%n bytes at the end of events.mcap cannot be read. Of what had been counted before, nothing is missing.",
+        "%n bytes at the end of events.mcap cannot be read. None of the values counted before is missing.",
         "",
         count,
     )
@@ -59,12 +59,12 @@ def unread_bytes_words(count: int) -> str:
 
 def unsaved_pictures_words(count: int) -> str:
     """For the last frames of ``{camera}``, ``{seconds}`` long."""
-    return QT_TR_NOOP("The last %n pictures of camera {camera} ({seconds} s) were not saved.", "", count)
+    return QT_TR_NOOP("The last %n frames of camera {camera} ({seconds} s) were not saved.", "", count)
 
 
 def pictures_left_words(left: int) -> str:
     """For ``{file}`` with ``{count}`` frames of ``{camera}``."""
-    return QT_TR_NOOP("{file} is cut off: of {count} pictures of camera {camera}, %n are left.", "", left)
+    return QT_TR_NOOP("{file} is cut off: of {count} frames of camera {camera}, %n are left.", "", left)
 
 
 def further_files_words(count: int) -> str:
@@ -72,9 +72,9 @@ def further_files_words(count: int) -> str:
     return QT_TR_NOOP("%n further files are missing or shorter than they were.", "", count)
 
 
-VIDEO_MISSING = QT_TR_NOOP("{file} is missing: all {count} pictures of camera {camera}.")
-SOUND_MISSING = QT_TR_NOOP("{file} is missing: {seconds} s of sound.")
-SOUND_CUT_OFF = QT_TR_NOOP("{file} is cut off: of {seconds} s of sound, {left} s are left.")
+VIDEO_MISSING = QT_TR_NOOP("{file} is missing: all {count} frames of camera {camera}.")
+SOUND_MISSING = QT_TR_NOOP("{file} is missing: {seconds} s of audio.")
+SOUND_CUT_OFF = QT_TR_NOOP("{file} is cut off: of {seconds} s of audio, {left} s are left.")
 FILE_MISSING = QT_TR_NOOP("{file} is missing.")
 FILE_SHORTER = QT_TR_NOOP("{file} has {left} of {all} bytes.")
 LOSSES = (
@@ -94,4 +94,4 @@ LOSSES = (
 
 def read_loss(kept: str) -> str:
     """Stored sentence on missing data, for ``tr``."""
-    return parse_localized(kept, LOSSES)
+    return parse_recorded(kept, LOSSES)

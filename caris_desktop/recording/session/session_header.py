@@ -42,7 +42,9 @@ def read_header(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise SessionError(
             localized(
-                QT_TR_NOOP("{folder} is no folder. A session is a folder with session.json and events.mcap in it."),
+                QT_TR_NOOP(
+                    "{folder} is not a folder. A session is a folder that contains session.json and events.mcap."
+                ),
                 folder=folder,
             )
         )
@@ -51,13 +53,13 @@ def read_header(folder: Path) -> dict[str, Any]:
         if not inside(folder, name):
             raise SessionError(
                 localized(
-                    QT_TR_NOOP("{path} is a link that leads out of the session. It is not followed."),
+                    QT_TR_NOOP("{path} is a link to a location outside the session. It is not followed."),
                     path=folder / name,
                 )
             )
     header = _recorded_header(folder, path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise SessionError(localized(QT_TR_NOOP("{path} does not head a session of CARIS Desktop."), path=path))
+        raise SessionError(localized(QT_TR_NOOP("{path} is not the header of a CARIS Desktop session."), path=path))
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise SessionError(
@@ -74,9 +76,9 @@ def read_header(folder: Path) -> dict[str, Any]:
         raise SessionError(
             localized(
                 QT_TR_NOOP(
-                    "{folder} holds no events.mcap: what happened and what was said in the session is lost."
-                    " Restore the file from a copy, if there is one; what else lies in the folder was left"
-                    " alone."
+                    "{folder} does not contain events.mcap: the events and the speech of the session are "
+                    "lost. Restore the file from a backup, if there is one. The other files in the folder "
+                    "were not changed."
                 ),
                 folder=folder,
             )
@@ -96,7 +98,7 @@ def _recorded_header(folder: Path, path: Path) -> Any:
         if len(content) > _MAX_HEADER_BYTES:
             raise SessionError(
                 localized(
-                    QT_TR_NOOP("{path} is far too large to head a session ({size} bytes)."),
+                    QT_TR_NOOP("{path} is far too large for a session header ({size} bytes)."),
                     path=path,
                     size=path.stat().st_size,
                 )
@@ -116,20 +118,20 @@ def _recorded_header(folder: Path, path: Path) -> Any:
             raise SessionError(
                 localized(
                     QT_TR_NOOP(
-                        "{folder} holds neither session.json nor events.mcap any more: what happened in the"
-                        " session is lost. Restore them from a copy; what else lies in the folder was left"
-                        " alone."
+                        "{folder} no longer contains session.json or events.mcap: the events of the session "
+                        "are lost. Restore both files from a backup. The other files in the folder were not "
+                        "changed."
                     ),
                     folder=folder,
                 )
             )
         if missing:
             raise SessionError(
-                localized(QT_TR_NOOP("{folder} is no session: it holds no session.json."), folder=folder)
+                localized(QT_TR_NOOP("{folder} is not a session: session.json is missing."), folder=folder)
             )
         raise SessionError(
             localized(
-                QT_TR_NOOP("{path} is damaged, and there are no events.mcap beside it from which to make it anew."),
+                QT_TR_NOOP("{path} is damaged, and there is no events.mcap next to it to rebuild it from."),
                 path=path,
             )
         )
@@ -138,13 +140,13 @@ def _recorded_header(folder: Path, path: Path) -> Any:
         raise SessionError(
             localized(
                 QT_TR_NOOP(
-                    "{path} was missing, and what is left of events.mcap does not say when the session began."
-                    " Restore session.json from a copy; nothing was changed."
+                    "{path} was missing, and the rest of events.mcap does not contain the start time of the "
+                    "session. Restore session.json from a backup; nothing was changed."
                 )
                 if missing
                 else QT_TR_NOOP(
-                    "{path} was damaged, and what is left of events.mcap does not say when the session began."
-                    " Restore session.json from a copy; nothing was changed."
+                    "{path} was damaged, and the rest of events.mcap does not contain the start time of the "
+                    "session. Restore session.json from a backup; nothing was changed."
                 ),
                 path=path,
             )
@@ -169,8 +171,8 @@ def times_of(header: Mapping[str, Any], folder: Path) -> SessionTimes:
         raise SessionError(
             localized(
                 QT_TR_NOOP(
-                    "{path} does not say when the session began. Restore it from a copy, or move it away:"
-                    " it is made anew then from events.mcap, as far as that goes."
+                    "{path} does not contain the start time of the session. Restore it from a backup, or "
+                    "move it away to rebuild it from events.mcap as far as possible."
                 ),
                 path=folder / "session.json",
             )

@@ -8,13 +8,13 @@ from caris_desktop.recording.studies.measures import Measures, SessionData
 _MAX_STREAMS = 8
 _STREAMS = {
     "frame": "video frames",
-    "audio": "blocks of sound",
+    "audio": "audio chunks",
     "scan": "LIDAR scans",
     "odometry": "odometry values",
     "pose": "poses",
     "map": "maps",
-    "people": "lists of the people in view",
-    "transcription": "pieces of sound for the transcript",
+    "people": "lists of people in view",
+    "transcription": "audio chunks for the transcript",
 }
 
 
@@ -23,29 +23,32 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
     session = facts.session
     sentences = []
     if not session.closed_properly:
-        sentences.append("The recording was cut off: what happened after the last saved moment is not in it.")
+        sentences.append("The recording was cut off: everything after the last saved value is missing.")
     sentences += [*session.repairs, *session.losses]
     sentences += _lost_since(facts)
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
     if measures.pauses:
         times = "once" if measures.pauses == 1 else f"{measures.pauses} times"
-        sentences.append(f"The recording was paused {times}, for {measures.paused_s:.1f} s in all.")
+        sentences.append(f"The recording was paused {times}, for {measures.paused_s:.1f} s in total.")
     sentences += _gaps(facts)
     if not any(utterance.said and utterance.speaker == "participant" for utterance in facts.utterances):
-        sentences.append("Nothing that participants said is in the record, so there are no response times.")
+        sentences.append("The recording contains no participant speech, so there are no response times.")
     if not _stored(facts, "videos", "video-*"):
         sentences.append("There is no video.")
     if not _stored(facts, "audio", "audio-*"):
-        sentences.append("There is no sound.")
+        sentences.append("There is no audio.")
     if not facts.odometry_ns.size:
         sentences.append(
-            "The robot told no odometry: the distance is not known, as its pose in the map jumps with each correction."
+            (
+                "The robot reported no odometry: the distance is unknown, because the pose in the map jumps with "
+                "each correction."
+            )
             if facts.pose_ns.size
-            else "The robot told neither odometry nor its pose: there is no distance and no trajectory."
+            else "The robot reported neither odometry nor pose: there is no distance and no trajectory."
         )
     if all(quality.clock_offset_ms is None for quality in facts.of(LinkQuality)):
-        sentences.append("The offset of the robot's clock was not measured: its own stamps cannot be compared.")
+        sentences.append("The offset of the robot's clock was not measured: the robot's timestamps cannot be compared.")
     return tuple(sentences)
 
 
@@ -64,8 +67,8 @@ def _lost_since(facts: SessionData) -> list[str]:
     if not lost:
         return []
     named = [f"{count} {stream_words(stream)}" for stream, count in sorted(lost.items(), key=lambda entry: -entry[1])]
-    rest = f" and others of {len(named) - _MAX_STREAMS} kinds" if len(named) > _MAX_STREAMS else ""
-    return [f"Of what is missing from the record: {', '.join(named[:_MAX_STREAMS])}{rest}."]
+    rest = f" and values of {len(named) - _MAX_STREAMS} other kinds" if len(named) > _MAX_STREAMS else ""
+    return [f"Missing from the recording: {', '.join(named[:_MAX_STREAMS])}{rest}."]
 
 
 def _gaps(facts: SessionData) -> list[str]:

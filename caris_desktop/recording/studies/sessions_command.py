@@ -22,22 +22,29 @@ _FILTERS = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("study", type=Path, help="folder of a study, or of its sessions")
+    parser.add_argument("study", type=Path, help="study folder, or folder of its sessions")
     parser.add_argument(
-        "--search", default="", metavar="TEXT", help="words said, noted or marked; the beginnings of words are enough"
+        "--search",
+        default="",
+        metavar="TEXT",
+        help="words said, noted or marked; the first letters of words are enough",
     )
     for name, meaning in _FILTERS:
-        parser.add_argument(f"--{name}", default="", metavar="NAME", help=f"{meaning}; * stands for anything")
+        parser.add_argument(f"--{name}", default="", metavar="NAME", help=f"{meaning}; * matches anything")
     parser.add_argument(
-        "--page", type=int, default=1, metavar="N", help=f"of what --search finds, the N-th {PLACES_A_PAGE} places"
+        "--page",
+        type=int,
+        default=1,
+        metavar="N",
+        help=f"page of the --search results, with {PLACES_A_PAGE} places each",
     )
-    parser.add_argument("--rebuild", action="store_true", help="forget the index and read every session again")
+    parser.add_argument("--rebuild", action="store_true", help="discard the index and read every session again")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if something was found, 1 if not or if the study cannot be read, 130 cancelled."""
     if not args.study.is_dir():
-        print(f"{args.study} is no folder.", file=sys.stderr)
+        print(f"{args.study} is not a folder.", file=sys.stderr)
         return 1
     query = SessionQuery(text=args.search, **{name: getattr(args, name) for name, _ in _FILTERS})
     index = StudyIndex.of_study(args.study)
@@ -51,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"{args.study} cannot be read: {error.strerror or error}.", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nCancelled. What was read is kept for the next time.", file=sys.stderr)
+        print("\nCancelled. The sessions read so far are saved for the next time.", file=sys.stderr)
         return _CANCELLED
     finally:
         index.close()
@@ -62,7 +69,9 @@ def run(args: argparse.Namespace) -> int:
     for broken in unreadable:
         print(broken.trouble, file=sys.stderr)
     if not entries:
-        print("No session fits." if args.search or query != SessionQuery() else f"{args.study} holds no sessions.")
+        print(
+            "No session matches." if args.search or query != SessionQuery() else f"{args.study} contains no sessions."
+        )
         return 1
     print("\n".join(_hits(entries, hits, places, max(1, args.page)) if args.search else _list(entries)))
     return 0

@@ -82,9 +82,9 @@ _OTHER_VIEWS = {
 
 _UNITS = {
     **{figure.name: (figure.unit, figure.description) for figure in MEASURES},
-    "each_response_time_s": ("s", "Every response time, of all sessions together."),
-    "each_gap_s": ("s", "Every gap before an answer, of all sessions together; below zero where they overlap."),
-    "each_reaction_time_s": ("s", "Every reaction time of the wizard, of all sessions together."),
+    "each_response_time_s": ("s", "Every response time in all sessions."),
+    "each_gap_s": ("s", "Every gap before an answer in all sessions; negative for overlaps."),
+    "each_reaction_time_s": ("s", "Every reaction time of the wizard in all sessions."),
 }
 
 
@@ -150,7 +150,7 @@ def study_statistics(
     except OSError as error:
         raise StatisticsError(f"{study} cannot be read: {error.strerror or error}.") from error
     if not folders:
-        raise StatisticsError(f"{study} holds no sessions: nothing to compute.")
+        raise StatisticsError(f"{study} contains no sessions: nothing to compute.")
     try:
         known = _prepare(out)
         folders, notices = _counting(folders)
@@ -189,7 +189,7 @@ def _counting(folders: list[Path]) -> tuple[list[Path], list[str]]:
 def _prepare(out: Path) -> dict[str, str]:
     """Signatures of the sessions that ``out`` has tables of."""
     if any((folder / "session.json").exists() for folder in (out.absolute(), *out.absolute().parents)):
-        raise StatisticsError(f"{out} lies inside a recorded session. Nothing was written; choose another folder.")
+        raise StatisticsError(f"{out} is inside a recorded session. Nothing was written; choose another folder.")
     if not out.exists():
         out.mkdir(parents=True)
     elif not out.is_dir():
@@ -197,7 +197,7 @@ def _prepare(out: Path) -> dict[str, str]:
     marker = out / _MARKER
     if not marker.exists():
         if any(out.iterdir()):
-            raise StatisticsError(f"{out} holds other files. Nothing was written; choose another folder.")
+            raise StatisticsError(f"{out} contains other files. Nothing was written; choose another folder.")
         _save(out, {})
         return {}
     try:
@@ -300,7 +300,7 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
             others = {name: _rows(database, f"SELECT * FROM {view}") for name, view in _OTHER_VIEWS.items()}  # noqa: S608
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
-        raise StatisticsError(f"The tables in {out} cannot be computed with: {error}") from error
+        raise StatisticsError(f"Computing with the tables in {out} failed: {error}") from error
     summary = tuple(
         SummaryRow(
             condition=None if row["of"] == "study" else str(row["condition"] or ""),

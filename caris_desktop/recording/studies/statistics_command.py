@@ -14,11 +14,11 @@ _CANCELLED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("study", type=Path, help="folder of a study, or of its sessions")
+    parser.add_argument("study", type=Path, help="study folder, or folder of its sessions")
     parser.add_argument(
         "--out",
         type=Path,
-        help="folder for tables and results (default: statistics in the study folder); made, or brought up to date",
+        help="folder for tables and results (default: statistics in the study folder); created or updated",
     )
     add_csv_arguments(parser)
 
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nCancelled. What was exported is kept for the next time.", file=sys.stderr)
+        print("\nCancelled. The sessions exported so far are saved for the next time.", file=sys.stderr)
         return _CANCELLED
     finally:
         line.clear()
@@ -45,8 +45,9 @@ def run(args: argparse.Namespace) -> int:
         title = "All sessions" if condition is None else f"Condition {condition or '(none)'}"
         print(f"{title}\n{as_table(rows)}\n")
     print(
-        f"{made.sessions} sessions, {made.exported} of them read now. Results in {made.out}: summary.csv, measures.csv,"
-        " labels.csv, codes.csv, models.csv; the SQL in queries.sql. Practice sessions are in measures.csv only."
+        f"{made.sessions} sessions, {made.exported} of them newly read. Results in {made.out}: summary.csv,"
+        " measures.csv, labels.csv, codes.csv, models.csv; the SQL in queries.sql. Practice sessions are"
+        " in measures.csv only."
     )
     return 1 if made.problems else 0
 

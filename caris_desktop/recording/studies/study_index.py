@@ -313,7 +313,7 @@ class StudyIndex:
             return self._recreate(error) if _is_damage(error) else self._in_memory(str(error))
         if foreign:
             database.close()
-            return self._in_memory(QT_TR_NOOP("it is a database of something else"))
+            return self._in_memory(QT_TR_NOOP("it is not a session index"))
         return database
 
     def _recreate(self, damage: sqlite3.Error) -> sqlite3.Connection:
@@ -328,14 +328,14 @@ class StudyIndex:
             if database is not None:
                 database.close()
             return self._in_memory(str(error))
-        self.message = QT_TR_NOOP("The index of the sessions was damaged and has been made anew from their folders.")
+        self.message = QT_TR_NOOP("The session index was damaged and has been rebuilt from the session folders.")
         return database
 
     def _in_memory(self, reason: str) -> sqlite3.Connection:
         _log.warning("%s cannot be used: %s", self._path, reason)
         what = QT_TR_NOOP(
-            "The index of the sessions cannot be kept in {file} ({why}). Finding sessions works, but the folders are"
-            " read again each time. Choose a study folder that you may write to."
+            "The session index cannot be saved in {file} ({why}). Searching sessions works, but the folders "
+            "are read again each time. Choose a writable study folder."
         )
         self.message = localized(what, file=self._path, why=reason)
         database = _connected(":memory:")
@@ -473,8 +473,8 @@ def _read(folder: Path) -> _Content:
         # A faulty file must not hide the other sessions of the study.
         _log.exception("%s is not in the index", folder)
         trouble = (
-            f"{folder} cannot be read: something in it is damaged in a way that was not foreseen. The log has the"
-            " details; the folder was left as it is."
+            f"{folder} cannot be read: it is damaged in an unexpected way. See the log for"
+            " details; the folder was not changed."
         )
     return _Content(SessionEntry(folder, "", 0.0), "", (), _storable(trouble))
 
@@ -484,7 +484,7 @@ def _content(folder: Path) -> _Content:
     session = open_session(folder, repair=False)
     items = list(_items(session))
     if not all(abs(at_ns) < _NEVER_NS for at_ns in (session.started_ns, *(item.at_ns for item in items))):
-        raise ValueError("a moment that is none")
+        raise ValueError("a time that is out of range")
     trial = {key: _storable(value) for key, value in session.trial.items()}
     scenario = session.header.get("scenario")
     entry = SessionEntry(

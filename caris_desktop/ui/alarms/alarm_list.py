@@ -28,7 +28,7 @@ class AlarmsButton(StatusButton):
     """Number of alarms; visible only while there are any."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
-        super().__init__(theme, "alarms_button", tr("What is wrong now, and what to do. Click for the list."))
+        super().__init__(theme, "alarms_button", tr("Active alarms and what to do about them. Click for the list."))
         console.state.alarms.changed.connect(self._show)
         self._show(console.state.alarms.value)
 
@@ -51,10 +51,10 @@ class AlarmList(Overlay):
         self._console = console
         actions.answer_for(ALARMS_GROUP, self)
         self._rows: dict[str, AlarmRow] = {}
-        self._heading = QLabel(tr("What is wrong now"))
-        self._nothing = QLabel(tr("Nothing is wrong now. What was stands in the Session log."), wordWrap=True)
+        self._heading = QLabel(tr("Active alarms"))
+        self._nothing = QLabel(tr("No active alarms. Past alarms are in the Session log."), wordWrap=True)
         self._nothing.setObjectName("no_alarm")
-        log = ActionButton(theme, tr("What was"), icon="list-bullets", look="ghost")
+        log = ActionButton(theme, tr("History"), icon="list-bullets", look="ghost")
         log.setObjectName("alarms_log")
         log.setToolTip(tr("Open the Session log"))
         log.clicked.connect(self.log_wanted)
@@ -72,7 +72,7 @@ class AlarmList(Overlay):
         self._column.addStretch(1)
         area = QScrollArea(widgetResizable=True)
         has_role(area, QAccessible.Role.List)
-        area.setAccessibleName(tr("What is wrong now"))
+        area.setAccessibleName(tr("Active alarms"))
         area.setFrameShape(QFrame.Shape.NoFrame)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(self._inner)
@@ -156,9 +156,9 @@ class AlarmRow(QWidget):
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             column.addWidget(label)
-        self._seen_to = ActionButton(theme, tr("Seen to"), icon="check", height_px=30)
+        self._seen_to = ActionButton(theme, tr("Dismiss"), icon="check", height_px=30)
         self._seen_to.setObjectName("alarm_seen_to")
-        self._seen_to.setToolTip(tr("Nothing else would show that this is over"))
+        self._seen_to.setToolTip(tr("This alarm does not clear automatically"))
         self._seen_to.clicked.connect(self._on_seen_to)
         row = layouts.hbox(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
@@ -176,13 +176,13 @@ class AlarmRow(QWidget):
             what = tr("{problem} ({number} times)").format(problem=what, number=alarm.times)
         folded = ""
         if alarm.folded:
-            folded = tr("Because of it: {what}").format(what=" ".join(alarm.folded[-_FOLDED_SHOWN:]))
+            folded = tr("Caused by this: {what}").format(what=" ".join(alarm.folded[-_FOLDED_SHOWN:]))
         texts = (what, alarm.meaning, alarm.advice, alarm.why, folded)
         for label, text in zip(self._labels[:5], texts, strict=True):
             label.setText(text)
             label.setVisible(bool(text))
         self._seen_to.setVisible(not alarm.ends_by_itself)
-        self._seen_to.setAccessibleName(tr("Seen to: {problem}").format(problem=what))
+        self._seen_to.setAccessibleName(tr("Dismiss: {problem}").format(problem=what))
         word = tr(LOOKS[alarm.severity][2])
         self.setAccessibleName(tr("{severity}: {what}").format(severity=word, what=what))
         self.setAccessibleDescription(" ".join(text for text in texts[1:] if text))
@@ -192,7 +192,7 @@ class AlarmRow(QWidget):
         alarm = self._alarm
         if alarm is not None:
             since = tr("For {time}").format(time=text_formatting.age(max(0.0, (now_ns - alarm.began_ns) / 1e9)))
-            ends = tr("ends by itself") if alarm.ends_by_itself else tr("until you say that it was seen to")
+            ends = tr("clears automatically") if alarm.ends_by_itself else tr("until you dismiss it")
             self._age.setText(f"{since} · {ends}")
 
     def _style(self) -> None:

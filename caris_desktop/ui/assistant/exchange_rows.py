@@ -136,8 +136,8 @@ class _Row(QWidget):
         self.say.setToolTip(tr("Say this answer"))
         self.say.setAccessibleName(tr("Say the answer to: {question}").format(question=exchange.question))
         self.away.setEnabled(live)
-        self.away.setToolTip(tr("Cancel this question") if exchange.is_pending else tr("Put this question away"))
-        away = tr("Cancel: {question}") if exchange.is_pending else tr("Put away: {question}")
+        self.away.setToolTip(tr("Cancel this question") if exchange.is_pending else tr("Dismiss this question"))
+        away = tr("Cancel: {question}") if exchange.is_pending else tr("Dismiss: {question}")
         self.away.setAccessibleName(away.format(question=exchange.question))
         if current != self._current:
             self._current = current

@@ -80,11 +80,7 @@ class PromptContextChips(FlowRow):
             chip = self._chips.get(key) or self._new_chip(key)
             chip.setChecked(along)
             chip.set_label(text, icon="x" if along else "plus")
-            tip = (
-                tr("Goes along with the question. Press to leave it out.")
-                if along
-                else tr("Is left out. Press to add it.")
-            )
+            tip = tr("Included in the question. Press to remove it.") if along else tr("Not included. Press to add it.")
             chip.setToolTip(tip)
             chip.setAccessibleDescription(tip)
         self.updateGeometry()
@@ -112,5 +108,5 @@ class PromptContextChips(FlowRow):
 def picture_words(name: str) -> str:
     """Label of a picture, named as in ``Ask.pictures``."""
     if name.startswith(CAMERA_PICTURE):
-        return tr("Picture now: {camera}").format(camera=name.removeprefix(CAMERA_PICTURE))
+        return tr("Current picture: {camera}").format(camera=name.removeprefix(CAMERA_PICTURE))
     return tr("Photo {name}").format(name=name.rsplit("/", 1)[-1].removesuffix(".png"))

@@ -33,14 +33,14 @@ class SetupBar(FlowRow):
         self._do = do
         self._setup: AssistantSetup | None = None
         self.model = DropDown(theme, "assistant_model", tr("Language model"))
-        self.role = DropDown(theme, "assistant_role", tr("Role of the assistant"))
-        self.style_choice = DropDown(theme, "assistant_style", tr("Style of its answers"))
+        self.role = DropDown(theme, "assistant_role", tr("Assistant role"))
+        self.style_choice = DropDown(theme, "assistant_style", tr("Answer style"))
         self.template = DropDown(theme, "assistant_template", tr("Prepared questions"))
         self.picture = DropDown(theme, "assistant_picture", tr("Add a picture"))
         self.words = ActionButton(theme, "", icon="note-pencil", height_px=_HEIGHT_PX)
         self.words.setObjectName("assistant_words")
-        self.words.setToolTip(tr("What the model is told: see it, change it for this session"))
-        self.words.setAccessibleName(tr("What the model is told"))
+        self.words.setToolTip(tr("Prompt for the model: view it or change it for this session"))
+        self.words.setAccessibleName(tr("Prompt for the model"))
         self.words.clicked.connect(self.words_wanted)
         for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
             drop_down.setMinimumHeight(_HEIGHT_PX)

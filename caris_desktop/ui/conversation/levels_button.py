@@ -32,10 +32,10 @@ class LevelsButton(ActionButton):
     def _refresh(self, _levels: object = None) -> None:
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
-        self.set_label(tr("By itself") if acting else "", look="amber" if acting else "ghost")
+        self.set_label(tr("Automatic") if acting else "", look="amber" if acting else "ghost")
         told = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
-        self.setToolTip("\n".join((tr("What is done without being asked for"), *told)))
-        self.setAccessibleName(tr("What is done without being asked for"))
+        self.setToolTip("\n".join((tr("Assistance levels"), *told)))
+        self.setAccessibleName(tr("Assistance levels"))
         self.setEnabled(self._state.present.live)
 
     @property

@@ -76,13 +76,13 @@ class ProposalCard(Banner):
         waits_s = max(0, proposal.lapses_ns - now_ns) / 1e9
         if proposal.acts_ns is not None and self._state.present.live:
             acts_s = max(0, proposal.acts_ns - now_ns) / 1e9
-            self.say(tr("{what}: done in {time:.1f} s").format(what=tr(proposal.words), time=acts_s))
+            self.say(tr("{what}: starts in {time:.1f} s").format(what=tr(proposal.words), time=acts_s))
         elif self._state.present.live:
-            lapses = tr("{what}? · proposed by {model}, for {time:.0f} s more")
+            lapses = tr("{what}? · proposed by {model}, expires in {time:.0f} s")
             self.say(lapses.format(what=tr(proposal.words), model=proposal.model, time=waits_s))
         else:
             self.say(tr("{what}? · proposed by {model}").format(what=tr(proposal.words), model=proposal.model))
-        self.setToolTip(tr("The robot moves.") if proposal.moves else "")
+        self.setToolTip(tr("This moves the robot.") if proposal.moves else "")
 
     def _style(self) -> None:
         super()._style()

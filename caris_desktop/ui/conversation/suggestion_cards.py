@@ -35,7 +35,7 @@ class SuggestionCards(QWidget):
         self._from.setObjectName("suggestions_from")
         self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._dismiss = ActionButton(
-            context.theme, tr("None of them"), look="ghost", height_px=24, text_px=tokens.STATUS_PX
+            context.theme, tr("Dismiss all"), look="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
@@ -105,10 +105,10 @@ class SuggestionCards(QWidget):
             return ""
         wait_s = (status.filler_ns - now_ns) / 1e9
         if self._state.levels.value.fillers == "act":
-            said = tr("“{filler}” is said in {time:.1f} s")
+            said = tr("“{filler}” will be said in {time:.1f} s")
             return said.format(filler=text_formatting.shortened(filler, 30), time=max(0.0, wait_s))
         key = self._context.actions.key_text("filler")
-        late = tr("A reply is late: {key} says “{filler}”").format(
+        late = tr("The reply is late: press {key} to say “{filler}”").format(
             key=key, filler=text_formatting.shortened(filler, 30)
         )
         return late if wait_s <= 0 else ""
@@ -122,9 +122,9 @@ class SuggestionCards(QWidget):
         who = name_of(self._context.console, status.person_id) if status.person_id else ""
         grounds = ", ".join(filter(None, (turns, status.doing, status.place, who)))
         if status.state == "asking":
-            return tr("{model} is writing suggestions from {grounds}").format(model=status.model, grounds=grounds)
+            return tr("{model} is writing suggestions based on {grounds}").format(model=status.model, grounds=grounds)
         edit = self._context.actions.key_text("edit_suggestion_1")
-        told = [tr("Suggested by {model} from {grounds}").format(model=status.model, grounds=grounds)]
+        told = [tr("Suggested by {model}, based on {grounds}").format(model=status.model, grounds=grounds)]
         if edit:
             told.append(tr("{key} edit first").format(key=edit))
         return " · ".join(told)

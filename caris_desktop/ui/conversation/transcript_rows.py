@@ -39,7 +39,7 @@ class TranscriptRow:
     def spoken(self) -> str:
         """The turn and its state as text for a screen reader."""
         state = (
-            tr("still being made out") if self.tentative else "",
+            tr("still being transcribed") if self.tentative else "",
             tr("cut short") if self.cut_short else "",
             tr("corrected") if self.heard_text is not None else "",
             ", ".join(self.tags),

@@ -48,10 +48,10 @@ class RowButton:
 
 
 _BUTTONS = (
-    RowButton("text", "pencil-simple", QT_TR_NOOP("Correct the words (Enter)")),
-    RowButton("who", "user-focus", QT_TR_NOOP("Correct who said it (S)")),
+    RowButton("text", "pencil-simple", QT_TR_NOOP("Correct the text (Enter)")),
+    RowButton("who", "user-focus", QT_TR_NOOP("Correct the speaker (S)")),
     RowButton("tags", "tag", QT_TR_NOOP("Tags (T)")),
-    RowButton("mark", "bookmark-simple", QT_TR_NOOP("Mark the moment (M)")),
+    RowButton("mark", "bookmark-simple", QT_TR_NOOP("Mark this moment (M)")),
 )
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _OF_HEARD_ONLY = ("text", "who")
@@ -98,7 +98,7 @@ class TranscriptView(QAbstractScrollArea):
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setAccessibleName(tr("What was said"))
+        self.setAccessibleName(tr("Transcript"))
         self.viewport().setAutoFillBackground(False)
         self.viewport().setMouseTracking(True)
         self.setMinimumHeight(_EMPTY_PX)
@@ -291,7 +291,7 @@ class TranscriptView(QAbstractScrollArea):
 
     def _report_below(self, count: int) -> None:
         self._below = count
-        self._to_newest.set_label(tr("%n new below", "", count) if count else tr("To the newest"))
+        self._to_newest.set_label(tr("%n new below", "", count) if count else tr("Go to newest"))
         self._to_newest.setVisible(bool(count) and self._now_row is None)
         self._place_button()
 
@@ -324,8 +324,8 @@ class TranscriptView(QAbstractScrollArea):
         self._make_current(utterance_id)
         self._writing = (act, utterance_id)
         self._field.setFont(self._theme.font(WORDS_PX))
-        self._field.setPlaceholderText(tr("Tags with commas between, then Enter") if act == "tags" else "")
-        named = tr("Tags of {said}") if act == "tags" else tr("What was said: {said}")
+        self._field.setPlaceholderText(tr("Tags separated by commas, then Enter") if act == "tags" else "")
+        named = tr("Tags of {said}") if act == "tags" else tr("Transcript text: {said}")
         self._field.setAccessibleName(named.format(said=told.text))
         self._field.setPlainText(", ".join(told.tags) if act == "tags" else told.text)
         self._field.moveCursor(QTextCursor.MoveOperation.End)
@@ -435,7 +435,7 @@ class TranscriptView(QAbstractScrollArea):
         if button is not None:
             return tr(button.tip)
         heard = None if row is None else self._rows[row].heard_text
-        return "" if heard is None else tr("Corrected. What was made out: “{heard}”").format(heard=heard)
+        return "" if heard is None else tr("Corrected. Originally transcribed as “{heard}”").format(heard=heard)
 
     def _hover(self, at: QPoint | None) -> None:
         row = None if at is None else self._row_under(at)
@@ -511,7 +511,7 @@ def _spots(view: TranscriptView) -> list[AccessibleRegion]:
     spots = []
     for row in view.visible_rows() if view.rows else ():
         told = view.rows[row]
-        about = tr("Chosen") if told.utterance_id == view.current else ""
+        about = tr("Selected") if told.utterance_id == view.current else ""
         spots.append(AccessibleRegion((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
         spots += [
             AccessibleRegion((told.utterance_id, button.act), f"{tr(button.tip)}: {told.words}", place)

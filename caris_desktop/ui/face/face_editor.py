@@ -45,9 +45,9 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 _STEPS = 200
 _DRAW_EVERY_MS = 40
 _SLIDERS = {
-    "eyes_open": QT_TR_NOOP("Eyes open"), "lids_deg": QT_TR_NOOP("Lids"), "smile": QT_TR_NOOP("Smile"),
+    "eyes_open": QT_TR_NOOP("Eyes open"), "lids_deg": QT_TR_NOOP("Eyelids"), "smile": QT_TR_NOOP("Smile"),
     "mouth_open": QT_TR_NOOP("Mouth open"), "look_up": QT_TR_NOOP("Look up"), "width": QT_TR_NOOP("Width"),
-    "height": QT_TR_NOOP("Height"), "apart": QT_TR_NOOP("Apart"), "above": QT_TR_NOOP("Above"),
+    "height": QT_TR_NOOP("Height"), "apart": QT_TR_NOOP("Spacing"), "above": QT_TR_NOOP("Above"),
     "roundness": QT_TR_NOOP("Roundness"), "stroke": QT_TR_NOOP("Stroke"), "below": QT_TR_NOOP("Below"),
 }  # fmt: skip
 _COLOURS = {
@@ -73,7 +73,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         self._name = QLineEdit(self._face.name, maxLength=40)
         self._name.setObjectName("face_name")
         self._name.setAccessibleName(tr("Name"))
-        self._choice = DropDown(theme, "face_expression_choice", tr("Expression that is changed"))
+        self._choice = DropDown(theme, "face_expression_choice", tr("Expression to edit"))
         self._choice.addItems([one.name for one in self._face.expressions])
         self._choice.currentIndexChanged.connect(self._on_expression_chosen)
         self._sliders: dict[tuple[str, str], _ValueSlider] = {}
@@ -101,7 +101,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         self._speak.setCheckable(True)
         self._speak.setObjectName("face_speak")
         self._speak.toggled.connect(self._on_speak)
-        self._keep = ActionButton(theme, tr("Keep as"), icon="check", height_px=32, look="primary")
+        self._keep = ActionButton(theme, tr("Save as"), icon="check", height_px=32, look="primary")
         self._keep.setObjectName("face_keep")
         self._keep.clicked.connect(self._on_store)
         self._note = QLabel(wordWrap=True)
@@ -124,7 +124,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         self._drawing.start()
         self._on_expression_chosen(0)
         theme.color_text(self._note, "dim")
-        self._note.setText(tr("A face of your own goes before one of the same name that comes with the program."))
+        self._note.setText(tr("Your own face replaces a built-in face of the same name."))
 
     def _add_sliders(self, part: str, group: Any, heading: str) -> None:
         for key in keys_of(group):
@@ -157,7 +157,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
             try:
                 self._use(checked(replace(self._face, **{key: text})))
             except FaceError:
-                self._say(tr("A colour is written as #rrggbb."))
+                self._say(tr("Enter the colour as #rrggbb."))
 
         return put
 
@@ -182,10 +182,10 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
     def _on_store(self) -> None:
         name = self._name.text().strip()
         refused = self._console.do(intents.KeepFace(name, face_text(self._face)))
-        self._say(refused or tr("Kept as “{name}”. The robot wears it now.").format(name=name))
+        self._say(refused or tr("Saved as “{name}”. The robot now shows this face.").format(name=name))
 
     def _draw(self) -> None:
-        caption = tr("What the robot says stands here.") if self._speak.isChecked() else ""
+        caption = tr("The robot's speech appears here.") if self._speak.isChecked() else ""
         self._preview.show_drawing(drawing_of(self._face, self._motion.at(clock.now_ns()), caption=caption))
 
     def closeEvent(self, event: QCloseEvent) -> None:

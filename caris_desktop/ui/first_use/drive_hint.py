@@ -124,9 +124,9 @@ class DriveHint(Bar, QWidget):
         if self._leave.isActive():
             text = tr("You have driven the first metre.")
         elif self._console.state.link.value.state != "connected":
-            text = tr("The robot is being connected…")
+            text = tr("Connecting to the robot…")
         else:
-            text = tr("Hold {drive_forward} to drive, {turn_left} or {turn_right} to turn. Let go, and it stops.")
+            text = tr("Hold {drive_forward} to drive, {turn_left} or {turn_right} to turn. Release the key to stop.")
             text = text.format(**keys)
         if text != self._text.text():
             self._text.setText(text)

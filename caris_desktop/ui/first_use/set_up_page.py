@@ -86,18 +86,19 @@ class SetUpPage(Overlay):
         page = QWidget()
         heading = QLabel(tr("Welcome"))
         heading.setFont(theme.font(24, tokens.WEIGHT_SEMIBOLD))
-        about = QLabel(tr("You drive a robot, see what it sees and say what it says. How would you like to begin?"))
+        about = QLabel(tr("Drive a robot, see what it sees and speak through it. How would you like to start?"))
         about.setWordWrap(True)
         self._simulated = ChoiceButton(
             theme, tr("Try it with the simulated robot"),
-            tr("A robot, rooms and people on this computer. Nothing can break, and you drive in a few seconds."),
+            tr("A robot, rooms and people on this computer. Nothing can break, and you can drive within seconds."),
             "rocket-launch", primary=True,
         )  # fmt: skip
         self._simulated.setObjectName("first_use_simulated")
         self._simulated.clicked.connect(self._on_simulated)
         own = ChoiceButton(
             theme, tr("Connect my robot"),
-            tr("Robot, camera, sound and language model, one after the other. Each is tested, and each can wait."),
+            tr("Set up robot, camera, sound and language model step by step. Each step is tested, and you can "
+                "do it later."),
             "robot",
         )  # fmt: skip
         own.setObjectName("first_use_own")
@@ -105,7 +106,7 @@ class SetUpPage(Overlay):
         later = ActionButton(theme, tr("Not now"), key="Esc", look="ghost")
         later.setObjectName("first_use_later")
         later.clicked.connect(self.close_overlay)
-        again = QLabel(tr("You find this again in the Window menu: Set up."), wordWrap=True)
+        again = QLabel(tr("You can find this again in the Window menu: Set up."), wordWrap=True)
         again.setFont(theme.font(tokens.STATUS_PX))
         self._choices = choices = QBoxLayout(QBoxLayout.Direction.LeftToRight)
         choices.setSpacing(16)

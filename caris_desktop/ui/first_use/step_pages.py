@@ -102,7 +102,7 @@ class RobotPage(StepPage):
         if self._robots.can_detect:
             other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
             other.setObjectName("first_use_another_robot")
-            other.setToolTip(tr("Look at a robot by its address, and see live what comes from it"))
+            other.setToolTip(tr("Inspect a robot by its address and see its data live"))
             other.clicked.connect(self._robots.open_dialog)
             self.column.addWidget(other)
         # Below the buttons: its height changes while the mouse is over them.
@@ -163,7 +163,7 @@ class LivePicture(QWidget):
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()
         self.setObjectName("first_use_picture")
-        self.setAccessibleName(tr("What the camera sees"))
+        self.setAccessibleName(tr("Camera picture"))
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.setMaximumWidth(_PICTURE_PX.width())
         self._theme = theme
@@ -225,7 +225,7 @@ class SoundPage(StepPage):
         self._show_microphone_owner(console.state.robot.value)
         self._level = QProgressBar(textVisible=False)
         self._level.setObjectName("first_use_level")
-        self._level.setAccessibleName(tr("How loud the microphone hears"))
+        self._level.setAccessibleName(tr("Microphone level"))
         self._level.setMaximumWidth(_PICTURE_PX.width())
         self.column.addWidget(self._level)
         console.state.microphone.changed.connect(self._show_level)

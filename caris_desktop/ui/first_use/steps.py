@@ -27,25 +27,25 @@ STEPS: tuple[SetUpStep, ...] = (
     SetUpStep(
         "robot",
         QT_TR_NOOP("Robot"),
-        QT_TR_NOOP("Choose the robot. It has to run rosbridge, and be in the same network as this computer."),
+        QT_TR_NOOP("Choose the robot. It must run rosbridge and be on the same network as this computer."),
         ("robot",),
     ),
     SetUpStep(
         "camera",
         QT_TR_NOOP("Camera"),
-        QT_TR_NOOP("This is what the robot sees now. Which cameras are used, the scenario says."),
+        QT_TR_NOOP("This is what the robot sees now. The scenario determines which cameras are used."),
         ("video",),
     ),
     SetUpStep(
         "sound",
         QT_TR_NOOP("Sound"),
-        QT_TR_NOOP("Hear that the robot speaks, and see that the microphone hears."),
+        QT_TR_NOOP("Check that the robot speaks and that the microphone picks up sound."),
         ("voice", "microphone"),
     ),
     SetUpStep(
         "model",
         QT_TR_NOOP("Language model"),
-        QT_TR_NOOP("It suggests what to say. You can do everything without one."),
+        QT_TR_NOOP("It suggests what to say. Everything else works without it."),
         ("model",),
     ),
 )

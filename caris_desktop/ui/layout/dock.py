@@ -85,7 +85,7 @@ class Dock(KeyPlace):
     def set_place(self, *, floating: bool, locked: bool) -> None:
         self._floating = floating
         self._float.setVisible(not locked)
-        words = tr("Put back into the main window") if floating else tr("Into a window of its own")
+        words = tr("Dock in the main window") if floating else tr("Open in a separate window")
         self._float.set_label("", icon="arrow-square-in" if floating else "arrow-square-out")
         self._float.setAccessibleName(f"{self._panel.shown_title}: {words}")
         self._float.setToolTip(words)
@@ -131,7 +131,7 @@ class Dock(KeyPlace):
             self._more.setToolTip(tr("Close the drawer"))
         elif cut:
             names = self.cut_off()
-            words = tr("Too small: open it as a drawer")
+            words = tr("Too small: open as a drawer")
             hidden = tr("Cut off: {parts}").format(parts=", ".join(names)) if names else ""
             self._more.set_label(tr("More"), icon="caret-double-down")
             self._more.setAccessibleName(". ".join(part for part in (words, hidden) if part))

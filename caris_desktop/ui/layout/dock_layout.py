@@ -236,11 +236,11 @@ def arrangement_data(arrangement: DockLayout) -> dict[str, Any]:
 def arrangement_from(data: Any) -> DockLayout:
     """Layout from :func:`arrangement_data`. Raises ValueError for anything else."""
     if not isinstance(data, Mapping):
-        raise ValueError("not an arrangement of panels")  # noqa: TRY004  (whoever reads settings expects one kind)
+        raise ValueError("invalid panel layout")  # noqa: TRY004  (whoever reads settings expects one kind)
     tree = _checked(data.get("tree"))
     hidden, windows = data.get("hidden", []), data.get("floating", [])
     if not isinstance(hidden, list) or not set(map(str, hidden)) <= set(panels_in(tree)):
-        raise ValueError("panels are hidden that are not there")
+        raise ValueError("hidden panels that do not exist")
     if not isinstance(windows, list) or not all(isinstance(window, Mapping) for window in windows):
         raise ValueError("the windows are not a list")
     floating = tuple(Floating(_checked(window.get("tree")), _place_from(window.get("place"))) for window in windows)
@@ -253,12 +253,12 @@ def arrangement_from(data: Any) -> DockLayout:
 def _checked(data: Any) -> LayoutNode:
     tree = checked_layout(data)
     for _path, problem in layout_problems(layout_data(tree), ("layout",), set()):
-        raise ValueError(f"not an arrangement of panels: {problem[:200]}")
+        raise ValueError(f"invalid panel layout: {problem[:200]}")
     return tidy(tree)
 
 
 def _place_from(data: Any) -> Rect:
     whole = isinstance(data, list) and len(data) == 4 and all(type(number) is int for number in data)
     if not whole or not all(abs(number) < 100_000 for number in data) or min(data[2:]) <= 0:
-        raise ValueError("a window's place is not four numbers of pixels")
+        raise ValueError("a window's position is not four numbers in pixels")
     return Rect(*data)

@@ -37,13 +37,13 @@ class LayoutFile:
             self._put_aside(scenario, text)
             rest = everything | {scenario: {}} if isinstance(everything, dict) else {}
             self._values.set_value(_WORKING, json.dumps(rest))
-            raise ValueError("what was kept is no JSON, or no group of keys")  # noqa: TRY004
+            raise ValueError("the saved layouts are not a JSON object")  # noqa: TRY004
         entry = everything.get(scenario, {}).get(kind)
         if entry is None:
             return None
         try:
             if not isinstance(entry, dict):
-                raise ValueError("it is no group of keys")  # noqa: TRY004, TRY301
+                raise ValueError("it is not a JSON object")  # noqa: TRY004, TRY301
             return WorkingCopy(arrangement_from(entry.get("arrangement")), entry.get("of") != layout_data(file_tree))
         except (ValueError, RecursionError) as error:
             self._put_aside(scenario, json.dumps({scenario: {kind: entry}}))

@@ -221,7 +221,7 @@ class _EntryList(QWidget):
                 (str(first + line), entry.text),
                 entry.again if entry == self.asked_again else entry.spoken,
                 QRect(0, line * _ROW_PX, self.width(), _ROW_PX),
-                tr("Chosen: Enter does it") if first + line == self._index else "",
+                tr("Selected: press Enter to run it") if first + line == self._index else "",
             )
             for line, entry in enumerate(shown)
         ]
@@ -258,7 +258,7 @@ class _EntryList(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if not self._entries:
             painter.setPen(theme.color("dim"))
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("Nothing is called that here."))
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("No matching entries."))
             return
         first = self._first()
         for line, entry in enumerate(self._entries[first : first + self.height() // _ROW_PX]):

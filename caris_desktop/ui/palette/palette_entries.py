@@ -405,7 +405,7 @@ class PaletteEntries:
         ]
         floats = [
             PaletteItem(
-                tr("{panel}: into a window of its own, or back").format(panel=tr(PANELS[name].title)),
+                tr("{panel}: to a separate window, or back").format(panel=tr(PANELS[name].title)),
                 tr("Panel"),
                 "arrow-square-out",
                 "",
@@ -458,7 +458,7 @@ class PaletteEntries:
                 (QT_TR_NOOP("Unlock the layout"), lambda: layout.set_locked(False))
                 if layout.locked
                 else (QT_TR_NOOP("Lock for a study"), lambda: layout.set_locked(True)),
-                (QT_TR_NOOP("Keep one layout for all screens"), lambda: layout.set_adapts(False))
+                (QT_TR_NOOP("Use one layout for all screens"), lambda: layout.set_adapts(False))
                 if layout.adapts
                 else (QT_TR_NOOP("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
             )
@@ -501,7 +501,7 @@ class PaletteEntries:
             paused = status.state == "paused"
             entries.append(
                 PaletteItem(
-                    tr("Go on recording") if paused else tr("Pause recording"),
+                    tr("Resume recording") if paused else tr("Pause recording"),
                     tr("Do"),
                     "record" if paused else "pause",
                     "",
@@ -595,7 +595,7 @@ class PaletteEntries:
                 id="Scenario: Import a scenario",
             ),
             PaletteItem(
-                tr("Write this scenario as one file"),
+                tr("Export this scenario as one file"),
                 tr("Scenario"),
                 "export",
                 "",

@@ -65,7 +65,7 @@ class PersonEntries:
                 continue
             entries.append(
                 PaletteItem(
-                    tr("All about {person}").format(person=name),
+                    tr("Details of {person}").format(person=name),
                     tr("Person"),
                     "identification-card",
                     "",

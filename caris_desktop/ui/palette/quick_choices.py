@@ -56,7 +56,7 @@ class QuickChoices:
         state, panels = self._parts.console.state, self._parts.panels
         person = nearest_person(state.persons.value, selected=state.selected_person.value)
         if person is None:
-            return tr("Nobody is in view, so there is nobody to name.")
+            return tr("Nobody is in view, so nobody can be named.")
         panels.open("people")
         panel = panels.panels.get("people")
         if panel is not None:

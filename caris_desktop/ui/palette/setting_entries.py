@@ -5,6 +5,7 @@ from functools import partial
 from PySide6.QtCore import QLocale
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import AssistanceLevel
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.assistance import levels_up_to
@@ -13,10 +14,18 @@ from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.palette.palette_item import PaletteItem
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
-from caris_desktop.ui.theme import SCALES
+from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words
 
-TWICE = QT_TR_NOOP("choose it, then Enter twice")
+TWICE = QT_TR_NOOP("select it, then Enter twice")
+
+# Parts of the ids in the usage history: they stay as they are, however the texts are worded.
+_LEVEL_IDS: dict[AssistanceLevel, str] = {
+    "off": "off",
+    "suggest": "suggest: my key does it",
+    "act": "by itself, after a countdown",
+}
+_THEME_IDS: dict[ThemeChoice, str] = {"system": "like the system", "dark": "dark", "light": "light"}
 
 
 class SettingEntries:
@@ -68,7 +77,7 @@ class SettingEntries:
                 "",
                 partial(self._console.do, intents.SetLevel(function, level)),
                 also=tr("assistant level suggestions proposals"),
-                id=f"Do: {title}: {event_messages.LEVELS[level].lower()}",
+                id=f"Do: {title}: {_LEVEL_IDS[level]}",
             )
             for function, title in event_messages.FUNCTIONS.items()
             if function in scenario.assisted
@@ -80,19 +89,19 @@ class SettingEntries:
         drive: DriveStatus = self._state.drive.value
         if drive.guard == "overridden":
             on = partial(self._console.do, intents.SetGuard(on=True))
-            text = tr("Switch the obstacle guard on")
+            text = tr("Turn on the obstacle guard")
             return [PaletteItem(text, tr("Do"), "shield-check", "", on, id="Do: Switch the obstacle guard on")]
         if drive.guard == "absent" or not self._console.scenario.permissions.driving:
             return []
         return [
             PaletteItem(
-                tr("Switch the obstacle guard off"),
+                tr("Turn off the obstacle guard"),
                 tr(TWICE),
                 "shield-slash",
                 "",
                 partial(self._console.do, intents.SetGuard(on=False)),
                 deliberate=True,
-                again=tr("Press Enter again to switch the guard off"),
+                again=tr("Press Enter again to turn off the guard"),
                 id="Switch the obstacle guard off",
             )
         ]
@@ -101,7 +110,7 @@ class SettingEntries:
         wizards = self._parts.wizards
         return [
             PaletteItem(
-                tr("Wizard: {name}").format(name=name or tr("nobody in particular")),
+                tr("Wizard: {name}").format(name=name or tr("not specified")),
                 tr("Wizard"),
                 "user-gear",
                 "",
@@ -148,7 +157,7 @@ class SettingEntries:
         appearance = self._parts.appearance
         return [
             PaletteItem(
-                tr("Language: {name} from the next start").format(name=QLocale(name).nativeLanguageName()),
+                tr("Language: {name} after a restart").format(name=QLocale(name).nativeLanguageName()),
                 tr("Window"),
                 "translate",
                 "",
@@ -170,7 +179,7 @@ class SettingEntries:
                 "",
                 partial(appearance.choose_theme, choice),
                 also=tr("theme colours colors mode night day"),
-                id=f"Window: Appearance: {words.lower()}",
+                id=f"Window: Appearance: {_THEME_IDS[choice]}",
             )
             for choice, words in THEME_WORDS.items()
         ]

@@ -14,7 +14,7 @@ def step_entries(console: WizardConsole) -> list[PaletteItem]:
     step = present_step(scenario, console.state)
     branches = [
         PaletteItem(
-            tr("{what}: on to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
+            tr("{what}: continue to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
             tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
             also=tr("branch protocol"), acts=True,
             named=f"{branch.title} {target_of(scenario, branch).title}",

@@ -71,7 +71,7 @@ class AssistantPanel(Panel):
         self.with_what.setObjectName("assistant_with_what")
         self.with_what.setCheckable(True)
         self.with_what.setToolTip(tr("Model, role, style, prepared questions, pictures"))
-        self.with_what.setAccessibleName(tr("With what the assistant is asked"))
+        self.with_what.setAccessibleName(tr("Question options"))
         self.with_what.toggled.connect(lambda _on: self._show_parts())
         self._rows = ExchangeRows(self.theme)
         self._rows.chosen.connect(self._choose)
@@ -427,9 +427,9 @@ class AssistantPanel(Panel):
         role = "dim"
         if self._too_long:
             text, role = (
-                tr(
-                    "The question is {over:,} characters too long. The assistant takes {most:,}: shorten it to ask."
-                ).format(over=self._too_long, most=MAX_QUESTION_CHARACTERS),
+                tr("The question is {over:,} characters too long. Shorten it to at most {most:,} characters.").format(
+                    over=self._too_long, most=MAX_QUESTION_CHARACTERS
+                ),
                 "amber",
             )
         elif shown.state == "failed" and shown.exchange_id:
@@ -445,9 +445,9 @@ class AssistantPanel(Panel):
         elif shown.is_pending and not shown.answer:
             text = tr(shown.detail) or tr("Thinking…")
         elif self._editing:
-            text = tr("Change the words. Enter says them.")
+            text = tr("Edit the text. Enter says it.")
         elif shown.use:
-            text = tr("Said.") if shown.use == "said" else tr("Said, with your changes.")
+            text = tr("Said.") if shown.use == "said" else tr("Said with your changes.")
         else:
             # A truncated answer is marked as such.
             text, role = tr(shown.detail), "amber" if shown.state == "answered" else "dim"

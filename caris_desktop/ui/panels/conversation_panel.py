@@ -29,7 +29,7 @@ from caris_desktop.ui.widgets.foreign_picture import image_of
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
-_EMPTY = QT_TR_NOOP("What the robot and the participant say stands here.")
+_EMPTY = QT_TR_NOOP("The conversation between the robot and the participant appears here.")
 _TICK_MS = 100
 _PHOTO_AFTER_NS = 2_000_000_000
 _RECENT = 60
@@ -66,8 +66,8 @@ class ConversationPanel(Panel):
         self.hold.escape_pressed.connect(self.close_search)
         self._find = ActionButton(self.theme, "", icon="magnifying-glass", height_px=30)
         self._find.setObjectName("transcript_find")
-        self._find.setAccessibleName(tr("Search what was said"))
-        self._find.setToolTip(tr("Search what was said"))
+        self._find.setAccessibleName(tr("Search the transcript"))
+        self._find.setToolTip(tr("Search the transcript"))
         self._find.bind(self.table, "find_said")
         self._search = _SearchLine(self)
         self._search.hide()
@@ -208,8 +208,8 @@ class ConversationPanel(Panel):
             case "answered":
                 late = stands.seconds > late_s
                 if stands.seconds < 0:
-                    rest = tr("before {name} was done").format(name=name)
-                    rest = rest if name else tr("before the participant was done")
+                    rest = tr("before {name} finished").format(name=name)
+                    rest = rest if name else tr("before the participant finished")
                     self.set_fact(f"{-stands.seconds:.1f} s", "amber", rest=rest)
                 else:
                     self.set_fact(f"{stands.seconds:.1f} s", "amber" if late else "dim", rest=tr("until the answer"))
@@ -307,8 +307,8 @@ class _SearchLine(QWidget):
         self._panel = panel
         self.field = _SearchField(panel)
         self.field.setObjectName("transcript_search")
-        self.field.setPlaceholderText(tr("Search what was said"))
-        self.field.setAccessibleName(tr("Search what was said"))
+        self.field.setPlaceholderText(tr("Search the transcript"))
+        self.field.setAccessibleName(tr("Search the transcript"))
         self.field.textChanged.connect(panel.search)
         self._found = QLabel()
         self._found.setObjectName("transcript_found")

@@ -37,21 +37,21 @@ _COLUMNS = (
     QT_TR_NOOP("Last"),
     QT_TR_NOOP("Age on arrival"),
     QT_TR_NOOP("Bandwidth"),
-    QT_TR_NOOP("Refused"),
+    QT_TR_NOOP("Rejected"),
     QT_TR_NOOP("Type"),
     QT_TR_NOOP("Link"),
 )
 _TOPIC, _STATE, _RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED, _TYPE, _LINK = range(len(_COLUMNS))
 _TIPS = (
     QT_TR_NOOP("Name of the topic on the robot"),
-    QT_TR_NOOP("Whether it comes as it did before"),
+    QT_TR_NOOP("Whether messages still arrive at the usual rate"),
     QT_TR_NOOP("Messages in the last second"),
     QT_TR_NOOP("Time since the newest message"),
-    QT_TR_NOOP("How old the newest message was when it came, by the robot's own stamp and the estimated clock offset"),
-    QT_TR_NOOP("Bytes in the last second, as they came over the link"),
-    QT_TR_NOOP("Messages that could not be used so far: malformed, too large, of another type"),
-    QT_TR_NOOP("Type of the messages"),
-    QT_TR_NOOP("Which connection carries it"),
+    QT_TR_NOOP("Age of the newest message on arrival, from the robot's timestamp and the estimated clock offset"),
+    QT_TR_NOOP("Bytes received over the link in the last second"),
+    QT_TR_NOOP("Unusable messages so far: malformed, too large or of another type"),
+    QT_TR_NOOP("Message type"),
+    QT_TR_NOOP("Connection that carries the topic"),
 )
 _LINK_WORDS = {"control": "control", "media": "media"}
 _ROOM_FOR_TOTALS_PX = 230
@@ -94,7 +94,7 @@ def state_words(traffic: TopicTraffic, *, usual_hz: float, link_silent_s: float)
     if usual_hz >= 0.9 and traffic.last_heard_s > max(0.5, 3.0 / usual_hz) and traffic.rate_hz < 0.5 * usual_hz:
         return tr("stale")
     if traffic.rate_hz < 0.05:
-        return tr("rare")
+        return tr("infrequent")
     return tr("flowing")
 
 
@@ -121,7 +121,7 @@ def link_words(measured: TrafficMeasured) -> str:
     name = _LINK_WORDS.get(measured.link, measured.link)
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
-    told = tr("{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} refused")
+    told = tr("{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} rejected")
     return told.format(
         name=name,
         encoding=tr(_ENCODINGS[measured.encoding]),
@@ -274,20 +274,20 @@ def detection_words(perception: PerceptionStatus) -> list[str]:
     """Detector and detection rate per camera; empty while detection is off."""
     if perception.state != "ready":
         return []
-    lines = [tr("People are found by {model}").format(model=perception.model)] if perception.model else []
+    lines = [tr("Person detector: {model}").format(model=perception.model)] if perception.model else []
     if not perception.looks_per_s:
         return lines
     told = ", ".join(
         f"{text_formatting.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items()
     )
-    looks = tr("Looks for people per second: {told}").format(told=told)
-    took = [] if perception.inference_ms is None else [tr("{took:.0f} ms a look").format(took=perception.inference_ms)]
+    looks = tr("Detector runs per second: {told}").format(told=told)
+    took = [] if perception.inference_ms is None else [tr("{took:.0f} ms per run").format(took=perception.inference_ms)]
     return [*lines, " · ".join((looks, *took))]
 
 
 _HEALTH_WORDS: dict[Health, str] = {
-    "running": QT_TR_NOOP("runs"),
-    "restarting": QT_TR_NOOP("is starting again"),
+    "running": QT_TR_NOOP("running"),
+    "restarting": QT_TR_NOOP("restarting"),
     "failed": QT_TR_NOOP("failed too often"),
 }
 
@@ -371,12 +371,12 @@ class DiagnosticsPanel(Panel):
         header.setStretchLastSection(True)
         for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
             header.resizeSection(column, width)
-        self._empty = QLabel(tr("Nothing has come from the robot.\nIts topics appear here once they do."))
+        self._empty = QLabel(tr("No data from the robot.\nIts topics appear here once data arrives."))
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._empty.setWordWrap(True)
         self._copy = ActionButton(self.theme, tr("Copy report"), icon="copy", height_px=28, text_px=tokens.STATUS_PX)
         self._copy.setObjectName("diagnostics_copy")
-        self._copy.setToolTip(tr("Copy all figures as text"))
+        self._copy.setToolTip(tr("Copy all values as text"))
         self._copy.clicked.connect(self.copy_report)
         layout = layouts.vbox(self, margins_px=(12, 6, 12, 8), spacing_px=4)
         layout.addWidget(self._summary)
@@ -476,7 +476,7 @@ class DiagnosticsPanel(Panel):
         stale = sum(row.stale for row in self.model.rows)
         total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
         if refused or stale:
-            parts = [tr("%n stale", "", stale)] * bool(stale) + [tr("%n refused", "", refused)] * bool(refused)
+            parts = [tr("%n stale", "", stale)] * bool(stale) + [tr("%n rejected", "", refused)] * bool(refused)
             self.set_fact(" · ".join(parts), "amber")
         else:
             self.set_fact(bandwidth(total) if traffic else "", "dim")

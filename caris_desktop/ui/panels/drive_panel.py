@@ -285,23 +285,23 @@ class DrivePanel(Panel):
         """Reason line below the current activity, and its colour role."""
         guard = text_formatting.guard_line(drive)
         if drive.emergency_stop:
-            return tr("Release it in the red bar above to drive again."), "red"
+            return tr("Release the emergency stop in the red bar above to drive again."), "red"
         if not drive.allowed:
             return tr(drive.reason), "amber"
         if self.hold.must_let_go and not self.hold.held:
-            return tr("Let go and press again to drive."), "amber"
+            return tr("Release and press again to drive."), "amber"
         if guard:
             return guard, "amber"
         if self._guard_hint.isActive() and drive.guard != "overridden":
-            return tr("Hold Guard for a second to switch it off."), "amber"
+            return tr("Hold Guard for one second to turn it off."), "amber"
         if drive.cap_reason:
             limited = tr("Limited to {percent:.0f} %: {reason}")
             return limited.format(percent=drive.cap_fraction * 100, reason=tr(drive.cap_reason)), "amber"
         if self.hold.held or self.hold.motion.command.moving:
-            return tr("Let go to stop."), "dim"
+            return tr("Release to stop."), "dim"
         if going_to:
             speed, as_drive_says = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
-            told = tr("{speed}. {key} stops it.") if speed else tr("{key} stops it.")
+            told = tr("{speed}. {key} stops the robot.") if speed else tr("{key} stops the robot.")
             told = told.format(speed=speed, key=self.table.key_text("stop"))
             return told, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
@@ -317,14 +317,14 @@ class DrivePanel(Panel):
             self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
             self._guard.setAccessibleName(tr("Guard is off"))
             self._guard.setToolTip(
-                tr("Nothing keeps the robot from driving into obstacles. Click to switch the guard on.")
+                tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on.")
             )
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
             self._guard.set_label(tr("Guard"), icon=icon, look="plain")
             self._guard.setAccessibleName(tr("Guard is on"))
             self._guard.setToolTip(
-                tr("Slows and stops the robot before obstacles. Hold for a second to switch it off.")
+                tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off.")
             )
 
     def mousePressEvent(self, event: QMouseEvent) -> None:

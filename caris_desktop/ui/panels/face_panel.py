@@ -39,14 +39,14 @@ class FacePanel(Panel):
         self._recorded: Face | None = None
         self._text = SubmitLineEdit()
         self._text.setObjectName("face_text")
-        self._text.setPlaceholderText(tr("Show a text instead…"))
-        self._text.setAccessibleName(tr("A text to show in place of the face"))
+        self._text.setPlaceholderText(tr("Show text instead…"))
+        self._text.setAccessibleName(tr("Text to show instead of the face"))
         self._text.setMinimumWidth(
             max(180, self._text.fontMetrics().horizontalAdvance(self._text.placeholderText()) + 28)
         )
         self._text.setMaxLength(200)
         self._text.returnPressed.connect(self._on_text)
-        self._back = ActionButton(self.theme, tr("Face again"), icon="smiley", height_px=30)
+        self._back = ActionButton(self.theme, tr("Show face"), icon="smiley", height_px=30)
         self._back.setObjectName("face_again")
         self._back.clicked.connect(self._on_back)
         self._live = ActionButton(self.theme, tr("Live picture"), icon="video-camera", height_px=30)
@@ -55,12 +55,12 @@ class FacePanel(Panel):
         self._window = ActionButton(self.theme, tr("Window"), icon="monitor", height_px=30)
         self._window.setObjectName("face_window_button")
         self._window.setCheckable(True)
-        self._window.setToolTip(tr("The face in a window of its own, for a screen on the robot"))
+        self._window.setToolTip(tr("Show the face in a separate window, for a screen on the robot"))
         self._window.clicked.connect(self._on_window)
         self._page = ActionButton(self.theme, tr("Page"), icon="device-mobile", height_px=30)
         self._page.setObjectName("face_page_button")
         self._page.setCheckable(True)
-        self._page.setToolTip(tr("The face as a page, for a phone or tablet on the robot"))
+        self._page.setToolTip(tr("Serve the face as a web page, for a phone or tablet on the robot"))
         self._page.clicked.connect(self._on_serve)
         self._copy = ActionButton(self.theme, tr("Copy the address"), icon="copy", height_px=30)
         self._copy.setObjectName("face_copy_address")
@@ -156,12 +156,12 @@ class FacePanel(Panel):
         if not self.in_view:
             return
         doing = tr("speaking") if face.speaking else tr("listening") if face.listening else ""
-        words = {"text": tr("shows a text"), "photo": tr("shows a photo"), "live": tr("shows what the robot sees")}
+        words = {"text": tr("showing text"), "photo": tr("showing a photo"), "live": tr("showing the live picture")}
         shown = words.get(face.what, face.expression)
         fact = " · ".join(part for part in (doing, shown) if part) if face.what != "off" else ""
         screens = face.pages + (1 if face.window else 0)
         if self.state.present.live and face.what != "off" and not screens:
-            fact = " · ".join((fact, tr("on no screen")))
+            fact = " · ".join((fact, tr("not on a screen")))
         self.set_fact(fact, "blue" if doing else "dim")
         self._window.setChecked(face.window)
         self._page.setChecked(face.served)

@@ -33,10 +33,10 @@ _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
 _PLACE_AWAITED_NS = 3_000_000_000
 _BUSY = {
     "save": QT_TR_NOOP("Saving the map…"), "load": QT_TR_NOOP("Loading the map…"),
-    "start_mapping": QT_TR_NOOP("Switching to building the map…"),
-    "start_localization": QT_TR_NOOP("Switching to finding the place only…"),
+    "start_mapping": QT_TR_NOOP("Switching to mapping…"),
+    "start_localization": QT_TR_NOOP("Switching to localisation only…"),
 }  # fmt: skip
-_WORKS = QT_TR_NOOP("The robot works on its map…")
+_WORKS = QT_TR_NOOP("The robot is working on its map…")
 
 
 class MapPanel(Panel):
@@ -67,7 +67,7 @@ class MapPanel(Panel):
         self._make_title_widgets()
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
-        self._confirm.setToolTip(tr("The robot stands where the map shows it"))
+        self._confirm.setToolTip(tr("The robot is where the map shows it"))
         self._confirm.setParent(self.view)
         self._confirm.clicked.connect(lambda: self.console.do(intents.ConfirmAsBefore("map")))
         self._confirm.hide()
@@ -152,7 +152,7 @@ class MapPanel(Panel):
         self._go.clicked.connect(self._open_go_menu)
         self._cancel = ActionButton(self.theme, tr("Cancel"), icon="x", height_px=30)
         self._cancel.setObjectName("goal_cancel")
-        self._cancel.setToolTip(tr("Do not go there any more"))
+        self._cancel.setToolTip(tr("Cancel this goal"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
         self._follow = icon_button(self.theme, "map_follow_button", "crosshair", tr("Follow the robot"), key="F")
         self._follow.setCheckable(True)
@@ -161,7 +161,7 @@ class MapPanel(Panel):
         self._fit.clicked.connect(self._on_fit_clicked)
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
-        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", tr("More of the map"))
+        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", tr("More map options"))
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
@@ -231,25 +231,25 @@ class MapPanel(Panel):
         """Fill the menu: view, trail, places, mapping."""
         menu, view = self._menu, self.view
         menu.clear()
-        rotate = menu.addAction("\t".join((tr("Turn with the robot"), "R")))
+        rotate = menu.addAction("\t".join((tr("Rotate with the robot"), "R")))
         rotate.setCheckable(True)
         rotate.setChecked(view.shown.rotate)
         rotate.toggled.connect(view.set_rotate)
-        menu.addAction("\t".join((tr("Closer"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
-        menu.addAction("\t".join((tr("Farther"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
+        menu.addAction("\t".join((tr("Zoom in"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
+        menu.addAction("\t".join((tr("Zoom out"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
         menu.addSeparator()
-        trail = menu.addAction(tr("Show where it has driven"))
+        trail = menu.addAction(tr("Show the driven path"))
         trail.setCheckable(True)
         trail.setChecked(view.shown.show_trail)
         trail.toggled.connect(view.set_trail_shown)
         trail.toggled.connect(self._on_view_chosen)
-        clear = menu.addAction(tr("Forget where it has driven"))
+        clear = menu.addAction(tr("Clear the driven path"))
         clear.setEnabled(len(view.shown.trail) > 0)
         clear.triggered.connect(lambda _checked=False: view.clear_trail())
         if not self.tools.may_go:
             return menu
         menu.addSeparator()
-        here = menu.addAction(tr("Add a place where the robot is…"))
+        here = menu.addAction(tr("Add a place at the robot's position…"))
         here.setEnabled(self.tools.pose_now() is not None)
         here.triggered.connect(lambda _checked=False: self.tools.name_robot_place())
         mapping: MapStatus = self.state.mapping.value
@@ -264,7 +264,7 @@ class MapPanel(Panel):
             load.setEnabled(not mapping.busy)
             load.triggered.connect(lambda _checked=False: self.tools.ask_map_name("load_map"))
         if mapping.can_switch:
-            for building, text in ((True, tr("Build the map on")), (False, tr("Only find the place in it"))):
+            for building, text in ((True, tr("Extend the map")), (False, tr("Localise only"))):
                 action = menu.addAction(text)
                 action.setCheckable(True)
                 action.setChecked(mapping.mapping is building)
@@ -433,7 +433,7 @@ class MapPanel(Panel):
         if self.view.shown.unconfirmed:
             chips.insert(0, (tr("Position not confirmed"), "warning"))
         if self.tools.by_odometry:
-            chips.append((tr("No map: drawn by odometry"), "hint"))
+            chips.append((tr("No map: position from odometry"), "hint"))
         if state.mapping.value.busy:
             busy = _BUSY.get(state.mapping.value.busy, _WORKS)
             chips.append((tr(busy), "hint"))
@@ -454,14 +454,14 @@ class MapPanel(Panel):
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
         if not state.present.live:
-            waiting = tr("No map was recorded until this moment")
+            waiting = tr("No map recorded up to this moment")
         self.view.show_waiting("" if self.tools.by_odometry else waiting)
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
                 text, role = tr("LIDAR {age}").format(age=text_formatting.stream_age(state.scan)), "dim"
             case "stale" | "lost" if state.scan.arrives_late:
-                text, role = tr("LIDAR arrives {age} old").format(age=text_formatting.age(scan_age_s or 0.0)), "amber"
+                text, role = tr("LIDAR latency {age}").format(age=text_formatting.age(scan_age_s or 0.0)), "amber"
             case "stale" | "lost":
                 text, role = (
                     tr("LIDAR silent for {age}").format(age=text_formatting.age(state.scan.silent_s() or 0.0)),
@@ -477,7 +477,7 @@ class MapPanel(Panel):
             if goal.distance_left_m is not None:
                 text = " · ".join((text, tr("{left:.1f} m left").format(left=goal.distance_left_m)))
         elif self.view.follow:
-            text = " · ".join((text, tr("follows robot")))
+            text = " · ".join((text, tr("following robot")))
         elif state.mapping.value.mapping:
-            text = " · ".join((text, tr("building the map")))
+            text = " · ".join((text, tr("mapping")))
         self.set_fact(text, role)

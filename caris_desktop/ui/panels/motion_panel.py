@@ -227,7 +227,7 @@ class MotionPanel(Panel):
     def _on_pause_toggled(self, paused: bool) -> None:
         """Freeze the plots; data received meanwhile is shown afterwards."""
         self._paused_at_ns = self.state.present.now_ns() if paused else None
-        self._pause.set_label(tr("Go on") if paused else tr("Pause"), icon="play" if paused else "pause")
+        self._pause.set_label(tr("Resume") if paused else tr("Pause"), icon="play" if paused else "pause")
         self._draw()
 
     def _draw(self) -> None:
@@ -292,7 +292,7 @@ class MotionPanel(Panel):
             self.set_fact(tr("paused for {time}").format(time=text_formatting.age(paused_s)), "amber")
         elif state.odometry.freshness != "fresh":
             age = text_formatting.age(state.odometry.age_s() or 0.0)
-            late = tr("odometry arrives {age} old").format(age=age)
+            late = tr("odometry latency {age}").format(age=age)
             silent = text_formatting.age(state.odometry.silent_s() or 0.0)
             self.set_fact(
                 late if state.odometry.arrives_late else tr("odometry silent for {age}").format(age=silent), "amber"

@@ -75,12 +75,12 @@ class NotesPanel(Panel):
         self.view.undo_wanted.connect(self.undo)
         self._of_study = QPlainTextEdit(readOnly=True, tabChangesFocus=True)
         self._of_study.setObjectName("notes_of_study")
-        self._of_study.setAccessibleName(tr("What the scenario has for you"))
+        self._of_study.setAccessibleName(tr("Notes from the scenario"))
         self._of_study.setFrameShape(QFrame.Shape.NoFrame)
         self._unfolded: bool | None = None  # None: automatic, shown if there is room and no note
         self._fold = ActionButton(self.theme, tr("Scenario"), height_px=30, text_px=tokens.STATUS_PX + 1)
         self._fold.setObjectName("notes_fold")
-        self._fold.setToolTip(tr("What the scenario has for you: show or fold"))
+        self._fold.setToolTip(tr("Show or hide the scenario's notes"))
         self._fold.clicked.connect(self._on_fold)
         self._show_study()
         self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
@@ -155,9 +155,7 @@ class NotesPanel(Panel):
         show_part(text, unfolded and bool(text.toPlainText()))
         icon = "caret-down" if unfolded else "caret-right"
         self._fold.set_label(tr("Scenario"), icon=icon)
-        self._fold.setAccessibleName(
-            tr("Fold what the scenario has for you") if unfolded else tr("Show what the scenario has for you")
-        )
+        self._fold.setAccessibleName(tr("Hide the scenario's notes") if unfolded else tr("Show the scenario's notes"))
         self.theme.style_text(text, "text", tokens.BODY_PX)
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
@@ -195,8 +193,8 @@ class NotesPanel(Panel):
         self.set_fact(_counted(len(notes)))
         self._empty.setText(
             tr("No notes in this session.") if not self._may_write
-            else tr("What you write down stands here with its moment, and in the session.") if recording
-            else tr("Notes are kept while a session is recorded.")
+            else tr("Your notes appear here with their time and are saved in the session.") if recording
+            else tr("Notes are saved while a session is being recorded.")
         )  # fmt: skip
         self.theme.style_text(self._empty, "dim", tokens.STATUS_PX)
         chosen = self._current() is not None and not self._changing
@@ -206,12 +204,10 @@ class NotesPanel(Panel):
         show_part(self._acts, self._may_write and ((chosen and bool(notes)) or bool(self._undo_with)))
         show_part(self.field, self._may_write)
         self.field.setFont(self.theme.font(tokens.BODY_PX))
-        what = tr("Change the note, Enter keeps it") if self._changing else tr("Write a note, Enter adds it")
+        what = tr("Edit the note, Enter saves it") if self._changing else tr("Write a note, Enter adds it")
         self.field.setPlaceholderText(what)
         self.field.setAccessibleName(what)
-        self.field.setToolTip(
-            tr("The note is about the moment at which you begin to write. A word like #laughs is a tag.")
-        )
+        self.field.setToolTip(tr("The note gets the time at which you start writing. A word like #laughs is a tag."))
 
     def _current(self) -> FinalMark | None:
         return self.model.note(self.view.currentIndex())
@@ -351,7 +347,7 @@ class NotesModel(QAbstractListModel):
 
 def changed_words(note: FinalMark) -> str:
     """ "changed" for a note that was edited; the session has both versions."""
-    return tr("changed") if note.rewritten else ""
+    return tr("edited") if note.rewritten else ""
 
 
 class NotesView(QListView):

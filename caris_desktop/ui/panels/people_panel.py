@@ -273,7 +273,7 @@ class PeoplePanel(Panel):
             parts.append(tr("%n known", "", known))
         late_s = 0.0 if blind else self._late_s()
         if late_s:
-            parts.append(tr("{seconds} s late").format(seconds=round(late_s)))
+            parts.append(tr("{seconds} s behind").format(seconds=round(late_s)))
         self.set_fact(" · ".join(parts), "amber" if late_s else "dim")
         self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
         if not self.model.rowCount():
@@ -297,7 +297,7 @@ class PeoplePanel(Panel):
     def _why_empty(self, *, blind: bool, late_s: float = 0.0) -> str:
         perception: PerceptionStatus = self.state.perception.value
         if self.everyone and self._search.text().strip() and not self._search.isHidden():
-            nobody = tr("Nobody’s name, group or tags have “{text}”.")
+            nobody = tr("No name, group or tag contains “{text}”.")
             return nobody.format(text=text_formatting.shortened(self._search.text(), 40))
         match perception.state:
             case _ if not self.state.present.live:
@@ -307,16 +307,16 @@ class PeoplePanel(Panel):
             case "ready" if self._detection_starting():
                 return tr("Person detection is starting.\nPeople appear here after its first result.")
             case "ready" if late_s:
-                late = tr("Nobody recognised yet.\nPeople are recognised {seconds} s late: this computer is busy.")
+                late = tr("Nobody recognised yet.\nRecognition is {seconds} s behind: this computer is busy.")
                 return late.format(seconds=round(late_s))
             case "ready":
                 return tr("Nobody in view.\nPeople appear here as soon as the camera sees them.")
             case "loading":
-                return tr("Getting ready to find people.\nEverything else works meanwhile.")
+                return tr("Starting person detection.\nEverything else works meanwhile.")
             case "failed":
-                return tr("People are not being found.\n{detail}").format(detail=tr(perception.detail))
+                return tr("Person detection is not working.\n{detail}").format(detail=tr(perception.detail))
             case _:
-                return tr("Finding people is off.")
+                return tr("Person detection is off.")
 
     # ---- searching
 

@@ -52,7 +52,7 @@ _Index = QModelIndex | QPersistentModelIndex
 _LOW_PX = 300
 _GRID, _LARGE, _EMPTY = range(3)
 _TO_ASK = QT_TR_NOOP("Ask the assistant about this photo, then Enter")
-_ASKED = QT_TR_NOOP("The answer comes in the Assistant panel. Ask more, then Enter")
+_ASKED = QT_TR_NOOP("The answer appears in the Assistant panel. Ask more, then Enter")
 
 
 class PhotosPanel(Panel):
@@ -72,7 +72,7 @@ class PhotosPanel(Panel):
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
         add_clear_button(self.search)
         self.search.textChanged.connect(self._refresh)
-        self.choice = DropDown(self.theme, "photo_filter", tr("Which photos are shown"))
+        self.choice = DropDown(self.theme, "photo_filter", tr("Photo filter"))
         self.choice.setMinimumContentsLength(8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
@@ -184,10 +184,10 @@ class PhotosPanel(Panel):
 
 def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str:
     if photos:
-        return tr("No photo fits.\nClear the field, or choose all photos.")
+        return tr("No photos match.\nClear the field, or choose all photos.")
     if not live:
-        return tr("No photo had been taken at this moment.")
-    how = tr("No photos yet.\n{key} takes one of the picture on show.").format(key=key)
+        return tr("No photos had been taken by this moment.")
+    how = tr("No photos yet.\n{key} takes a photo of the current picture.").format(key=key)
     return how if key else tr("No photos yet.")
 
 
@@ -214,7 +214,7 @@ def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
     others = len(photo.person_ids) - len(known)
     if not others:
         return known
-    alone = tr("1 person") if others == 1 else tr("%n persons", "", others)
+    alone = tr("1 person") if others == 1 else tr("%n people", "", others)
     return [*known, tr("%n more", "", others) if known else alone]
 
 
@@ -366,7 +366,7 @@ class LargePhoto(QWidget):
         self.about.setObjectName("photo_about")
         self.tags = SubmitLineEdit()
         self.tags.setObjectName("photo_tags")
-        self.tags.setPlaceholderText(tr("Tags, with commas between them, then Enter"))
+        self.tags.setPlaceholderText(tr("Tags separated by commas, then Enter"))
         self.tags.setAccessibleName(tr("Tags of this photo"))
         self.tags.setMaxLength(400)
         self.tags.returnPressed.connect(self._on_tags_entered)
@@ -424,7 +424,7 @@ class LargePhoto(QWidget):
         self.tags.setReadOnly(not photo.changeable or photo.deleted)
         show_part(self._delete, photo.changeable)
         self._delete.set_label(
-            tr("Bring it back") if photo.deleted else tr("Delete"),
+            tr("Restore") if photo.deleted else tr("Delete"),
             icon="arrow-counter-clockwise" if photo.deleted else "trash",
         )
         self.question.setEnabled(not photo.deleted)
@@ -476,7 +476,7 @@ class _Picture(QWidget):
         if self.image.isNull():
             painter.setFont(self._theme.font(tokens.BODY_PX))
             painter.setPen(self._theme.color("dim"))
-            words_shown = tr("Deleted. It can be brought back until the session ends.")
+            words_shown = tr("Deleted. You can restore it until the session ends.")
             painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), words_shown)
             return
         size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)

@@ -30,7 +30,7 @@ _NOT_USABLE = {
     "lost": QT_TR_NOOP("The robot is out of reach."),
     "closed": QT_TR_NOOP("No robot is connected."),
 }
-_HELD = QT_TR_NOOP("The emergency stop is on. What moves the robot works again when you release it.")
+_HELD = QT_TR_NOOP("Emergency stop active. Controls that move the robot work again when you release it.")
 
 
 class RobotPanel(Panel):
@@ -169,7 +169,7 @@ class RobotPanel(Panel):
             entry_held = tr(_HELD) if self._held and entry.control.is_held_by_stop else ""
             entry.set_usable(reason or entry_held)
             held = held or entry_held
-        again = tr("{reason} These controls work again when it answers.").format(reason=reason)
+        again = tr("{reason} These controls work again once the robot responds.").format(reason=reason)
         shown = again if reason else held
         self._reason.setText(shown)
         self._reason.setVisible(bool(shown and self._entries))
@@ -177,20 +177,19 @@ class RobotPanel(Panel):
         whose = link.robot or tr("This robot")
         self._empty.setText(
             tr(
-                "{robot} has no controls of its own.\nIts profile or the scenario can bind buttons, switches, sliders "
-                "and readouts to it."
+                "{robot} has no controls.\nIts profile or the scenario can add buttons, switches, sliders and readouts."
             ).format(robot=whose)
         )
         failed = sum(entry.failed for entry in self._entries.values())
         busy = [entry for entry in self._entries.values() if entry.busy]
         if reason:
-            self.set_fact(tr("robot away"), "amber")
+            self.set_fact(tr("not connected"), "amber")
         elif held:
-            self.set_fact(tr("held by the emergency stop"), "amber")
+            self.set_fact(tr("emergency stop active"), "amber")
         elif busy:
-            self.set_fact(tr("{control}: asked").format(control=busy[0].control.title), "blue")
+            self.set_fact(tr("{control}: requested").format(control=busy[0].control.title), "blue")
         elif failed:
-            self.set_fact(tr("%n did not work", "", failed), "amber")
+            self.set_fact(tr("%n failed", "", failed), "amber")
         else:
             self.set_fact(tr("%n controls", "", len(self._entries)) if self._entries else "", "dim")
         self._style()
@@ -320,9 +319,9 @@ class ControlEntry(QWidget):
         if state == "succeeded" and not (done and self._calm_down.isActive()):
             state = ""
         self._face.show_state(state)
-        words = {"requested": tr("asked the robot…"), "failed": tr("did not work")}.get(state, "")
+        words = {"requested": tr("requested…"), "failed": tr("failed")}.get(state, "")
         if status is not None and state == "failed" and status.detail:
-            words = tr("did not work: {detail}").format(detail=tr(status.detail))
+            words = tr("failed: {detail}").format(detail=tr(status.detail))
         elif status is not None and state == "succeeded" and status.detail:
             words = tr("done: {detail}").format(detail=tr(status.detail))
         compact = control.kind in _COMPACT

@@ -87,7 +87,7 @@ class SessionPanel(Panel):
         self._folder.clicked.connect(self._open_folder)
         self._export = ActionButton(self.theme, tr("Export…"), icon="export")
         self._export.setObjectName("session_export")
-        self._export.setToolTip(tr("Write the last session as tables, for ELAN, as a report, …"))
+        self._export.setToolTip(tr("Export the last session as tables, for ELAN, as a report, …"))
         self._export.clicked.connect(lambda: self.window_wanted.emit("export"))
         self._sessions = ActionButton(self.theme, tr("All sessions"), icon="archive")
         self._sessions.setObjectName("session_all")
@@ -108,7 +108,7 @@ class SessionPanel(Panel):
             self.theme, tr("Everything"), height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
         )
         self._filter.setObjectName("log_filter")
-        self._filter.setToolTip(tr("Which events to show"))
+        self._filter.setToolTip(tr("Events to show"))
         self._category = ""
         self._filter_menu = QMenu(self)
         self._filter_menu.setObjectName("log_filter_menu")
@@ -119,7 +119,7 @@ class SessionPanel(Panel):
         self._model = EventLogModel(self.state.present, self)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
-        self._log.setAccessibleName(tr("What happened"))
+        self._log.setAccessibleName(tr("Event log"))
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
         top = self._buttons = FlowRow(gap_px=8)
@@ -177,7 +177,7 @@ class SessionPanel(Panel):
             self._label_buttons.append(button)
         for button, label in zip(self._label_buttons, labels, strict=True):
             button.set_label(label)
-            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark a stretch.").format(label=label))
+            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark an interval.").format(label=label))
 
     def save_state(self) -> list[LogEntry]:
         return self._model.entries()
@@ -281,11 +281,11 @@ class SessionPanel(Panel):
         show_part(self._note, status.state == "recording" and self.table.spec("note") is not None)
         paused = status.state == "paused"
         self._pause.set_label(
-            tr("Go on") if paused else tr("Pause"),
+            tr("Resume") if paused else tr("Pause"),
             icon="record" if paused else "pause",
             look="primary" if paused else "plain",
         )
-        self._pause.setToolTip(tr("Record again") if paused else tr("Record nothing for a while"))
+        self._pause.setToolTip(tr("Resume recording") if paused else tr("Pause recording"))
         self._pause.setEnabled(status.state != "starting")
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
         role = "dim"
@@ -301,7 +301,7 @@ class SessionPanel(Panel):
                 self.set_fact(tr("recording {time}").format(time=lasted), "green")
             case "paused":
                 self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
-                nothing = tr("Nothing is recorded now. {size} so far.")
+                nothing = tr("Nothing is being recorded. {size} so far.")
                 text, role = nothing.format(size=text_formatting.size(status.written_bytes)), "amber"
                 self.set_fact(tr("paused"), "amber")
             case "stopping":
@@ -310,11 +310,11 @@ class SessionPanel(Panel):
                 self.set_fact(tr("saving"))
             case "failed":
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text, role = tr(status.detail) or tr("Nothing is recorded now."), "red"
+                text, role = tr(status.detail) or tr("Nothing is being recorded."), "red"
                 self.set_fact(tr("not recording"), "red")
             case _:
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text = tr("Keeps {what}").format(what=self._stored())
+                text = tr("Records {what}").format(what=self._stored())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
                 self.set_fact(tr("not recording"))

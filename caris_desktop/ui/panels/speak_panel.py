@@ -54,10 +54,10 @@ _ROOMY_PX, _TIGHT_PX = 60, 24
 """Space for margins, gaps and hints."""
 _IN_FIELD = (("↑", QT_TR_NOOP("earlier lines")), ("Tab", QT_TR_NOOP("complete")))
 _IN_QUEUE = (
-    ("⇧↑", QT_TR_NOOP("earlier")), ("⇧↓", QT_TR_NOOP("later")), ("Enter", QT_TR_NOOP("change")),
-    ("Delete", QT_TR_NOOP("take back")),
+    ("⇧↑", QT_TR_NOOP("earlier")), ("⇧↓", QT_TR_NOOP("later")), ("Enter", QT_TR_NOOP("edit")),
+    ("Delete", QT_TR_NOOP("remove")),
 )  # fmt: skip
-_CHANGE_NEXT, _BACK = QT_TR_NOOP("change what is next"), QT_TR_NOOP("back to driving")
+_CHANGE_NEXT, _BACK = QT_TR_NOOP("edit what is next"), QT_TR_NOOP("back to driving")
 _TICK_MS = 200
 _ENDS = (".", "!", "?", "…")
 _PAUSE_MS = 250
@@ -110,7 +110,7 @@ class SpeakPanel(Panel):
         self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
         self._voice.setObjectName("voice_button")
         self._voice.setAccessibleName(tr("Voice"))
-        self._voice.setToolTip(tr("Who speaks, with which voice, how fast and how loud"))
+        self._voice.setToolTip(tr("Who speaks, voice, speed and volume"))
         self._voice.clicked.connect(self._open_voice_menu)
         self._voice_menu = QMenu(self)
         self._voice_menu.setObjectName("voice_menu")
@@ -326,7 +326,7 @@ class SpeakPanel(Panel):
             said = text_formatting.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
             self.set_fact(self._saying(text_formatting.shortened(said, 48), speech), "blue")
         elif not speech.ready and self.state.present.live:
-            self.set_fact(tr(speech.detail) or tr("the voice is getting ready"), "amber" if speech.detail else "dim")
+            self.set_fact(tr(speech.detail) or tr("the voice is starting"), "amber" if speech.detail else "dim")
         else:
             self.set_fact(tr("quiet"))
 

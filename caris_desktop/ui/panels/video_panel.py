@@ -43,14 +43,14 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
     left = () if left_m is None else (tr("{left:.1f} m left").format(left=left_m),)
     match drive.guard:
         case "blocked":
-            return " · ".join((tr("Blocked: the guard keeps clear of an obstacle"), *left)), "blocked"
+            return " · ".join((tr("Blocked: the guard stops the robot at an obstacle"), *left)), "blocked"
         case "slowing":
-            return " · ".join((tr("The guard slows down before an obstacle"), *left)), "slowing"
+            return " · ".join((tr("The guard is slowing the robot for an obstacle"), *left)), "slowing"
         case "blind":
-            why = tr(drive.guard_detail) or tr("it sees nothing")
-            return tr("The guard lets it crawl only: {why}").format(why=why), "warning"
+            why = tr(drive.guard_detail) or tr("it cannot see obstacles")
+            return tr("The guard allows crawling only: {why}").format(why=why), "warning"
         case "overridden":
-            return tr("The guard is off: nothing stops before obstacles"), "override"
+            return tr("The guard is off: nothing stops the robot at obstacles"), "override"
         case _:
             return None
 
@@ -80,7 +80,7 @@ class VideoPanel(Panel):
         self._parts.addWidget(self.strip)
         self._photo: ActionButton | None = None
         self._offer_photos()
-        self._cameras = DropDown(self.theme, "video_camera", tr("Which camera is shown"))
+        self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"))
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
         self._shown: list[float] = []
@@ -275,7 +275,7 @@ class VideoPanel(Panel):
                 self.set_fact(tr("delayed · {age} old").format(age=text_formatting.age(age_s or 0.0)), "amber")
             case "lost":
                 silent = tr("no picture for {age}").format(age=text_formatting.age(state.frame.silent_s() or 0.0))
-                late = tr("pictures arrive {age} old").format(age=text_formatting.age(age_s or 0.0))
+                late = tr("video latency {age}").format(age=text_formatting.age(age_s or 0.0))
                 self.set_fact(late if state.frame.arrives_late else silent, "red")
             case _:
                 self.set_fact(tr("no picture yet") if state.present.live else tr("no picture"))
@@ -285,14 +285,14 @@ class VideoPanel(Panel):
             turn_deg = abs(math.degrees(twist.turn_radps))
             chips.append((f"{abs(twist.forward_mps):.2f} m/s · {turn_deg:.0f}°/s", "video_text"))
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:
-            chips.append((tr("Where the LIDAR looks is not known"), "video_text"))
+            chips.append((tr("The direction of the LIDAR is unknown"), "video_text"))
         elif state.scan.freshness == "fresh":
             head = state.head.value if state.head.freshness == "fresh" else None
             away = gaze_is_away(state.robot.value, self.view.frame, head)
             text, warns = ahead_words(ahead_of(state.scan.value), away)
             chips.append((text, "warning" if warns else "video_text"))
         elif state.scan.freshness in ("stale", "lost"):
-            late = tr("LIDAR arrives {age} old").format(age=text_formatting.age(state.scan.age_s() or 0.0))
+            late = tr("LIDAR latency {age}").format(age=text_formatting.age(state.scan.age_s() or 0.0))
             chips.append((late if state.scan.arrives_late else tr("LIDAR is silent"), "warning"))
         chips += self._hints()
         self.view.show_chips(chips)
@@ -314,13 +314,13 @@ class VideoPanel(Panel):
         if self.table.spec("drive_forward") is None:
             return hints
         if drive.emergency_stop:
-            hints.append((tr("Emergency stop is on"), "warning"))
+            hints.append((tr("Emergency stop active"), "warning"))
         elif not drive.allowed:
             off = tr("Driving is off: {reason}") if drive.reason else tr("Driving is off")
             hints.append((off.format(reason=tr(drive.reason)), "warning"))
         elif not self.hold.held and (self.hold.must_let_go or time.monotonic() < self._ended[1]):
             if self.hold.must_let_go:
-                hints.append((tr("Let go and press again to drive"), "warning"))
+                hints.append((tr("Release and press again to drive"), "warning"))
             if time.monotonic() < self._ended[1]:
                 hints.append((tr("Driving ended: {reason}").format(reason=tr(self._ended[0])), "warning"))
         elif drive.cap_reason or guard_chip(drive) is not None:
@@ -384,9 +384,9 @@ class VideoPanel(Panel):
             return
         spot = spot_at(model, at.x(), at.y())
         if self.state.frame.freshness != "fresh":
-            spot = tr("The picture is too old to aim with")
+            spot = tr("The picture is too old to choose a target")
         elif pose is None and isinstance(spot, FloorSpot):
-            spot = tr("It is not known where the robot is now")
+            spot = tr("The robot's position is unknown")
         if isinstance(spot, str) or pose is None:
             self._note = (str(spot), time.monotonic() + _NOTE_SHOWN_S)
             self._refresh()
@@ -413,7 +413,7 @@ class VideoPanel(Panel):
             taken = self._remembered
             known = taken is not None and (taken[0], taken[1]) == (event.camera, event.frame_sequence)
             in_session = self.state.recording.value.state in ("starting", "recording", "paused")
-            kept = tr("Photo kept with the session") if in_session else tr("Photo kept in the study’s folder")
+            kept = tr("Photo saved with the session") if in_session else tr("Photo saved in the study’s folder")
             self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
 
     def _on_asking(self, intent: Intent) -> None:

@@ -35,7 +35,7 @@ def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) ->
     ``recognise``: the scenario's setting; ``recognises``: available networks (clothing, face).
     """
     if recognise == "nobody":
-        return tr("Nobody is recognised in this scenario: who somebody is you say yourself.")
+        return tr("People are not recognised in this scenario: identify them yourself.")
     faces = recognise == "faces" and "face" in recognises
     by_face = faces and "face" in person.consents
     if is_identified(person) and person.confidence:
@@ -43,22 +43,21 @@ def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) ->
         how = tr("Recognised by face or clothing ({sure}).") if by_face else clothing
         return how.format(sure=text_formatting.percent(person.confidence))
     if is_identified(person):
-        return tr("You said who this is.")
+        return tr("Identified by you.")
     if by_face:
-        return tr("Is recognised by face, on other days too.")
+        return tr("Can be recognised by face, also on other days.")
     if "clothing" not in recognises and not faces:
-        return tr(
-            "Nobody is recognised: there is no network for it on this computer. Who somebody is you say yourself."
-        )
+        return tr("People are not recognised: this computer has no recognition model. Identify them yourself.")
     if recognise == "faces" and not faces:
         return tr(
-            "Is recognised by clothing, today only: the study has no network for faces, so on another day nobody is."
+            "Can be recognised by clothing, today only. The study has no face recognition model, so nobody "
+            "is recognised on other days."
         )
     if faces:
         return tr(
-            "Is recognised by clothing, today only: on other days by face, where consent for that is noted below."
+            "Can be recognised by clothing, today only. Recognition by face on other days requires consent below."
         )
-    return tr("Is recognised by clothing, today only. On another day nobody is recognised.")
+    return tr("Can be recognised by clothing, today only. Nobody is recognised on other days.")
 
 
 def tags_of(text: str) -> tuple[str, ...]:
@@ -87,11 +86,11 @@ class AboutPage(QWidget):
         self._suggested = [self._suggestion_row(number) for number in range(MOST_SUGGESTED)]
         self._name = self._field("person_card_name_field", tr("Name"), tr("Name"), self._store_name)
         self._group = self._field("person_group", tr("Group"), tr("Group"), self._store_group)
-        self._tags = self._field("person_tags", tr("Tags"), tr("Tags, with commas between"), self._store_tags)
+        self._tags = self._field("person_tags", tr("Tags"), tr("Tags, separated by commas"), self._store_tags)
         self._note = NoteField()
         self._note.setObjectName("person_note")
         self._note.setAccessibleName(tr("Note"))
-        self._note.setPlaceholderText(tr("What to remember about this person"))
+        self._note.setPlaceholderText(tr("Notes about this person"))
         self._note.left.connect(self._store_note)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
@@ -111,7 +110,7 @@ class AboutPage(QWidget):
         self._no_history.setObjectName("person_no_history")
         self._merge = self._button("person_merge", tr("Merge…"), "git-merge", self.merge_wanted.emit)
         self._split = self._button("person_split", tr("Split"), "users", self._on_split)
-        self._forget = self._button("person_forget", tr("Forget…"), "trash", self.forget_wanted.emit)
+        self._forget = self._button("person_forget", tr("Erase…"), "trash", self.forget_wanted.emit)
         self._arrange()
         theme.restyle_on_change(self._style)
 
@@ -229,8 +228,8 @@ class AboutPage(QWidget):
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)
-        self._merge.setToolTip(tr("{name} is the same person as somebody else in the list").format(name=name))
-        self._split.setToolTip(tr("Who is here now is somebody else than {name} was before").format(name=name))
+        self._merge.setToolTip(tr("{name} is the same person as another one in the list").format(name=name))
+        self._split.setToolTip(tr("The person here now is not the {name} seen before").format(name=name))
 
     def _complete(self, groups: Sequence[str]) -> None:
         """Inline completion of known groups, without a list over the window."""
@@ -248,7 +247,7 @@ class AboutPage(QWidget):
         if self._person is not None and person_id != self._person.person_id:
             return
         self.history.entries.show_entries(entries)
-        self._no_history.setText(tr("Nothing of that was found.") if text else tr("Nothing is known from before."))
+        self._no_history.setText(tr("No matches in the history.") if text else tr("No earlier entries."))
         show_part(self._no_history, not entries)
         self.history.setFixedHeight(min(len(entries), _HISTORY_ROWS) * ROW_PX + 4)
         show_part(self.history, bool(entries))

@@ -24,14 +24,14 @@ class ForgetPage(QWidget):
         self._title.setObjectName("forget_title")
         self._what = QLabel()
         self._what.setObjectName("forget_what")
-        self._not_now = QLabel(tr("A session is being recorded: end it first."))
+        self._not_now = QLabel(tr("A session is being recorded. Stop the recording first."))
         self._not_now.setObjectName("forget_not_now")
         for label in (self._title, self._what, self._not_now):
             label.setWordWrap(True)
-        self._do = ActionButton(theme, tr("Forget for good"), icon="trash", look="outline_danger")
+        self._do = ActionButton(theme, tr("Erase permanently"), icon="trash", look="outline_danger")
         self._do.setObjectName("forget_do")
         self._do.clicked.connect(lambda: self.forgotten.emit(self._person_id))
-        keep = ActionButton(theme, tr("Keep"))
+        keep = ActionButton(theme, tr("Cancel"))
         keep.setObjectName("forget_keep")
         keep.clicked.connect(self.back)
         row = layouts.hbox(spacing_px=tokens.GRID_PX)
@@ -52,14 +52,14 @@ class ForgetPage(QWidget):
         """
         name = text_formatting.person_name(person)
         self._person_id = person.person_id
-        self._title.setText(tr("Forget {name}?").format(name=name))
+        self._title.setText(tr("Erase {name}?").format(name=name))
         self._what.setText(
             tr(
-                "Name, group, tags, note, portrait, history and how {name} looks are deleted from this study. In films "
-                "and photos {name} is covered; sound is silent where they speak or are named. Exports that show them "
-                "are removed.\n\n"
-                "Texts that may name them are listed for you to decide on.\n\n"
-                "That takes a while; you can go on meanwhile. It cannot be undone."
+                "The name, group, tags, note, portrait, history and appearance of {name} are deleted from "
+                "this study. In videos and photos {name} is pixelated; sound is muted where they speak or "
+                "are named. Exports that show them are deleted.\n\nTexts that may name them are listed for "
+                "you to decide on.\n\nThis takes a while; you can continue working in the meantime. It "
+                "cannot be undone."
             ).format(name=name)
         )
         self._not_now.setVisible(recording)

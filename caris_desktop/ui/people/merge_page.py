@@ -42,7 +42,7 @@ class MergePage(QWidget):
         self._field = SubmitLineEdit()
         self._field.setObjectName("merge_field")
         self._field.setPlaceholderText(tr("Name, group or tag"))
-        self._field.setAccessibleName(tr("Find who it is"))
+        self._field.setAccessibleName(tr("Find the person"))
         self._field.textChanged.connect(self._offer)
         self._field.returnPressed.connect(self._choose_first)
         self._offered = [ActionButton(theme, "", may_shrink=True, height_px=32) for _ in range(_OFFERED)]
@@ -101,7 +101,7 @@ class MergePage(QWidget):
         name = text_formatting.person_name(person)
         comparing = other is not None
         who = tr("Who is the same person as {name}?").format(name=name)
-        self._title.setText(tr("Are these one person?") if comparing else who)
+        self._title.setText(tr("Are these the same person?") if comparing else who)
         self._field.setVisible(not comparing)
         self._both.setVisible(comparing)
         self._told.setVisible(comparing)
@@ -130,7 +130,7 @@ class MergePage(QWidget):
             name.setText(text_formatting.person_name(each))
         goes, stays = who_stays(person, other)
         self._told.setText(
-            tr("Visits, photos and notes of {goes} become those of {stays}. You can undo it.").format(
+            tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.").format(
                 goes=text_formatting.person_name(goes), stays=text_formatting.person_name(stays)
             )
         )

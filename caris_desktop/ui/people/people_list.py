@@ -41,7 +41,7 @@ _ICON_PX = 17
 _TEXT_AT_LEAST_PX = 96
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _NAME_HINT = QT_TR_NOOP("Name, then Enter")
-_NOBODY_HINT = QT_TR_NOOP("Nobody is named: this person is gone")
+_NOBODY_HINT = QT_TR_NOOP("Cannot be named: this person has left")
 
 
 class PeopleList(FastTableView):
@@ -175,11 +175,11 @@ class PeopleList(FastTableView):
             rect = self.row_rect(row)
             if not rect.intersects(self.viewport().rect()):
                 continue
-            meant = tr("You mean this person") if person.person_id == self._meant else ""
+            meant = tr("Selected") if person.person_id == self._meant else ""
             name = text_formatting.person_name(person)
             if self._may_decide:
                 spots.append(
-                    AccessibleRegion(("pick", person.person_id), tr("I mean {name}").format(name=name), rect, meant)
+                    AccessibleRegion(("pick", person.person_id), tr("Select {name}").format(name=name), rect, meant)
                 )
             for button, place in self.buttons(row):
                 spots.append(AccessibleRegion((button.act, person.person_id), button.tip, place, button.key))
@@ -229,7 +229,7 @@ class PeopleList(FastTableView):
         button = self._button_at(event.pos())
         text = str(self._people.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
         if self._may_decide:
-            text = tr("{person}. A click says that you mean this person.").format(person=text)
+            text = tr("{person}. Click to select this person.").format(person=text)
         QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
 
     def hideEvent(self, event: QHideEvent) -> None:

@@ -181,23 +181,23 @@ def buttons_of(
     ``unconfirmed``: the identity must be confirmed first.
     """
     name = text_formatting.person_name(person)
-    card = RowButton("card", "", "identification-card", tr("All about {name}").format(name=name))
+    card = RowButton("card", "", "identification-card", tr("Details of {name}").format(name=name))
     if person.suggestion is not None:
         other = text_formatting.name_in_words(person.suggestion.name)
         return (
             RowButton("yes", tr("Yes"), "", tr("Yes, this is {name}").format(name=other), yes_key),
-            RowButton("no", tr("No"), "", tr("This is not {name}. It is remembered.").format(name=other), no_key),
+            RowButton("no", tr("No"), "", tr("This is not {name}. The answer is saved.").format(name=other), no_key),
             card,
         )
     rename = RowButton("name", "", "pencil-simple", tr("Rename {name}").format(name=name))
     if unconfirmed:
-        same = RowButton("same", tr("Confirm"), "check", tr("Yes, this is {name}, as before (Enter)").format(name=name))
+        same = RowButton("same", tr("Confirm"), "check", tr("Yes, this is still {name} (Enter)").format(name=name))
         return same, rename, card
     if not can_be_named:
         return ()
     if not text_formatting.has_given_name(person):
         return RowButton("name", tr("Name"), "pencil-simple", tr("Give {name} a name").format(name=name)), card
     if is_identified(person) and presence_of(person) == "here":
-        this_is_not = tr("This is not {name}. It is remembered.").format(name=name)
+        this_is_not = tr("This is not {name}. The answer is saved.").format(name=name)
         return RowButton("not", "", "user-minus", this_is_not), rename, card
     return rename, card

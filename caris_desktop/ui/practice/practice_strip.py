@@ -94,12 +94,12 @@ class PracticeStrip(Bar, QWidget):
         self._dots = StepDots(theme)
         self._skip = ActionButton(theme, tr("Skip"), icon="skip-forward", look="ghost", height_px=_BUTTON_PX)
         self._skip.setObjectName("practice_skip")
-        self._skip.setToolTip(tr("Go on with the next step. A skipped step has no points."))
+        self._skip.setToolTip(tr("Continue with the next step. A skipped step earns no points."))
         self._skip.clicked.connect(lambda: console.do(intents.SkipPracticeStep()))
         self._again = ActionButton(theme, tr("Practise again"), look="plain", height_px=_BUTTON_PX)
         self._again.setObjectName("practice_again")
         self._again.clicked.connect(self.begin)
-        self._end = ActionButton(theme, tr("End the practice"), look="plain", height_px=_BUTTON_PX)
+        self._end = ActionButton(theme, tr("End practice"), look="plain", height_px=_BUTTON_PX)
         self._end.setObjectName("practice_end")
         self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
         words = layouts.vbox(spacing_px=1)
@@ -141,15 +141,15 @@ class PracticeStrip(Bar, QWidget):
             self._say(*self._result(status))
         elif status.state:
             self._say(
-                tr("The practice begins as soon as the simulated robot is ready."),
-                tr("What you do is recorded as practice, and is no data."),
+                tr("Practice starts as soon as the simulated robot is ready."),
+                tr("This is recorded as practice and excluded from the data."),
             )
         self._kept = self._kept and ended
         self.setVisible(bool(status.state) and self.parentWidget() is not None)
 
     def _end_words(self, status: PracticeStatus) -> str:
         if status.state != "ended":
-            return tr("End the practice")
+            return tr("End practice")
         if not status.back_to:
             return tr("Close")
         return tr("Back to {scenario}").format(scenario=shortened(status.back_to, 30))
@@ -164,11 +164,11 @@ class PracticeStrip(Bar, QWidget):
         runs = practised(self._wizards)
         best = max((run.score for run in runs[:-1]), default=None)
         if best is None:
-            how = tr("Ten points for a step in its usual time, fewer for a slow one.")
+            how = tr("A step done in its usual time earns ten points, a slower one fewer.")
         else:
-            how = tr("Your best before was {best} points, in %n runs.", "", len(runs) - 1).format(best=best)
+            how = tr("Your previous best was {best} points, in %n runs.", "", len(runs) - 1).format(best=best)
         missing = [tr(STEPS[n].title) for n, step in enumerate(status.steps) if step.state != "done"]
-        left = tr("Not done: {steps}.").format(steps=", ".join(missing)) if missing else tr("Every step was done.")
+        left = tr("Not done: {steps}.").format(steps=", ".join(missing)) if missing else tr("All steps were done.")
         return title, tr("{what_was_left} {comparison}").format(what_was_left=left, comparison=how)
 
     def _persist(self, status: PracticeStatus) -> None:

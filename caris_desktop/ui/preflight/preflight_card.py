@@ -59,7 +59,7 @@ class PreflightCard(Overlay):
         if live:
             text = tr("{summary}. Everything is checked again when the connection to the robot is lost.")
         else:
-            text = tr("{summary} when this recording began.")
+            text = tr("{summary} when this recording started.")
         self._summary.setText(text.format(summary=summary(checks, past=not live)))
 
     def _style(self) -> None:
@@ -70,7 +70,7 @@ class PreflightButton(StatusButton):
     """Number of open checks; hidden while recording."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
-        tip = tr("What the console and you check before a recording. Click for the list.")
+        tip = tr("Checks by the console and by you before a recording. Click for the list.")
         super().__init__(theme, "preflight_button", tip)
         self._console = console
         console.state.preflight.changed.connect(self._show)
@@ -82,5 +82,5 @@ class PreflightButton(StatusButton):
         state, text = worst(checks), summary(checks, past=not live) if checks else ""
         if self._console.state.recording.value.state in IN_SESSION and live:
             text = ""
-        spoken = tr("{summary}. At worst: {state}").format(summary=text, state=tr(STATES[state]))
+        spoken = tr("{summary}. Worst state: {state}").format(summary=text, state=tr(STATES[state]))
         self.show_words(text, ICONS[state], ROLES[state], spoken=spoken)

@@ -26,7 +26,7 @@ class PreflightList(QScrollArea):
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__()
         self.setObjectName("preflight_list")
-        self.setAccessibleName(tr("Checks before a recording"))
+        self.setAccessibleName(tr("Preflight checks"))
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -35,7 +35,7 @@ class PreflightList(QScrollArea):
         self._console = console
         self._inner = QWidget()
         self._column = layouts.vbox(self._inner, margins_px=(0, 0, tokens.GRID_PX, 0), spacing_px=0)
-        self._by_hand = self._heading(tr("For you to look at"))
+        self._by_hand = self._heading(tr("For you to check"))
         self._by_itself = self._heading(tr("Checked by the console"))
         self._column.addStretch(1)
         self.setWidget(self._inner)
@@ -128,9 +128,9 @@ class PreflightRow(QWidget):
         row.addLayout(words, 1)
         self.try_button: ActionButton | None = None
         if check.id == "microphone" and console.scenario.permissions.audio_recording:
-            self.try_button = ActionButton(theme, tr("Try it"), icon="microphone", height_px=30)
+            self.try_button = ActionButton(theme, tr("Test"), icon="microphone", height_px=30)
             self.try_button.setObjectName("preflight_try_microphone")
-            self.try_button.setAccessibleName(tr("Try the microphone"))
+            self.try_button.setAccessibleName(tr("Test the microphone"))
             self.try_button.clicked.connect(self._on_try)
             row.addWidget(self.try_button, 0, Qt.AlignmentFlag.AlignTop)
         self._state = self._label()

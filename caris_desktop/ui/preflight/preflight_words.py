@@ -17,16 +17,16 @@ STATES: dict[PreflightState, str] = {
     "passed": QT_TR_NOOP("Passed"),
 }
 _BEGAN_WITH: dict[PreflightState, str] = {
-    "not checked": QT_TR_NOOP("Began with: {check} (not checked)"),
-    "pending": QT_TR_NOOP("Began with: {check} (pending)"),
-    "minor": QT_TR_NOOP("Began with: {check} (minor)"),
-    "major": QT_TR_NOOP("Began with: {check} (major)"),
+    "not checked": QT_TR_NOOP("Started with: {check} (not checked)"),
+    "pending": QT_TR_NOOP("Started with: {check} (pending)"),
+    "minor": QT_TR_NOOP("Started with: {check} (minor)"),
+    "major": QT_TR_NOOP("Started with: {check} (major)"),
 }
 _BEGAN_IN_SPITE_OF: dict[PreflightState, str] = {
-    "not checked": QT_TR_NOOP("Began in spite of: {check} (not checked)"),
-    "pending": QT_TR_NOOP("Began in spite of: {check} (pending)"),
-    "minor": QT_TR_NOOP("Began in spite of: {check} (minor)"),
-    "major": QT_TR_NOOP("Began in spite of: {check} (major)"),
+    "not checked": QT_TR_NOOP("Started despite: {check} (not checked)"),
+    "pending": QT_TR_NOOP("Started despite: {check} (pending)"),
+    "minor": QT_TR_NOOP("Started despite: {check} (minor)"),
+    "major": QT_TR_NOOP("Started despite: {check} (major)"),
 }
 ROLES: dict[PreflightState, str] = {
     "not checked": "dim", "pending": "dim", "minor": "amber", "major": "red", "passed": "green",
@@ -60,7 +60,7 @@ def open_words(checks: Sequence[PreflightCheck]) -> str:
     named = ", ".join(f"“{title}”" for title in titles[:3])
     if len(titles) > 3:
         named = tr("{some} and %n more", "", len(titles) - 3).format(some=named)
-    return tr("Not ready: {checks}. Start nevertheless? The record will say so.").format(checks=named)
+    return tr("Not ready: {checks}. Start anyway? The recording will note this.").format(checks=named)
 
 
 def state_words(check: PreflightCheck, anchor: ClockAnchor) -> str:
@@ -81,7 +81,7 @@ def _as_sentence(detail: str) -> str:
 def log_line(event: PreflightChecked) -> tuple[str, str] | None:
     """Log line of a check; None if it had passed when a recording began."""
     if not event.at_start:
-        text = tr("Checked: {check}") if event.state == "passed" else tr("Not checked any more: {check}")
+        text = tr("Checked: {check}") if event.state == "passed" else tr("No longer checked: {check}")
     elif event.state == "passed":
         return None
     else:

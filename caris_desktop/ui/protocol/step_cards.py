@@ -147,7 +147,7 @@ class BranchesCard(_CardBelow):
     def __init__(self, theme: Theme, window: QWidget) -> None:
         super().__init__(theme, window)
         self.setObjectName("branches_card")
-        self.setAccessibleName(tr("What the participant does"))
+        self.setAccessibleName(tr("Actions of the participant"))
         self._rows: list[ActionButton] = []
         self._column = layouts.vbox(self, margins_px=8, spacing_px=4)
 

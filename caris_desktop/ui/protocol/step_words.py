@@ -26,11 +26,11 @@ def time_words(status: ProtocolStatus, now_ns: int) -> str:
 def record_words(record: "StepRecord") -> str:
     """Recorded, planned and late time of a step in a session."""
     if not record.visits:
-        return tr("not begun")
+        return tr("not started")
     words = _planned_and_actual(record.time_s, record.expected_s, record.late_s)
     if record.skipped:
         words = tr("{time} · skipped").format(time=words)
-    return words if record.visits == 1 else tr("{time} · begun %n times", "", record.visits).format(time=words)
+    return words if record.visits == 1 else tr("{time} · started %n times", "", record.visits).format(time=words)
 
 
 def _planned_and_actual(actual_s: float, expected_s: float, late_s: float) -> str:

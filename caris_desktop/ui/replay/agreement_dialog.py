@@ -54,7 +54,7 @@ def strength(kappa: float) -> str:
 
 def kappa_words(result: Agreement) -> str:
     if result.kappa is None:
-        return tr("not defined") if result.observed is None else tr("not defined: one label throughout")
+        return tr("not defined") if result.observed is None else tr("not defined: only one label used")
     return f"{result.kappa:.2f}, {strength(result.kappa)}"
 
 
@@ -73,7 +73,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("agreement_dialog")
-        self.setWindowTitle(tr("Agreement of two coders"))
+        self.setWindowTitle(tr("Agreement between two coders"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._theme = theme
         self._document = document
@@ -103,7 +103,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         self._lines.setObjectName("agreement_lines")
         self._lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._table_words = QLabel(
-            tr("Where they differ, in tenths of a second: rows the first coder, columns the second")
+            tr("Confusion matrix in tenths of a second: first coder in rows, second coder in columns")
         )
         self._table_words.setFont(theme.font(tokens.STATUS_PX))
         self._table_words.setWordWrap(True)
@@ -122,13 +122,13 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
             (
                 (tr("First"), self._first),
                 (tr("Second"), self._second),
-                (tr("Boundaries may differ by"), self._tolerance),
+                (tr("Timing tolerance"), self._tolerance),
             )
         ):
             choices.addWidget(QLabel(words), row, 0)
             choices.addWidget(choice, row, 1)
         choices.setColumnStretch(1, 1)
-        copy = ActionButton(theme, tr("Copy the report"), icon="copy", height_px=40)
+        copy = ActionButton(theme, tr("Copy report"), icon="copy", height_px=40)
         copy.setObjectName("agreement_copy")
         copy.clicked.connect(self._on_copy)
         close = ActionButton(theme, tr("Close"), look="ghost", height_px=40)
@@ -185,16 +185,13 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         lines = []
         if result.per_unit.observed is not None:
             share = 100 * result.per_unit.observed
-            same = tr("The same label {share} % of the time, in steps of {step} ms.")
+            same = tr("Same label for {share} % of the time, in steps of {step} ms.")
             lines.append(same.format(share=f"{share:.0f}", step=UNIT_MS))
-        lines.append(tr("By annotations: κ {kappa}.").format(kappa=kappa_words(result.per_annotation)))
+        lines.append(tr("Per annotation: κ {kappa}.").format(kappa=kappa_words(result.per_annotation)))
         if result.offsets is not None:
             offsets = result.offsets
             lines.append(
-                tr(
-                    "{count} annotations lie at the same place. {coder} starts them {start} and ends them {end}, on"
-                    " average."
-                ).format(
+                tr("{count} annotations match. On average, {coder} starts them {start} and ends them {end}.").format(
                     count=offsets.matched,
                     coder=result.coders[1],
                     start=_shift(offsets.start_mean_ms),

@@ -62,7 +62,7 @@ class CodingStrip(QWidget):
         self._more = ActionButton(theme, "", icon="caret-double-right", look="amber", height_px=30)
         self._more.setObjectName("coding_more")
         self._more.setAccessibleName(tr("More labels"))
-        self._more.setToolTip(tr("More labels: their keys work as well"))
+        self._more.setToolTip(tr("More labels: their keys also work"))
         self._more.clicked.connect(self._open_more)
         self._more.hide()
         self._acts: list[ActionButton] = []
@@ -95,7 +95,7 @@ class CodingStrip(QWidget):
         if not tiers:
             words = tr("Nothing is coded in this session yet.")
         elif row is None or not own:
-            words = tr("Every coder’s tier is hidden.")
+            words = tr("All coders’ tiers are hidden.")
         elif stretch is not None:
             words = tr("{tier}: since {time}").format(tier=row.name, time=exact_text(stretch.start_ms)[:-2])
         elif entries:
@@ -111,7 +111,7 @@ class CodingStrip(QWidget):
                 open_now = stretch is not None and stretch.value == entry.value
                 button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
                 button.setChecked(open_now)
-                button.setToolTip(entry.description or tr("Starts at the playhead; the second press ends it"))
+                button.setToolTip(entry.description or tr("Press once to start at the playhead, again to end"))
         self._present = min(len(entries), len(self._labels))
         for button in self._acts:
             show_part(button, own)

@@ -35,12 +35,12 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         self._take_over = restore_state
         self._asked = 0
         self.finished.connect(self._forget)
-        heading = QLabel(tr("Which file, and whose annotations are they?"))
+        heading = QLabel(tr("Choose the file and its coder"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = QLabel(
             tr(
-                "ELAN files (.eaf) and CSV tables with tier, start, end and label. They come as tiers of their own;"
-                " nothing that is there already changes."
+                "ELAN files (.eaf) and CSV tables with tier, start, end and label. They are imported as "
+                "separate tiers; existing annotations do not change."
             )
         )
         hint.setWordWrap(True)
@@ -63,7 +63,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         self._coder.setCurrentText("")
         line = self._coder.lineEdit()
         if line is not None:
-            line.setPlaceholderText(tr("name or initials; empty: as the file says"))
+            line.setPlaceholderText(tr("name or initials; empty: taken from the file"))
             line.setMaxLength(LONGEST_NAME)
         form = QFormLayout()
         form.setHorizontalSpacing(16)
@@ -112,7 +112,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
             return
         self._asked += 1
         asked = self._asked
-        self._say(tr("The file is being read."))
+        self._say(tr("Reading the file."))
 
         def on_imported(refusal: str) -> None:
             if asked != self._asked:

@@ -54,7 +54,7 @@ class LabelCard(FloatingCard):
         self.list.setVisible(self._entries is not None)
         if self._entries is None:
             self.field.setText(value)
-            self.field.setPlaceholderText(tr("What happens here"))
+            self.field.setPlaceholderText(tr("Describe what happens"))
             self.field.selectAll()
         else:
             self.field.clear()

@@ -61,21 +61,19 @@ class ReplayBar(QWidget):
         self._play.setObjectName("replay_play")
         self._play.bind(actions, "replay_play")
         self._play_shown: tuple[str, bool] | None = None
-        self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", tr("To the previous mark"))
-        self._next_mark = self._button(actions, "next_mark", "", "skip-forward", tr("To the next mark"))
+        self._previous_mark = self._button(actions, "previous_mark", "", "skip-back", tr("Previous mark"))
+        self._next_mark = self._button(actions, "next_mark", "", "skip-forward", tr("Next mark"))
         self._previous_utterance = self._button(
-            actions, "previous_utterance", "", "caret-double-left", tr("To the previous utterance")
+            actions, "previous_utterance", "", "caret-double-left", tr("Previous utterance")
         )
-        self._next_utterance = self._button(
-            actions, "next_utterance", "", "caret-double-right", tr("To the next utterance")
-        )
-        self._frame_back = self._button(actions, "frame_back", "", "caret-left", tr("One frame back"))
-        self._frame_on = self._button(actions, "frame_on", "", "caret-right", tr("One frame on"))
+        self._next_utterance = self._button(actions, "next_utterance", "", "caret-double-right", tr("Next utterance"))
+        self._frame_back = self._button(actions, "frame_back", "", "caret-left", tr("Previous frame"))
+        self._frame_on = self._button(actions, "frame_on", "", "caret-right", tr("Next frame"))
         for button in (self._previous_utterance, self._next_utterance):
             button.hide()  # until the width is known
         self._times = ReplayTimes(theme)
-        self._rate = DropDown(theme, "replay_rate", tr("Speed of the replay"))
-        self._rate.setToolTip(tr("How fast it plays. Slower with <, faster with >"))
+        self._rate = DropDown(theme, "replay_rate", tr("Replay speed"))
+        self._rate.setToolTip(tr("Replay speed. Slower with <, faster with >"))
         self._rate.setMinimumContentsLength(5)
         for rate in RATES:
             self._rate.addItem(rate_text(rate), rate)
@@ -226,9 +224,9 @@ class ReplayBar(QWidget):
     def _on_overview_changed(self, overview: SessionOverview | None) -> None:
         self.scrubber.show_overview(overview, self._words_of)
         kinds = set() if overview is None else {moment.kind for moment in overview.moments}
-        wait = tr("Marks are being looked for") if overview is None else tr("No mark was set in this session")
-        self._previous_mark.setToolTip(tr("To the previous mark") if "mark" in kinds else wait)
-        self._next_mark.setToolTip(tr("To the next mark") if "mark" in kinds else wait)
+        wait = tr("Searching for marks") if overview is None else tr("No marks in this session")
+        self._previous_mark.setToolTip(tr("Previous mark") if "mark" in kinds else wait)
+        self._next_mark.setToolTip(tr("Next mark") if "mark" in kinds else wait)
 
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
         self.scrubber.show_session(playback.start_ns, playback.end_ns)

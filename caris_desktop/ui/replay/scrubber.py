@@ -48,7 +48,7 @@ class Scrubber(QWidget):
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
         self.setObjectName("replay_scrubber")
-        self.setAccessibleName(tr("Moment of the session"))
+        self.setAccessibleName(tr("Position in the session"))
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setMouseTracking(True)
         self.setFixedHeight(HEIGHT_PX)
@@ -219,9 +219,7 @@ class Scrubber(QWidget):
         nearest = min(near, key=lambda moment: (moment.kind != "mark", abs(self.x_of(moment.at_ns) - at_px)))
         if nearest.kind == "utterance":
             return self._named(tr_filled(nearest.text))
-        return (
-            tr("Mark: {label}").format(label=tr_filled(nearest.text)) if nearest.text else tr("Mark: without a label")
-        )
+        return tr("Mark: {label}").format(label=tr_filled(nearest.text)) if nearest.text else tr("Mark: no label")
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if self._bubble is not None and self._bubble.isVisible():

@@ -141,8 +141,10 @@ class TierDialog(VisualTabOrderMixin, QDialog):
         self._labels.currentIndexChanged.connect(self._on_labels_chosen)
         self._list = QPlainTextEdit(tabChangesFocus=True)
         self._list.setObjectName("tier_labels")
-        self._list.setAccessibleName(tr("Labels, one a line"))
-        self._list.setPlaceholderText(tr("One label a line, with its meaning after a colon:\ncurious: leans in, asks"))
+        self._list.setAccessibleName(tr("Labels, one per line"))
+        self._list.setPlaceholderText(
+            tr("One label per line, with its meaning after a colon:\ncurious: leans in, asks")
+        )
         self._list.setMinimumHeight(120)
         self._refusal = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._refusal.setObjectName("tier_refusal")

@@ -126,13 +126,15 @@ class TimelineCommands(QObject):
 
     def code(self, number: int) -> None:
         """Label key: rename the selected annotation, else begin or end the label at the playhead."""
-        tier = self._own_tier(tr("Add a tier to code on first."))
+        tier = self._own_tier(tr("Add a tier for coding first."))
         if tier is None:
             return
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
         if vocabulary is None:
             self.say(
-                tr("{tier} holds free text. Choose labels for it to code by keys.").format(tier=tr_filled(tier.title))
+                tr("{tier} holds free text. Choose labels for the tier to code with keys.").format(
+                    tier=tr_filled(tier.title)
+                )
             )
             return
         if number > len(vocabulary.entries):
@@ -169,7 +171,7 @@ class TimelineCommands(QObject):
         if following is not None:
             end_ms = min(end_ms, following.start_ms)
         if end_ms <= stretch.start_ms:
-            self.say(tr("“{label}” was begun later than here. It was dropped.").format(label=stretch.value))
+            self.say(tr("“{label}” starts after this position and was discarded.").format(label=stretch.value))
             return False
         return self.edit(
             lambda document: annotation_editing.add_annotation(
@@ -184,7 +186,7 @@ class TimelineCommands(QObject):
 
     def add_at_playhead(self) -> None:
         """Add an annotation of a second, or of the free time if shorter."""
-        tier = self._own_tier(tr("Add a tier to code on first."))
+        tier = self._own_tier(tr("Add a tier for coding first."))
         if tier is None:
             return
         start_ms = self.position_ms
@@ -287,7 +289,7 @@ class TimelineCommands(QObject):
                 return None
             item = annotation_editing.annotation_at(self.document, tier.tier_id, self.position_ms)
             if item is None:
-                self.say(tr("Nothing is here. Select an annotation first."))
+                self.say(tr("No annotation here. Select an annotation first."))
                 return None
         return item if self._is_own(item) else None
 
@@ -295,7 +297,7 @@ class TimelineCommands(QObject):
         """Whether a coder made the annotation; shows a refusal for a recorded one."""
         own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
         if not own:
-            self.say(tr("This comes from the record and stays as it is. Code it on a tier of your own."), item)
+            self.say(tr("This comes from the recording and cannot be changed. Code it on your own tier."), item)
         return own
 
     def _on_create_wanted(self, tier_id: str, start_ms: int, end_ms: int) -> None:
@@ -359,7 +361,7 @@ class TimelineCommands(QObject):
         self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
 
     def _say_taken(self, taken: Annotation) -> None:
-        words = tr("“{label}” lies here already, until {time}.")
+        words = tr("“{label}” is already here, until {time}.")
         self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
 
     def _own_track(self, tier_id: str) -> Track:

@@ -123,7 +123,7 @@ class TimelineGeometry:
         if hit.part == "names":
             row = self._shown.rows[hit.row]
             if not row.own:
-                return tr("{row}, from the record").format(row=row.name)
+                return tr("{row}, from the recording").format(row=row.name)
             vocabulary = vocabulary_title(row.tier.vocabulary) if row.tier is not None else ""
             words = tr("{tier} of {coder} · free text")
             if vocabulary:

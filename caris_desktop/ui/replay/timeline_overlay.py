@@ -110,7 +110,7 @@ class TimelineOverlay:
         self._paint_ghost(painter, rect, color, value)
         text = f"{exact_text(drag.start_ms)} – {exact_text(drag.end_ms)} · {length_text(drag.end_ms - drag.start_ms)}"
         if self.refused:
-            text = tr("{stretch} · taken there").format(stretch=text)
+            text = tr("{stretch} · already occupied").format(stretch=text)
         self._paint_note(painter, rect, text)
 
     def _paint_ghost(self, painter: QPainter, rect: QRectF, color: QColor, value: str) -> None:

@@ -51,7 +51,7 @@ class TimelineRows(QObject):
         self._hidden: set[str] = set()
         self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
         self.filter.setObjectName("tier_filter")
-        self.filter.setAccessibleName(tr("Show only tiers with these words"))
+        self.filter.setAccessibleName(tr("Show only tiers that contain these words"))
         add_clear_button(self.filter)
         self.filter.setFixedWidth(136)
         self.filter.setFixedHeight(30)
@@ -66,7 +66,7 @@ class TimelineRows(QObject):
 
     def words(self) -> str:
         """Text shown while no row is visible."""
-        return tr("No row has these words.") if self.filter.text().strip() else tr("All rows are hidden.")
+        return tr("No row contains these words.") if self.filter.text().strip() else tr("All rows are hidden.")
 
     def _runner(self, action_id: str) -> Callable[[], object]:
         return lambda: self._actions.run(action_id)
@@ -224,7 +224,7 @@ class TimelineRows(QObject):
 def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
     """Summary of an import."""
     if before == after:
-        return tr("Everything in that file is here already.")
+        return tr("Everything in that file is already here.")
     tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
     annotations = len(set(after.annotations) - set(before.annotations))
     of_tiers = tr("1 tier") if tiers == 1 else tr("%n tiers", "", tiers)
@@ -233,4 +233,4 @@ def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str
         return tr("Imported: {tiers} and {annotations}.").format(tiers=of_tiers, annotations=of_annotations)
     if tiers or annotations:
         return tr("Imported: {what}.").format(what=of_tiers if tiers else of_annotations)
-    return tr("Imported. Nothing is new; some was changed or removed.")
+    return tr("Imported. Nothing was added; some annotations were changed or removed.")

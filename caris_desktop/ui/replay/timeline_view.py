@@ -128,14 +128,20 @@ class TimelineView(QWidget):
         row.addWidget(self.rows.filter)
         self._in_header: list[QWidget] = [self.rows.filter]
         for name, icon, text, tip, act in (
-            ("rows_menu_button", "eye", tr("Rows"), tr("Which rows are shown"), self._open_rows_menu),
-            ("add_tier", "plus", tr("Tier"), tr("Add a tier, also for another coder"), self.rows.open_tier_dialog),
-            ("agreement", "scales", tr("Agreement"), tr("How far two coders agree"), self.rows.open_agreement),
+            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), self._open_rows_menu),
+            (
+                "add_tier",
+                "plus",
+                tr("Tier"),
+                tr("Add a tier for yourself or another coder"),
+                self.rows.open_tier_dialog,
+            ),
+            ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), self.rows.open_agreement),
             (
                 "import_annotations",
                 "download-simple",
                 tr("Import"),
-                tr("From ELAN or a CSV table"),
+                tr("Import from ELAN or a CSV table"),
                 self.rows.open_import,
             ),
         ):
@@ -177,7 +183,7 @@ class TimelineView(QWidget):
             self._drawer.setAccessibleName(tr("Back to the picture and the panels"))
         else:
             self._drawer.set_label(tr("Open"), icon="caret-double-up", look="amber")
-            self._drawer.setToolTip(tr("Open the timeline over the panels: there is no room for both"))
+            self._drawer.setToolTip(tr("Open the timeline over the panels: not enough room for both"))
             self._drawer.setAccessibleName(tr("Open the timeline"))
         if shut:
             self.setFixedHeight(TITLE_HEIGHT_PX)
@@ -255,11 +261,7 @@ class TimelineView(QWidget):
     def _show_rows(self) -> None:
         overview: SessionOverview | None = self._replay.overview.value
         rows = self.rows.shown()
-        words = (
-            tr("Looking through the session…")
-            if overview is None
-            else tr("Nothing was recorded that has a place here.")
-        )
+        words = tr("Reading the session…") if overview is None else tr("The recording contains nothing to show here.")
         if not rows and all_rows(overview, self.document):
             words = self.rows.words()
         self.canvas.show_rows(rows, annotation_editing.coders_of(self.document), words=words)
@@ -317,7 +319,7 @@ class TimelineView(QWidget):
             label = self._replay.with_names(tr_filled(item.value)) or tr("No label yet")
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
-            return tr("looking through the session…")
+            return tr("reading the session…")
         count, coders = len(self.document.annotations), len(annotation_editing.coders_of(self.document))
         if not coders:
             return ""

@@ -68,7 +68,7 @@ class ComparePage(QWidget):
         scroll.setWidget(holder)
         self.diff = CodeEditor(context, read_only=True)
         self.diff.setObjectName("scenario_diff")
-        self.diff.setAccessibleName(tr("The differences line by line"))
+        self.diff.setAccessibleName(tr("Differences line by line"))
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         splitter.addWidget(scroll)
         splitter.addWidget(self.diff)
@@ -127,9 +127,9 @@ class ComparePage(QWidget):
             drop(self.rows.pop())
         document, found = self._editing.document, self.differences()
         theme = self._context.theme
-        said = tr("Both say the same.")
+        said = tr("Both are identical.")
         if found:
-            said = tr("Otherwise here: %n. Each line says what stands there → what stands here.", "", len(found))
+            said = tr("Differences: %n. Each line shows the value there → the value here.", "", len(found))
         self.said.setText(said)
         self.said.setFont(theme.font(tokens.BODY_PX))
         for difference in found:

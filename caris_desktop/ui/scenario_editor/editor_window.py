@@ -73,7 +73,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             self.stack.addWidget(page)
         self.preview = QTextBrowser()
         self.preview.setObjectName("scenario_preview")
-        self.preview.setAccessibleName(tr("What the wizard gets, and what has changed"))
+        self.preview.setAccessibleName(tr("Preview for the wizard, and changes"))
         self.preview.setOpenLinks(False)
         self.preview.anchorClicked.connect(self._on_link)
         self._lay_out()
@@ -102,13 +102,13 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, look="ghost")
         self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, look="ghost")
         self.revert_button = self._button(
-            "editor_revert", tr("Back to what was saved"), "clock-counter-clockwise", self.revert, look="ghost"
+            "editor_revert", tr("Revert to saved"), "clock-counter-clockwise", self.revert, look="ghost"
         )
         self.save_as_button = self._button("editor_save_as", tr("Save as…"), "copy", self.ask_for_name)
         self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, look="primary")
         self.save_button.set_key("Ctrl+S")
         self._name_row = QWidget()
-        self.name = QLineEdit(placeholderText=tr("Title of the new scenario, as “Second study”"))
+        self.name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
         self.name.setObjectName("editor_name")
         self.name.setAccessibleName(tr("Title of the new scenario"))
         self.name.returnPressed.connect(self.save_as)
@@ -128,7 +128,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def _make_nav(self) -> None:
         self.nav = QListWidget()
         self.nav.setObjectName("editor_sections")
-        self.nav.setAccessibleName(tr("Parts of the scenario"))
+        self.nav.setAccessibleName(tr("Sections of the scenario"))
         self.nav.setFixedWidth(_NAV_PX)
         self.nav.setIconSize(QSize(18, 18))
         self.nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -231,12 +231,12 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         document = self.document
         if document.changed:
             self.notice.take_back("saved")
-        self.setWindowTitle(tr("{title} · edit the scenario").format(title=self._shown_title()))
+        self.setWindowTitle(tr("{title} · scenario editor").format(title=self._shown_title()))
         self._title.setText(self._shown_title())
         count = len(document.mistakes)
         where = self._where()
         if count:
-            said = tr("To correct: %n · {where}", "", count).format(where=where)
+            said = tr("Errors: %n · {where}", "", count).format(where=where)
         else:
             said = (tr("Not saved · {where}") if document.changed else tr("Saved · {where}")).format(where=where)
         self._state.setText(said)
@@ -259,7 +259,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def _where(self) -> str:
         path = self.document.path
         if own_file(path) != path:
-            return tr("comes with the program; saving makes your own copy of it")
+            return tr("built-in scenario; saving creates your own copy")
         return str(path)
 
     def _show_nav(self) -> None:
@@ -270,7 +270,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             wrong = sum(bool(mistake.path) and mistake.path[0] in names for mistake in document.mistakes)
             title = told = tr(page.section.title)
             if wrong:
-                told = tr("{section}, to correct: %n", "", wrong).format(section=title)
+                told = tr("{section}, errors: %n", "", wrong).format(section=title)
                 title = f"{title}  !"
             elif names & changed:
                 told = tr("{section}, changed").format(section=title)
@@ -314,12 +314,12 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         if mistake is None:
             self.notice.take_back("unreadable")
             return
-        said = tr("Line {line} of the text: {reason} The form shows the last state without this mistake.").format(
+        said = tr("Line {line} of the text: {reason} The form shows the last valid state.").format(
             line=mistake.line, reason=as_sentence(mistake.message)
         )
         self.notice.say(
             "unreadable", said, "red",
-            (tr("Show the line"), lambda: self.show_mistake(0)), (tr("Undo what was typed"), self.undo),
+            (tr("Show the line"), lambda: self.show_mistake(0)), (tr("Undo typing"), self.undo),
         )  # fmt: skip
 
     # ---- undo
@@ -367,8 +367,8 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def report_not_read(self, problem: str) -> None:
         """Report that the file has become unreadable; the scenario in force is shown."""
         said = tr(
-            "The file cannot be shown as a form: {problem} Here is the scenario as it is in force; saving replaces "
-            "the file."
+            "The file cannot be shown as a form: {problem} The editor shows the scenario currently in use; "
+            "saving replaces the file."
         )
         self.notice.say("meanwhile", said.format(problem=as_sentence(problem)), "amber")
 
@@ -381,9 +381,9 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         """Ask about unsaved changes; ``then`` runs after closing, unless the wizard continues editing."""
         self.after_closing = then
         self.notice.say(
-            "closing", said or tr("What you changed is not saved."), "amber",
-            (tr("Save"), self._save_and_close), (tr("Throw away"), self._throw_away),
-            (tr("Go on editing"), self._go_on),
+            "closing", said or tr("Your changes are not saved."), "amber",
+            (tr("Save"), self._save_and_close), (tr("Discard"), self._throw_away),
+            (tr("Continue editing"), self._go_on),
         )  # fmt: skip
 
     def _go_on(self) -> None:
@@ -413,9 +413,9 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         return pose.value.pose_in_map if pose.value is not None and pose.freshness != "lost" else None
 
     def _others(self) -> Sequence[Other]:  # reads files
-        path, saved = self.document.path, Other(tr("What was saved"), lambda: self.document.saved_text)
+        path, saved = self.document.path, Other(tr("Saved version"), lambda: self.document.saved_text)
         shipped = [
-            Other(tr("{name}, as it comes with the program").format(name=file.stem), partial(text_of, file))
+            Other(tr("{name}, built-in version").format(name=file.stem), partial(text_of, file))
             for file in sorted(layouts_dir().glob("*.yaml"), key=lambda file: (file.name != path.name, file.name))
         ]
         same_name = bool(shipped) and (layouts_dir() / path.name).is_file() and own_file(path) == path

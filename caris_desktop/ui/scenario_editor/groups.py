@@ -189,7 +189,7 @@ class OptionalGroup(_Holder):
             show_at_once(part)
         elif not self.there and self.parts:
             drop(self.parts.pop())
-        words = tr("Take it out: {title}") if self.there else tr("Add it: {title}")
+        words = tr("Remove: {title}") if self.there else tr("Add: {title}")
         self._button.set_label(words.format(title=self.title), icon="x" if self.there else "plus")
         super().refresh()
 
@@ -446,7 +446,7 @@ class EntryRow(FormPart):
         for icon, words, do in (
             ("arrow-up", tr("Move up: {what}"), lambda: self._holder.move_entry(self._index, -1)),
             ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
-            ("x", tr("Take out: {what}"), lambda: self._holder.remove_entry(self._index)),
+            ("x", tr("Remove: {what}"), lambda: self._holder.remove_entry(self._index)),
         ):
             button = ActionButton(self.context.theme, icon=icon, look="ghost", height_px=30)
             button.setAccessibleName(words.format(what=name))
@@ -487,7 +487,7 @@ class EntryRow(FormPart):
     def _refresh_card(self, data: Any) -> None:
         name = card_name(data) or tr("Entry {number}").format(number=self._index + 1)
         wrong = len(self.context.editing.mistakes_within(self.path))
-        shown = tr("{name} · %n wrong", "", wrong).format(name=name) if wrong else name
+        shown = tr("{name} · errors: %n", "", wrong).format(name=name) if wrong else name
         self._fold.set_label(shown, icon="caret-down" if self._open else "caret-right")
         self._fold.setAccessibleName(self.context.spoken(shown))
         if self._body is not None:

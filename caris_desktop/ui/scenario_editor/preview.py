@@ -59,7 +59,7 @@ def _mistakes(document: ScenarioDocument, colors: Colors) -> str:
     if not document.mistakes:
         return ""
     count = len(document.mistakes)
-    parts = [_heading(tr("To correct before it can be saved: %n", "", count), colors, "red")]
+    parts = [_heading(tr("Errors to correct before saving: %n", "", count), colors, "red")]
     for number, mistake in enumerate(document.mistakes):
         said = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
         link = f'<a href="mistake:{number}" style="color:{colors.red}">{escape(said)}</a>'
@@ -85,15 +85,17 @@ def _valued(document: ScenarioDocument, name: str) -> Any:
 
 
 def _phrases(document: ScenarioDocument, colors: Colors) -> str:
-    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    parts = [_heading(tr("On the wizard's keys"), colors)]
     keys = [spec.keys[0] for spec in ACTIONS if spec.id.startswith("phrase_")]
     groups = phrase_groups(_valued(document, "phrases"))
     taken = _taken(document)
     if not groups:
-        parts.append(_line(escape(tr("No phrase yet. The first one that you add is on F1.")), colors, "dim"))
+        parts.append(_line(escape(tr("No phrases yet. The first phrase you add is on F1.")), colors, "dim"))
     for group in groups:
         if group.title:
-            parts.append(_line(escape(tr("Group “{group}”, chosen with F10").format(group=group.title)), colors, "dim"))
+            parts.append(
+                _line(escape(tr("Group “{group}”, selected with F10").format(group=group.title)), colors, "dim")
+            )
         rows = []
         for key, phrase in zip(keys, group.phrases, strict=False):
             own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
@@ -106,11 +108,11 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
     filler = _valued(document, "filler")
     fillers = (filler, *_valued(document, "fillers")) if filler else ()
     if fillers:
-        parts.append(_line(escape(tr("While the wizard thinks, in turn:")), colors, "dim"))
+        parts.append(_line(escape(tr("While the wizard thinks, in rotation:")), colors, "dim"))
         parts.append(_line(f"{_cap('F9', colors)} {escape(' · '.join(fillers))}", colors))
     gestures = _valued(document, "gestures")
     if gestures:
-        parts.append(_line(escape(tr("Without a word, where the robot can:")), colors, "dim"))
+        parts.append(_line(escape(tr("Gestures, if the robot supports them:")), colors, "dim"))
         keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
         for key, gesture in zip(keys, gestures, strict=False):
             told = _reported_taken(gesture.key, taken, colors)
@@ -121,7 +123,7 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
 def _reported_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
     if key not in taken:
         return ""
-    told = escape(tr("{key} does something else already: {what}").format(key=key, what=taken[key]))
+    told = escape(tr("{key} already has another function: {what}").format(key=key, what=taken[key]))
     return f'<br><span style="color:{colors.amber}">{told}</span>'
 
 
@@ -134,8 +136,8 @@ def _taken(document: ScenarioDocument) -> dict[str, str]:
 def _protocol(document: ScenarioDocument, colors: Colors) -> str:
     steps = _valued(document, "protocol").steps
     if not steps:
-        return _line(escape(tr("Without steps there is no strip for the protocol.")), colors, "dim")
-    parts = [_heading(tr("The strip above the panels"), colors)]
+        return _line(escape(tr("Without steps, the protocol strip is not shown.")), colors, "dim")
+    parts = [_heading(tr("Protocol strip above the panels"), colors)]
     rows = []
     for number, step in enumerate(steps, start=1):
         more = [tr("{minutes} min").format(minutes=f"{step.minutes:g}")] if step.minutes else []
@@ -157,9 +159,9 @@ def _protocol(document: ScenarioDocument, colors: Colors) -> str:
     parts.append(f"<table>{''.join(rows)}</table>")
     minutes = sum(step.minutes for step in steps)
     if minutes:
-        words = tr("{minutes} minutes are expected in all.")
+        words = tr("Expected duration: {minutes} minutes in total.")
         if any(step.branches or step.then for step in steps):
-            words = tr("Through every step, {minutes} minutes are expected.")
+            words = tr("Expected duration if every step is done: {minutes} minutes.")
         parts.append(_line(escape(words.format(minutes=f"{minutes:g}")), colors))
     return "".join(parts)
 
@@ -167,16 +169,16 @@ def _protocol(document: ScenarioDocument, colors: Colors) -> str:
 def _places(document: ScenarioDocument, colors: Colors) -> str:
     steps = _valued(document, "protocol").steps
     keys = [spec.keys[0] for spec in ACTIONS if spec.intent is go_to_nth_place]
-    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    parts = [_heading(tr("On the wizard's keys"), colors)]
     for place, key in zip_longest(_valued(document, "places"), keys):
         if place is None:
             break
         led = ", ".join(step.title for step in steps if step.go_to == place.name)
-        told = tr(" · of the step {steps}").format(steps=led) if led else ""
+        told = tr(" · used in step {steps}").format(steps=led) if led else ""
         dim = f'<span style="color:{colors.dim}">{escape(told)}</span>'
         parts.append(_line(f"{_cap(key or '', colors)} {escape(place.name)}{dim}", colors))
     if len(parts) == 1:
-        parts.append(_line(escape(tr("No place yet. The first one that you add is on Alt+1.")), colors, "dim"))
+        parts.append(_line(escape(tr("No places yet. The first place you add is on Alt+1.")), colors, "dim"))
     return "".join(parts)
 
 
@@ -184,19 +186,19 @@ def _recording(document: ScenarioDocument, colors: Colors) -> str:
     settings = _valued(document, "recording")
     labels = [spec.keys[0] for spec in ACTIONS if spec.intent is mark_with_label]
     error = next(spec.keys[0] for spec in ACTIONS if spec.id == "wizard_error")
-    parts = [_heading(tr("What the wizard has at a key"), colors)]
+    parts = [_heading(tr("On the wizard's keys"), colors)]
     parts += [
         _line(f"{_cap(key, colors)} {escape(label)}", colors)
         for key, label in zip(labels, settings.labels, strict=False)
     ]
-    then = escape(tr("A wizard error, and then of which kind:"))
+    then = escape(tr("Wizard error, then its kind:"))
     parts.append(_line(f"{_cap(error, colors)} {then}", colors, "dim"))
     for key, kind in zip(ERROR_KEYS, settings.error_kinds, strict=False):
         meaning = f'<br><span style="color:{colors.dim}">{escape(tr(kind.meaning))}</span>' if kind.meaning else ""
         parts.append(_line(f"{_cap(key, colors)} {escape(tr(kind.kind))}{meaning}", colors))
     checks = manual_checks(_valued(document, "preflight"))
     if checks:
-        parts.append(_heading(tr("Ticked by hand before a recording"), colors))
+        parts.append(_heading(tr("Manual checks before a recording"), colors))
         parts += [_line(f"☐ {escape(check.check)}", colors) for check in checks]
     return "".join(parts)
 
@@ -204,10 +206,10 @@ def _recording(document: ScenarioDocument, colors: Colors) -> str:
 def _assistant(document: ScenarioDocument, colors: Colors) -> str:
     permissions = _valued(document, "permissions")
     if not permissions.assistant:
-        said = tr("This scenario does not allow the assistant: none of this is used.")
+        said = tr("This scenario does not allow the assistant, so none of this is used.")
         return _heading(said, colors, "amber")
     settings, levels = _valued(document, "assistant"), _valued(document, "assistance")
-    parts = [_heading(tr("What the model is told before a question"), colors)]
+    parts = [_heading(tr("Instructions to the model before a question"), colors)]
     told = [("", settings.system_prompt)]
     told += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
     told += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
@@ -217,14 +219,14 @@ def _assistant(document: ScenarioDocument, colors: Colors) -> str:
             head = f'<span style="color:{colors.dim}">{escape(when)}: </span>' if when else ""
             parts.append(_line(f"{head}“{escape(text)}”", colors))
     if settings.templates:
-        parts.append(_heading(tr("Questions at hand"), colors))
-        last = escape(tr("what the participant said last"))
+        parts.append(_heading(tr("Prepared questions"), colors))
+        last = escape(tr("the participant's last utterance"))
         example = f'<span style="color:{colors.green}">{last}</span>'
         parts += [
             _line(f"{escape(each.name)}: “{escape(each.text).replace('{said}', example)}”", colors)
             for each in settings.templates
         ]
-    parts.append(_heading(tr("Without being asked"), colors))
+    parts.append(_heading(tr("Automation"), colors))
     for words in _LEVELS:
         countdown_s, late_s = f"{levels.countdown_s:g}", f"{levels.filler_after_s:g}"
         said = tr(_LEVELS[words][getattr(levels, words)])
@@ -235,19 +237,20 @@ def _assistant(document: ScenarioDocument, colors: Colors) -> str:
 _LEVELS = {
     "replies": {
         "off": QT_TR_NOOP("No reply is suggested."),
-        "suggest": QT_TR_NOOP("Replies are suggested; the wizard's key says one."),
+        "suggest": QT_TR_NOOP("Replies are suggested; the wizard says one with a key."),
         "act": QT_TR_NOOP("The first reply is said after {countdown_s} s, unless the wizard stops it."),
     },
     "fillers": {
-        "off": QT_TR_NOOP("Nothing fills a silence by itself."),
-        "suggest": QT_TR_NOOP("After {late_s} s without a reply the key of the filler is pointed at."),
-        "act": QT_TR_NOOP("After {late_s} s without a reply a filler is said, unless the wizard stops it."),
+        "off": QT_TR_NOOP("Silences are not filled automatically."),
+        "suggest": QT_TR_NOOP("After {late_s} s without a reply, the filler key is highlighted."),
+        "act": QT_TR_NOOP("After {late_s} s without a reply, a filler is said, unless the wizard stops it."),
     },
     "actions": {
         "off": QT_TR_NOOP("No action is proposed."),
-        "suggest": QT_TR_NOOP("Actions are proposed; the wizard's key does one."),
+        "suggest": QT_TR_NOOP("Actions are proposed; the wizard carries one out with a key."),
         "act": QT_TR_NOOP(
-            "What moves nothing is done after {countdown_s} s, unless the wizard stops it; what moves waits for a key."
+            "Actions without motion are carried out after {countdown_s} s, unless the wizard stops them; "
+            "actions with motion wait for a key."
         ),
     },
 }
@@ -261,7 +264,7 @@ def _allowed(document: ScenarioDocument, colors: Colors) -> str:
         words = tr("{permission} is now on. This appears:") if on else tr("{permission} is now off. This disappears:")
         parts.append(_heading(words.format(permission=titles[name]), colors, "green" if on else "amber"))
         parts += _consequences(consequences(name), colors, sign="+" if on else "−")
-    parts.append(_heading(tr("Not there in this scenario"), colors))
+    parts.append(_heading(tr("Not available in this scenario"), colors))
     off = [name for name in titles if not getattr(now, name)]
     if not off:
         parts.append(_line(escape(tr("Everything is allowed.")), colors, "dim"))
@@ -279,7 +282,7 @@ def _consequences(found: tuple[Consequence, ...], colors: Colors, sign: str) -> 
         words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
         yield _line(f"{sign} {escape(words)} {_cap(each.key, colors)}", colors)
     if not found:
-        yield _line(escape(tr("No button and no key; what runs in the background begins or ends.")), colors, "dim")
+        yield _line(escape(tr("No button and no key; background functions start or stop.")), colors, "dim")
 
 
 def _permissions_of(data: dict[str, Any]) -> Permissions:
@@ -293,11 +296,11 @@ def _permissions_of(data: dict[str, Any]) -> Permissions:
 def _changes(document: ScenarioDocument, colors: Colors) -> str:
     changes = document.differences()
     if not changes:
-        words = tr("Nothing has changed since it was saved.")
+        words = tr("No changes since the last save.")
         if document.changed:
-            words = tr("Only comments or the layout of the text have changed since it was saved.")
+            words = tr("Only comments or formatting have changed since the last save.")
         return _heading(tr("Changes"), colors) + _line(escape(words), colors, "dim")
-    parts = [_heading(tr("Changes since it was saved: %n", "", len(changes)), colors)]
+    parts = [_heading(tr("Changes since the last save: %n", "", len(changes)), colors)]
     for number, change in enumerate(changes):
         where = " › ".join(document.words(change.path))
         link = f'<a href="change:{number}" style="color:{colors.blue}">{escape(where)}</a>'
@@ -314,11 +317,7 @@ def difference_words(change: Difference) -> str:
         return _list_words(change)
     if isinstance(change.before, dict) or isinstance(change.after, dict):
         return (
-            tr("new")
-            if change.before is ABSENT
-            else tr("gone")
-            if change.after is ABSENT
-            else tr("has more or less along")
+            tr("new") if change.before is ABSENT else tr("removed") if change.after is ABSENT else tr("options changed")
         )
     return tr("{before} → {after}").format(before=_shown(change.before), after=_shown(change.after))
 
@@ -338,8 +337,8 @@ def _list_words(change: Difference) -> str:
     came = [entry_name(each) or "…" for each in after if each not in before]
     went = [entry_name(each) or "…" for each in before if each not in after]
     parts = [tr("new: {names}").format(names=_short(", ".join(came)))] if came else []
-    parts += [tr("gone: {names}").format(names=_short(", ".join(went)))] if went else []
-    return " · ".join(parts) or tr("in another order")
+    parts += [tr("removed: {names}").format(names=_short(", ".join(went)))] if went else []
+    return " · ".join(parts) or tr("reordered")
 
 
 def _shown(value: Any) -> str:

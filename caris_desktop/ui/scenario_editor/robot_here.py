@@ -20,14 +20,14 @@ class RobotHere(ActionButton):
         self._context = context
         self._path = path
         self.setObjectName("place_from_robot")
-        self.setAccessibleName(context.spoken(tr("Take over where the robot is now")))
+        self.setAccessibleName(context.spoken(tr("Use the robot's current position")))
         self.clicked.connect(self._restore_state)
 
     def refresh(self) -> None:
         known = self._context.robot_pose() is not None
         self.setEnabled(known)
-        where = tr("Take over where the robot is now and where it looks")
-        self.setToolTip(where if known else tr("Where the robot is in the map is not known now"))
+        where = tr("Use the robot's current position and heading")
+        self.setToolTip(where if known else tr("The robot's position in the map is unknown"))
 
     def _restore_state(self) -> None:
         pose = self._context.robot_pose()

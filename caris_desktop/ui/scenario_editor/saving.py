@@ -83,7 +83,7 @@ class Saving(QObject):
         editor.document.pause()
         if editor.document.mistakes:
             self._close_when_saved = False
-            said = tr("Nothing was saved. To correct first: %n", "", len(editor.document.mistakes))
+            said = tr("Nothing was saved. Errors to correct first: %n", "", len(editor.document.mistakes))
             editor.notice.say("refused", said, "red", (tr("Show the first"), lambda: editor.show_mistake(0)))
             editor.show_mistake(0)
             return
@@ -116,7 +116,7 @@ class Saving(QObject):
         editor.compare_page.offer_again()
         said = tr("Saved in {file}.")
         if self._title and self._console.state.recording.value.state in IN_SESSION:
-            said = tr("Saved in {file}. The recording goes on with the scenario that it has; open this one afterwards.")
+            said = tr("Saved in {file}. The recording continues with its current scenario; open this one afterwards.")
         editor.notice.say("saved", said.format(file=saved.path), "green")
         if self._close_when_saved and not editor.document.changed:
             editor.close()
@@ -131,10 +131,10 @@ class Saving(QObject):
             self._on_scenario_in_force(self._console.scenario)
         if saved.taken:
             editor.ask_for_name()
-            said = tr("There is a scenario in “{file}” already, and it was left as it is. Choose another title.")
+            said = tr("“{file}” already contains a scenario and was not changed. Choose another title.")
             editor.notice.say("name", said.format(file=saved.path.name), "amber")
             return
-        said = tr("It was not saved: {reason} What you changed is still here.").format(reason=saved.problem)
+        said = tr("Not saved: {reason} Your changes are still here.").format(reason=saved.problem)
         editor.notice.say("saving", said, "red", (tr("Save as…"), editor.ask_for_name))
 
     def _on_other_file(self, found: Opened | str | None) -> None:
@@ -147,18 +147,18 @@ class Saving(QObject):
                 reason = _error_text(error)
             else:
                 said = tr(
-                    "It was not saved yet: the file was changed elsewhere, and is read anew. Your own changes stand in "
-                    "it: %n. Look at them on the right, and save again.", "", kept,
+                    "Not saved yet: the file was changed elsewhere and has been reloaded. It includes your "
+                        "own changes: %n. Check them on the right, then save again.", "", kept,
                 )  # fmt: skip
                 notice.say("meanwhile", said, "amber")
                 return
         said = tr(
-            "It was not saved: the file was changed elsewhere, and cannot be read now: {reason} What you changed is "
-            "still here. Save again once the file is in order, or choose:"
+            "Not saved: the file was changed elsewhere and cannot be read: {reason} Your changes are still "
+            "here. Save again once the file is valid, or choose:"
         ).format(reason=as_sentence(reason))
         answers = [(tr("Save as…"), self._editor.ask_for_name)]
         if isinstance(found, Opened):
-            answers.insert(0, (tr("Write over it"), partial(self._write_over, found)))
+            answers.insert(0, (tr("Overwrite"), partial(self._write_over, found)))
         notice.say("saving", said, "red", *answers)
 
     def _write_over(self, broken: Opened) -> None:
@@ -187,9 +187,11 @@ class Saving(QObject):
         except ValueError as error:
             notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
             return
-        said = tr("The file was changed elsewhere and is read anew.")
+        said = tr("The file was changed elsewhere and has been reloaded.")
         if kept:
-            said = tr("The file was changed elsewhere and is read anew. Your own changes stand in it: %n", "", kept)
+            said = tr(
+                "The file was changed elsewhere and has been reloaded. It includes your own changes: %n", "", kept
+            )
         notice.say("meanwhile", said, "blue")
 
     def _rebase(self, found: Opened) -> int:

@@ -7,40 +7,44 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.scenario_model import Scenario
 
 _ORDER: dict[str, tuple[str, str]] = {
-    QT_TR_NOOP("About"): ("info", QT_TR_NOOP("What this scenario is called and what it is for.")),
+    QT_TR_NOOP("About"): ("info", QT_TR_NOOP("Title and purpose of this scenario.")),
     QT_TR_NOOP("Phrases"): (
         "chat-text",
         QT_TR_NOOP(
-            "What the robot says at one key. F10 chooses the next group, whose phrases are on F1 to F8 then. {name} "
-            "stands for whom it is said to, {place} for where the robot goes or stands; other words in braces are "
-            "asked for."
+            "Phrases that the robot says at the press of a key. F10 selects the next group and puts its "
+            "phrases on F1 to F8. {name} stands for the person addressed, {place} for the robot's goal or "
+            "current place; the wizard is asked for other words in braces."
         ),
     ),
     QT_TR_NOOP("Protocol"): (
         "list-numbers",
-        QT_TR_NOOP("The steps of the study, in order. The wizard sees the present one above the panels."),
+        QT_TR_NOOP("The steps of the study, in order. The wizard sees the current step above the panels."),
     ),
     QT_TR_NOOP("Places"): (
         "map-pin",
-        QT_TR_NOOP("Where the robot can be sent by name. Drive it there, then take over where it is now."),
+        QT_TR_NOOP(
+            "Places that the robot can be sent to by name. Drive the robot there, then use its current position."
+        ),
     ),
     QT_TR_NOOP("What is allowed"): (
         "shield-check",
-        QT_TR_NOOP("What is switched off has no button and no key in this scenario. What changes is shown beside it."),
+        QT_TR_NOOP(
+            "A permission that is off has no button and no key in this scenario. The preview shows what changes."
+        ),
     ),
     QT_TR_NOOP("Assistant"): (
         "sparkle",
-        QT_TR_NOOP("The language model: what it is told, and how much it does by itself."),
+        QT_TR_NOOP("The language model: its instructions and its level of automation."),
     ),
-    QT_TR_NOOP("Robot and cameras"): ("robot", QT_TR_NOOP("Which robot, how fast, with which cameras.")),
-    QT_TR_NOOP("Voice and sound"): ("speaker-high", QT_TR_NOOP("Who speaks, and which microphone hears.")),
-    QT_TR_NOOP("Listening"): ("ear", QT_TR_NOOP("How what is said near the robot becomes text.")),
-    QT_TR_NOOP("People"): ("users", QT_TR_NOOP("How people are found and recognised, and who is made unrecognisable.")),
-    QT_TR_NOOP("Recording"): ("record", QT_TR_NOOP("What recordings of this scenario need.")),
+    QT_TR_NOOP("Robot and cameras"): ("robot", QT_TR_NOOP("Robot, speed limits and cameras.")),
+    QT_TR_NOOP("Voice and sound"): ("speaker-high", QT_TR_NOOP("Who speaks, and which microphones are used.")),
+    QT_TR_NOOP("Listening"): ("ear", QT_TR_NOOP("Transcription of speech near the robot.")),
+    QT_TR_NOOP("People"): ("users", QT_TR_NOOP("How people are detected and recognised, and who is blurred.")),
+    QT_TR_NOOP("Recording"): ("record", QT_TR_NOOP("Recording settings of this scenario.")),
     QT_TR_NOOP("Panels"): (
         "layout",
         QT_TR_NOOP(
-            "Where the panels are. It is easier to move them in the main window, and to save that as the layout."
+            "Positions of the panels. It is easier to move them in the main window and save that as the layout."
         ),
     ),
 }

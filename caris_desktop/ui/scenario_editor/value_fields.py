@@ -175,9 +175,9 @@ class Field(FormPart):
     def _show_back(self, changed: bool) -> None:
         if self._back is None:
             back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", look="ghost", height_px=22)
-            as_saved = tr("{title}: as it was saved").format(title=self.title or tr("Entry"))
+            as_saved = tr("{title}: restore the saved value").format(title=self.title or tr("Entry"))
             back.setAccessibleName(self.context.spoken(as_saved))
-            back.setToolTip(tr("As it was saved"))
+            back.setToolTip(tr("Restore the saved value"))
             back.clicked.connect(self._take_back)
             self._top.insertWidget(1, back)
             self._back = back
@@ -228,10 +228,10 @@ class TextField(Field):
             self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
             self._known.linkActivated.connect(self._on_known)
         value = self.line.text()
-        said = tr("There are: {names}")
+        said = tr("Available: {names}")
         missing = known.all_of_them and value not in ("", *known.names)
         if missing:
-            said = tr("Not known here: {name}. There are: {names}")
+            said = tr("Unknown: {name}. Available: {names}")
         theme = self.context.theme
         link = f'<a href="{{0}}" style="color:{theme.color("blue").name()}; text-decoration:none">{{0}}</a>'
         names = " · ".join(link.format(escape(name)) for name in known.names)

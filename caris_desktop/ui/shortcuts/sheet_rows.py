@@ -118,8 +118,8 @@ class ShortcutRow(QWidget):
         is_changed = keys.is_changed(spec)
         self._back.setVisible(is_changed)
         self._back.setObjectName(f"{spec.id}_put_back")
-        self._back.setAccessibleName(tr("Usual keys for {act}").format(act=text))
-        self._back.setToolTip(tr("Back to the usual keys"))
+        self._back.setAccessibleName(tr("Default keys for {act}").format(act=text))
+        self._back.setToolTip(tr("Reset to the default keys"))
 
     def is_found_by(self, query: str) -> bool:
         """Whether text, group or keys contain every word of the query."""

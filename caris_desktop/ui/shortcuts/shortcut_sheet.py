@@ -57,27 +57,27 @@ class ShortcutSheet(Overlay):
         self._building.timeout.connect(self._build_next)
         self._heading = QLabel()
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self.search = QLineEdit(placeholderText=tr("Find an act or a key"))
+        self.search = QLineEdit(placeholderText=tr("Find a command or key"))
         self.search.setObjectName("shortcut_search")
-        self.search.setAccessibleName(tr("Find an act or a key"))
+        self.search.setAccessibleName(tr("Find a command or key"))
         self.search.setFixedWidth(260)
         self.search.textChanged.connect(self._show_found)
-        self._reset_all = self._button("shortcut_reset_all", tr("Usual keys for all"), self._on_reset_all)
+        self._reset_all = self._button("shortcut_reset_all", tr("Reset all keys"), self._on_reset_all)
         top = layouts.hbox(spacing_px=12)
         top.addWidget(self._heading, 1)
         top.addWidget(self._reset_all)
         top.addWidget(self.search)
         self._clashes = self._line("shortcut_clashes")
         self._nothing = self._line("shortcut_nothing")
-        self._nothing.setText(tr("Nothing is called that here."))
+        self._nothing.setText(tr("No matching entries."))
         self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._says = self._line("shortcut_says")
         self._says.setFont(theme.font(tokens.BODY_PX))
-        self._take_over = self._button("shortcut_take_over", tr("Take it over"), self._on_take_control)
+        self._take_over = self._button("shortcut_take_over", tr("Reassign"), self._on_take_control)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
-        self._leave = self._button("shortcut_leave", tr("Leave it"), self.stop_asking)
+        self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
         below = layouts.hbox(spacing_px=8)
         below.addWidget(self._says, 1)
         for button in (self._take_over, self._remove, self._leave):
@@ -202,7 +202,7 @@ class ShortcutSheet(Overlay):
         self._reset_all.setVisible(self._keys.any_changed)
         self._clashes.setText(
             "\n".join(
-                tr("“{what}” is not on {key}: “{act}” has it. Give one of the two another key.").format(
+                tr("“{what}” is not on {key}, because “{act}” uses this key. Give one of them another key.").format(
                     what=phrase.text, key=self._actions.caps(phrase, phrase.keys)[0], act=other.text
                 )
                 for phrase, other in self._actions.settled.clashes
@@ -235,10 +235,10 @@ class ShortcutSheet(Overlay):
         self._asked = _Asked(row, cell)
         cell.set_asks(True)
         self._say(
-            tr("Press the new key for “{act}”. Esc leaves it as it is.").format(act=row.spec.text),
+            tr("Press the new key for “{act}”. Esc leaves the key unchanged.").format(act=row.spec.text),
             remove=bool(getattr(row.spec, cell.column)),
         )
-        self._hold.release_all(QT_TR_NOOP("A key is being chosen"))
+        self._hold.release_all(QT_TR_NOOP("A shortcut is being set"))
         self._hold.captures = self._on_pressed
 
     def stop_asking(self) -> None:
@@ -246,7 +246,9 @@ class ShortcutSheet(Overlay):
             self._asked.cell.set_asks(False)
             self._asked = None
         self._hold.captures = None
-        self._say(tr("Click a key to change it. “Driving” is while Drive, Video or Map has the focus."), waits=False)
+        self._say(
+            tr("Click a key to change it. “Driving” applies while Drive, Video or Map has the focus."), waits=False
+        )
 
     def _on_pressed(self, pressed: PressedKey) -> None:
         asked = self._asked
@@ -262,19 +264,19 @@ class ShortcutSheet(Overlay):
         rows = self._actions.all_specs
         why = refusal(spec, column, key, rows, position=pressed.position) if key else tr("That key has no name.")
         if why:
-            self._say(tr("{why} Press another one.").format(why=why), wrong=True)
+            self._say(tr("{why} Press another key.").format(why=why), wrong=True)
             return
         keys = changed(spec, column, key)
         others = {other.id: other for _key, other in owners(rows, spec, keys)}
         safe = [other for other in others.values() if other.kind == "safety"]
         if safe:
-            self._say(tr("This key stops the robot. Press another one."), wrong=True)
+            self._say(tr("This key stops the robot. Press another key."), wrong=True)
         elif others:
             asked.keys = keys
             names = tr(", ", "between names of acts").join(f"“{other.text}”" for other in others.values())
             cap = self._actions.caps(spec, [key])[0]
             self._say(
-                tr("{key} is the key of {acts}, which would be left without it.").format(key=cap, acts=names),
+                tr("{key} is already assigned to {acts}. Reassigning removes it there.").format(key=cap, acts=names),
                 wrong=True, restore_state=True,
             )  # fmt: skip
         else:

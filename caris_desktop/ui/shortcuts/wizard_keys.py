@@ -48,9 +48,9 @@ class WizardKeys(QObject):
             self._wizards.set_value(_UNREAD_KEY, kept)
             self._wizards.set_value(_KEY, "")
             self._tell(
-                tr("Your changed keys could not be read."),
-                tr("All keys are the usual ones. What could not be read is kept in the settings."),
-                tr("Change them again on the sheet of all shortcuts."),
+                tr("Your custom keys could not be read."),
+                tr("All commands use their default keys. The unreadable data stays in the settings."),
+                tr("Set your keys again in All shortcuts."),
             )
         if choices != self._choices:
             self._use(choices)
@@ -103,5 +103,5 @@ class WizardKeys(QObject):
             self._tell(
                 tr("Some of your keys cannot be used here."),
                 " ".join(sorted(news)),
-                tr("These have their usual keys. The sheet of all shortcuts shows and changes them."),
+                tr("These commands use their default keys. View and change them in All shortcuts."),
             )

@@ -141,13 +141,13 @@ class PhraseRows(QWidget):
             if spec.intent is perform_nth_gesture and spec.argument <= len(scenario.gestures)
         ]
         told = [
-            tr("{key} does something else already: “{phrase}” is without it.").format(
+            tr("{key} already has another function: “{phrase}” has no key.").format(
                 key=cap_text(phrase.key), phrase=phrase.say
             )
             for phrase in keyless
         ]
         told += [
-            tr("{key} does something else already: the gesture “{gesture}” is without it.").format(
+            tr("{key} already has another function: the gesture “{gesture}” has no key.").format(
                 key=cap_text(gesture.key), gesture=gesture.title
             )
             for gesture in gestures

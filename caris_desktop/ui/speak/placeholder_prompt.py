@@ -33,7 +33,7 @@ class PlaceholderPrompt(QWidget):
         self._say = ActionButton(theme, tr("Say it"), key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
         self._say.clicked.connect(self._on_return)
         self._leave = ActionButton(
-            theme, tr("Leave it"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost"
+            theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost"
         )
         self._leave.setObjectName("gap_leave")
         self._leave.clicked.connect(self.given_up)

@@ -40,7 +40,7 @@ class QueueList(QWidget):
         self._rows: dict[str, _QueueRow] = {}
         self._chosen = ""
         self.setObjectName("speak_queue")
-        self.setAccessibleName(tr("What is said next"))
+        self.setAccessibleName(tr("Speech queue"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._column = layouts.vbox(self, margins_px=0, spacing_px=0)
         actions.answer_for(QUEUE_GROUP, self)
@@ -191,7 +191,7 @@ class _QueueRow(QWidget):
         self.label = ElidedLabel()
         self._editor = SubmitLineEdit()
         self._editor.setObjectName("queue_editor")
-        self._editor.setAccessibleName(tr("What is said instead"))
+        self._editor.setAccessibleName(tr("Replacement text"))
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
@@ -203,8 +203,8 @@ class _QueueRow(QWidget):
         row.addWidget(self._key)
         self._movers: list[ActionButton] = []
         for act, icon, tip in (
-            ("queued_earlier", "arrow-up", tr("Say it earlier")), ("queued_later", "arrow-down", tr("Say it later")),
-            ("queued_edit", "pencil-simple", tr("Say it differently")), ("queued_cancel", "x", tr("Do not say it")),
+            ("queued_earlier", "arrow-up", tr("Move earlier")), ("queued_later", "arrow-down", tr("Move later")),
+            ("queued_edit", "pencil-simple", tr("Edit the text")), ("queued_cancel", "x", tr("Remove from queue")),
         ):  # fmt: skip
             button = ActionButton(theme, icon=icon, look="ghost", height_px=26)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)

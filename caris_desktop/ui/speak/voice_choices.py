@@ -12,10 +12,11 @@ _OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (
 )  # fmt: skip
 _RATES = (
     (0.75, QT_TR_NOOP("Slowly")),
-    (1.0, QT_TR_NOOP("At usual speed")),
+    (1.0, QT_TR_NOOP("At normal speed")),
     (1.25, QT_TR_NOOP("Quickly")),
     (1.5, QT_TR_NOOP("Very quickly")),
 )
+_ID_OF_NORMAL_SPEED = "At usual speed"  # in the usage history, however it is worded now
 _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), (1.0, QT_TR_NOOP("At full volume")))
 
 
@@ -48,7 +49,12 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
             for text, name, language in ((f"{_title(name)} · {own}", name, own) for name, own in voice.choices)
         ]
     )
-    groups.append([choice(text, chosen=voice.rate == rate, rate=rate) for rate, text in _RATES])
+    groups.append(
+        [
+            choice(_ID_OF_NORMAL_SPEED if rate == 1.0 else text, text=tr(text), chosen=voice.rate == rate, rate=rate)
+            for rate, text in _RATES
+        ]
+    )
     groups.append([choice(text, chosen=voice.volume == volume, volume=volume) for volume, text in _VOLUMES])
     return [group for group in groups if group]
 

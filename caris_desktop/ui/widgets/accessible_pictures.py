@@ -47,9 +47,9 @@ def map_reported(view: MapView, lidar: str = "") -> str:
         at = {"x": round(shown.pose.x_m * 2) / 2, "y": round(shown.pose.y_m * 2) / 2}
         said.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
     else:
-        said.append(tr("Where the robot is, is not known"))
+        said.append(tr("The robot's position is unknown"))
     if shown.goal is not None:
-        said.append(tr("It goes to {place}").format(place=shown.goal.place or tr("a point")))
+        said.append(tr("The robot is going to {place}").format(place=shown.goal.place or tr("a point")))
     if lidar:
         said.append(lidar)
     if shown.people:

@@ -72,7 +72,7 @@ class SmallPicture(QAbstractButton):
         self.setObjectName(f"small_picture_{camera}")
         self.setAccessibleName(tr("Show the {camera}").format(camera=text_formatting.camera_in_text(camera)))
         self.setToolTip(
-            tr("Show the {camera} large ({key}: the next camera)").format(
+            tr("Show the {camera} large ({key}: next camera)").format(
                 camera=text_formatting.camera_in_text(camera), key=panel.table.key_text("next_camera")
             )
         )

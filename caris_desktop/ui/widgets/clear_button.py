@@ -8,4 +8,4 @@ from caris_desktop.domain.translation import tr
 def add_clear_button(field: QLineEdit) -> None:
     field.setClearButtonEnabled(True)
     for button in field.findChildren(QToolButton):
-        button.setAccessibleName(tr("Empty the field: {field}").format(field=field.accessibleName()))
+        button.setAccessibleName(tr("Clear the field: {field}").format(field=field.accessibleName()))

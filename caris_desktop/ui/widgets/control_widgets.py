@@ -447,7 +447,7 @@ class _ReadoutFace(ControlWidget):
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
-        shown = self.value_text or tr("not told yet")
+        shown = self.value_text or tr("no value yet")
         self._value.setText(shown if len(shown) <= 40 else shown[:39] + "…")
         self.tip = "" if value is None else f"{self.control.title}: {value}"
         self.setToolTip(self.tip)

@@ -46,7 +46,7 @@ def spot_at(model: CameraModel, u_px: float, v_px: float) -> FloorSpot | str:
         return tr("That is not on the floor")
     spot = FloorSpot(*point)
     if spot.distance_m > FARTHEST_M:
-        return tr("Too far to aim at in the picture: more than {distance:.0f} m").format(distance=FARTHEST_M)
+        return tr("Too far away to select in the picture: more than {distance:.0f} m").format(distance=FARTHEST_M)
     return spot
 
 

@@ -315,9 +315,9 @@ class FrameView(QWidget):
     def words_without_picture(self) -> tuple[str, str]:
         """Message in place of the picture: title and explanation."""
         if not self._panel.state.present.live:
-            return tr("No picture"), tr("None was recorded at this moment.")
+            return tr("No picture"), tr("No picture was recorded at this moment.")
         if self._freshness == "lost" and self._late:
-            old = tr("The pictures are {age} old when they arrive. {reason}")
+            old = tr("Video latency is {age}. {reason}")
             return tr("No live picture"), old.format(
                 age=text_formatting.age(self._age_s or 0.0), reason=self._lost_reason
             )
@@ -330,7 +330,7 @@ class FrameView(QWidget):
             return tr("No picture"), nothing.format(time=silent, reason=self._lost_reason)
         if self._out_of_reach:
             return tr("No picture"), tr("The robot is out of reach. The console keeps trying.")
-        return tr("Waiting for the camera"), tr("The picture appears here as soon as it comes.")
+        return tr("Waiting for the camera"), tr("The picture appears here as soon as it arrives.")
 
     def _paint_words(self, painter: QPainter) -> None:
         theme = self._theme

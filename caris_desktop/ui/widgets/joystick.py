@@ -56,7 +56,7 @@ class Joystick(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
-        self.setToolTip(tr("Drag to drive, let go to stop") if use == "base" else tr("Drag to turn the head"))
+        self.setToolTip(tr("Drag to drive, release to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
         self._told = ThrottledAccessibleDescription(self, self.command_text)
 
@@ -93,9 +93,9 @@ class Joystick(QWidget):
         if possible != self._can_go_sideways:
             self._can_go_sideways = possible
             self.setToolTip(
-                tr("Drag to drive, let go to stop. From the outer ring, or with Shift, it moves sideways.")
+                tr("Drag to drive, release to stop. Drag from the outer ring or hold Shift to move sideways.")
                 if possible
-                else tr("Drag to drive, let go to stop")
+                else tr("Drag to drive, release to stop")
             )
             self.update()
 

@@ -17,10 +17,10 @@ _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
     "driving": (QT_TR_NOOP("Keys drive"), "blue", "game-controller"),
     "typing": (QT_TR_NOOP("You type · Alt drives"), "text", "text-aa"),
     "window": (QT_TR_NOOP("Alt drives"), "dim", "keyboard"),
-    "nowhere": (QT_TR_NOOP("Keys go nowhere: Esc"), "amber", "keyboard"),
+    "nowhere": (QT_TR_NOOP("Keys inactive: Esc"), "amber", "keyboard"),
     "dialog": (QT_TR_NOOP("No keys: dialog open"), "amber", "keyboard"),
     "menu": (QT_TR_NOOP("No keys: menu open"), "amber", "keyboard"),
-    "elsewhere": (QT_TR_NOOP("Keys go elsewhere"), "amber", "keyboard"),
+    "elsewhere": (QT_TR_NOOP("Keys used elsewhere"), "amber", "keyboard"),
     "off": ("", "dim", "keyboard"),
 }
 
@@ -55,7 +55,7 @@ class KeyOwnerChip(QWidget):
         self._theme = theme
         self._owner: KeyOwner = "off"
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        self.setToolTip(tr("Where a key goes that you press now"))
+        self.setToolTip(tr("Shows what the keyboard controls now"))
         theme.changed.connect(self.update)
         hold.key_owner_changed.connect(self.show_owner)
         self.show_owner(hold.key_owner)

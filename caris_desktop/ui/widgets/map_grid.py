@@ -59,7 +59,7 @@ class GridLayer(QObject):
         """Reason why the robot cannot be at this point; empty if it can."""
         value = self.value_at(at)
         if value is not None and value >= OCCUPIED:
-            return tr("There is an obstacle: choose free ground")
+            return tr("Obstacle here: choose a free spot")
         return ""
 
     def corners_in_map(self) -> list[Pose2D]:

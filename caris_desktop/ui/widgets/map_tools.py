@@ -23,9 +23,9 @@ _NO_PLACE_SHOWN_S = 5.0
 _UNDO_SHOWN_MS = 10_000
 _HINTS: dict[Tool, str] = {
     "look": "",
-    "goal": QT_TR_NOOP("Press where to go, drag to where to look · Esc gives up"),
-    "pose": QT_TR_NOOP("Press where it stands, drag to where it looks · Esc gives up"),
-    "place": QT_TR_NOOP("Press where the place is, drag to where to look · Esc gives up"),
+    "goal": QT_TR_NOOP("Press at the goal, drag to set the heading · Esc cancels"),
+    "pose": QT_TR_NOOP("Press at the robot's position, drag to set the heading · Esc cancels"),
+    "place": QT_TR_NOOP("Press at the place, drag to set the heading · Esc cancels"),
 }
 
 
@@ -88,9 +88,9 @@ class MapTools(QObject):
     def _make_tools(self) -> dict[Tool, ActionButton]:
         tools: dict[Tool, ActionButton] = {}
         for tool, icon, text, key in (
-            ("goal", "navigation-arrow", tr("Go here: a place and a heading"), "G"),
+            ("goal", "navigation-arrow", tr("Go here: position and heading"), "G"),
             ("place", "flag", tr("Add a place"), ""),
-            ("pose", "map-pin", tr("The robot is here: tell it where it stands"), ""),
+            ("pose", "map-pin", tr("Robot is here: set the robot's position"), ""),
         ):
             button = icon_button(self._theme, f"map_tool_{tool}", icon, text, key)
             button.setParent(self._view)
@@ -130,9 +130,9 @@ class MapTools(QObject):
         if tool == "look":
             self._view.show_hint("")
         elif self._view.shown.aim is not None and self._view.shown.aim.anchored:
-            self._view.show_hint(tr("Click where it should look from there · Esc gives up"))
+            self._view.show_hint(tr("Click the direction to face · Esc cancels"))
         elif self._moving is not None:
-            where = tr("Press where {place} is now, drag to where to look · Esc gives up")
+            where = tr("Press at the new position of {place}, drag to set the heading · Esc cancels")
             self._view.show_hint(where.format(place=self._moving))
         else:
             self._view.show_hint(tr(_HINTS[self._view.shown.tool]))
@@ -201,8 +201,8 @@ class MapTools(QObject):
                 self._console.do(intents.GoToPoint(pose))
             case "pose":
                 self._console.do(intents.SetInitialPose(pose))
-                told = tr("The robot was told that it is here")
-                as_before = tr("The robot was told that it is here (heading as before)")
+                told = tr("Position sent to the robot")
+                as_before = tr("Position sent to the robot (heading unchanged)")
                 self.told.emit(told if headed else as_before, "hint", _TOLD_SHOWN_S)
             case "place" if moving is not None:
                 old = next((place for place in self._state.places.value if place.name == moving), None)
@@ -225,7 +225,7 @@ class MapTools(QObject):
         self._undo.offer(
             middle,
             tr("{place} was removed").format(place=name),
-            [("map_undo_button", tr("Put back"), "arrow-u-up-left", self._put_back)],
+            [("map_undo_button", tr("Undo"), "arrow-u-up-left", self._put_back)],
         )
         self._undo_ends.start()
 
@@ -247,7 +247,11 @@ class MapTools(QObject):
     def ask_map_name(self, operation: str) -> None:
         self._naming = (operation, None)
         saving = operation == "save_map"
-        line = tr("Save the robot's map under which name?") if saving else tr("Load which saved map of the robot?")
+        line = (
+            tr("Under which name should the robot's map be saved?")
+            if saving
+            else tr("Which saved map of the robot should be loaded?")
+        )
         middle = QPointF(self._view.width() / 2, self._view.height() / 3)
         self._name.ask(middle, line, verb=tr("Save") if saving else tr("Load"))
 
@@ -256,7 +260,7 @@ class MapTools(QObject):
         if what == "place" and pose is not None:
             taken = {place.name.casefold() for place in self._state.places.value}
             if name.casefold() in taken:
-                another = tr("{place} is on the map already: another name?").format(place=name)
+                another = tr("{place} is already on the map: choose another name").format(place=name)
                 self._ask_place_name(pose, another, name)
                 return
             self._console.do(intents.SavePlace(name, pose))

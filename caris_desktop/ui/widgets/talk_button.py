@@ -20,7 +20,7 @@ class TalkButton(ActionButton):
     def __init__(self, theme: Theme, actions: Actions, hold: DriveInputFilter, state: LiveState) -> None:
         super().__init__(theme, tr("Talk"), icon="microphone", height_px=30, may_lose_words=True)
         self.setObjectName("talk_button")
-        self.setToolTip(tr("Hold it and speak: your own voice comes out of the robot"))
+        self.setToolTip(tr("Hold and speak: the robot plays your own voice"))
         self._actions = actions
         self._hold = hold
         self._state = state

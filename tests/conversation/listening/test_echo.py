@@ -76,7 +76,7 @@ def _hear(
 
 
 def _played(robot: NDArray[np.float64] = _ROBOT, rate_hz: int = RATE_HZ, at_s: float = _BEFORE_S) -> PlayedSound:
-    return PlayedSound(_moment(at_s), "u-1", "what is said", rate_hz, int16(robot))
+    return PlayedSound(_moment(at_s), "u-1", "speech as text", rate_hz, int16(robot))
 
 
 def _less_db(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:

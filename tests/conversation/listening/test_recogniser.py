@@ -158,7 +158,7 @@ def in_thread(settings: RecogniserSettings) -> Iterator[Talk]:
 def test_without_a_model_it_says_so_once_and_what_to_do() -> None:
     with in_thread(RecogniserSettings(model="/missing", niceness=0)) as talk:
         problem = talk.wait_for(RecogniserFailed).problem
-    assert "no faster-whisper model" in problem.what
+    assert "not a faster-whisper model" in problem.what
     assert problem.until == "transcription"
 
 
@@ -170,7 +170,7 @@ def test_a_server_that_does_not_answer_is_told_and_then_that_it_does() -> None:
         with in_thread(settings) as talk:
             talk.wait_for(RecogniserReady)
             talk.hear(ROBOT_MICROPHONE, said)
-            assert "answered 500" in talk.wait_for(RecogniserAway).problem.what
+            assert "returned the status 500" in talk.wait_for(RecogniserAway).problem.what
             talk.wait_for(UtteranceChanged, state="failed")
             server.status, server.body = 200, b'{"text": "Where is the lab?"}'
             talk.hear(ROBOT_MICROPHONE, said)

@@ -61,9 +61,9 @@ def test_a_named_one_is_beside_the_scenario_or_in_a_models_folder(tmp_path: Path
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"model": "missing"}, "no faster-whisper model"),
-        ({"model": "../elsewhere"}, "outside of the scenario's folder"),
-        ({"model": "small", "sha256": "0" * 64}, "its checksum is another"),
+        ({"model": "missing"}, "not a faster-whisper model"),
+        ({"model": "../elsewhere"}, "outside the scenario's folder"),
+        ({"model": "small", "sha256": "0" * 64}, "the checksum does not match"),
         ({"model": "https://example.org/model.zip"}, "has no checksum"),
         ({"model": "https://example.org/model.tar", "sha256": "0" * 64}, "end in the name of a .zip"),
         ({"model": "https://example.org/m.zip", "sha256": "0" * 64, "allow_download": False}, "not on this computer"),
@@ -122,7 +122,7 @@ def test_an_address_is_fetched_once_and_nothing_of_it_leaves_its_folder(
     assert find_recogniser(wanted, folders=folders) == found
     assert [path.name for path in found.parent.iterdir()] == [found.name], "nothing else is left of it"
     (found / "config.json").write_bytes(b"{ }")
-    with pytest.raises(NoEngineError, match=r"config\.json of a model is not the one"):
+    with pytest.raises(NoEngineError, match=r"model file config\.json does not match its checksum"):
         LocalEngine(replace(SETTINGS, model=str(found)))
 
 

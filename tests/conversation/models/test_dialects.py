@@ -240,10 +240,10 @@ def test_gemini(monkeypatch: pytest.MonkeyPatch) -> None:
         (sse({"promptFeedback": {"blockReason": "SAFETY"}}), "refused to answer this (SAFETY)"),
         (sse({"candidates": [{"finishReason": "RECITATION", "index": 0}]}), "refused to answer this (RECITATION)"),
         (sse({"error": {"code": 500, "message": "Oh.", "status": "INTERNAL"}}), "stopped with an error: Oh."),
-        (sse({"candidates": [7]}), "no object"),
+        (sse({"candidates": [7]}), "is not an object"),
         (sse({"candidates": [{"content": {"parts": [{"text": 7}]}}]}), "not text"),
         (sse({"candidates": 7}), "no candidates"),
-        (sse(*GEMINI_ANSWER[:2]), "broke off"),
+        (sse(*GEMINI_ANSWER[:2]), "stopped in the middle of the answer"),
     ],
 )
 def test_gemini_that_does_not_answer(monkeypatch: pytest.MonkeyPatch, answer: Answer, expected: str) -> None:

@@ -282,7 +282,7 @@ def test_a_limit_that_thinking_uses_up_is_left_out(provider: str, used_up: dict[
 
     said, _, served = asked(reply, provider=provider, times=2)
     assert said == [ANSWER, ANSWER] and len(served.bodies) == 3
-    with pytest.raises(LanguageModelError, match=r"limit of its answer while it was still reasoning"):
+    with pytest.raises(LanguageModelError, match=r"answer length limit while it was still reasoning"):
         asked(lambda _body: sse(used_up), provider=provider)
 
 
@@ -324,14 +324,15 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
         (whole(b"model requires more system memory", "400 Bad Request", "text/plain"), "system memory", "smaller"),
         (whole({"error": {"message": "Invalid role: tool"}}, "400 Bad Request"), "Invalid role", "the reason names"),
         (sse(chunk({"content": "The lab "}), chunk({"content": ""}, "error")), "stopped with an error", "Ask again"),
-        (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)", "other words"),
+        (sse(chunk({"content": ""}, "content_filter")), "refused to answer this (content_filter)",
+         "Rephrase the question"),
     ],
 )  # fmt: skip
 def test_the_true_reason_of_a_refusal_is_told(reply: bytes, reason: str, advice: str) -> None:
     with pytest.raises(LanguageModelError) as caught:
         asked(lambda _body: reply)
     assert reason in caught.value.what and advice in caught.value.advice
-    assert "does not know the model" not in caught.value.what
+    assert "does not have the model" not in caught.value.what
 
 
 @pytest.mark.parametrize(
@@ -342,8 +343,8 @@ def test_the_true_reason_of_a_refusal_is_told(reply: bytes, reason: str, advice:
             True, ("answers “The lab closes at six.”", "first word after", "it reasons first"),
         ),
         ([chunk({"content": "The lab closes"}), chunk({}, "length")], False, ("its answer is cut off",)),
-        ([chunk({"content": "***"}), STOP], False, ("Nothing of that can be said",)),
-        ([chunk({"content": f"<think>{SECRET}"}), STOP], False, ("reasoned and gave no answer",)),
+        ([chunk({"content": "***"}), STOP], False, ("None of this answer can be spoken",)),
+        ([chunk({"content": f"<think>{SECRET}"}), STOP], False, ("reasoned but gave no answer",)),
     ],
 )  # fmt: skip
 def test_check_hears_the_answer_to_a_question_to_its_end(

@@ -58,7 +58,7 @@ def test_a_voice_is_named_by_name_or_path_and_no_name_leaves_the_folders(folder:
     assert find_piper_voice("mine", [tmp_path / "nowhere", folder]).model == folder / "mine.onnx"
     assert find_piper_voice("inner/other.onnx", [folder]).model == inner
     assert find_piper_voice(str(inner), [folder]).model == inner
-    for name, why in (("../secret", "outside"), ("nobody", "not on this computer"), ("yolov8n", "no .onnx.json")):
+    for name, why in (("../secret", "outside"), ("nobody", "not on this computer"), ("yolov8n", "no Piper .onnx.json")):
         with pytest.raises(NoSuchVoiceError, match=why):
             find_piper_voice(name, [folder])
 

@@ -82,7 +82,7 @@ class FakeModel(QObject):
 
     def ask(self, messages: Any, **told: Any) -> Question:
         if not self.there:
-            raise UserFacingError("The assistant cannot answer now.", "Nothing was asked.", "It is starting.")
+            raise UserFacingError("The assistant cannot answer now.", "No question was sent.", "It is starting.")
         self.asked.append(Question(messages, told, f"x-{len(self.asked)}"))
         return self.asked[-1]
 

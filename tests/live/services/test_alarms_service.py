@@ -56,7 +56,7 @@ def test_a_picture_that_stays_away_is_an_alarm_though_nobody_tells_of_it(desk: D
     assert desk.alarms == [], "pictures break off for a moment"
     desk.wait(6)
     assert desk.alarms == ["picture"]
-    assert desk.state.alarms.value[0].what == "No picture comes from the camera front."
+    assert desk.state.alarms.value[0].what == "No video from the camera front."
     desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
     desk.service.evaluate()
     assert desk.alarms == []
@@ -104,22 +104,22 @@ def test_a_low_battery_is_told_once_until_it_was_charged(desk: Desk) -> None:
 
 def test_what_was_wrong_with_one_robot_is_not_wrong_with_the_next(desk: Desk) -> None:
     desk.happens(Problem(1, "warning", "Nobody has said whether it stops.", "", "", cause="robot_timeout"))
-    desk.happens(Problem(1, "warning", "The detector does not know: cake.", "", ""))
+    desk.happens(Problem(1, "warning", "Classes unknown to the detector: cake.", "", ""))
     desk.happens(RobotChosen(1, "other", "Other", "ws://127.0.0.1:1"))
-    assert [alarm.what for alarm in desk.state.alarms.value] == ["The detector does not know: cake."]
+    assert [alarm.what for alarm in desk.state.alarms.value] == ["Classes unknown to the detector: cake."]
 
 
 def test_a_robot_that_never_answered_is_not_called_lost_and_the_reason_goes_with_the_robot(desk: Desk) -> None:
-    why = "Nothing answers at ws://127.0.0.1:1."
+    why = "No response from ws://127.0.0.1:1."
     desk.happens(RobotChosen(1, "other", "Other", "ws://127.0.0.1:1"))
     desk.state.link.set(LinkStatus("connecting", "Other"))
     desk.happens(Problem(1, "error", why, "", "Switch it on.", until="connected"))
     (alarm,) = desk.state.alarms.value
-    assert (alarm.what, alarm.why, alarm.folded) == ("Other does not answer.", f"{why} Switch it on.", ())
+    assert (alarm.what, alarm.why, alarm.folded) == ("Other does not respond.", f"{why} Switch it on.", ())
     desk.happens(RobotChosen(1, "third", "Third", "ws://127.0.0.1:2"))
     desk.state.link.set(LinkStatus("connecting", "Third"))
     (alarm,) = desk.state.alarms.value
-    assert (alarm.what, alarm.why) == ("Third does not answer.", "")
+    assert (alarm.what, alarm.why) == ("Third does not respond.", "")
     desk.state.link.set(LinkStatus("connected", "Third"))
     desk.wait(3)
     desk.state.link.set(LinkStatus("lost", "Third"))
@@ -162,7 +162,7 @@ def test_after_a_pause_the_record_has_what_is_wrong_still(desk: Desk) -> None:
 
 def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
-    with pytest.raises(UserFacingError, match="still wrong"):
+    with pytest.raises(UserFacingError, match="still exists"):
         desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
     assert desk.alarms == ["link"]
 
@@ -170,10 +170,10 @@ def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
 @pytest.mark.parametrize(
     ("drive", "cause", "severity", "said"),
     [
-        (DriveStatus(movement="uncommanded"), "uncommanded", "warning", "not on a command of this console"),
+        (DriveStatus(movement="uncommanded"), "uncommanded", "warning", "without a command from this console"),
         (
             DriveStatus(movement="uncommanded", stopped=True, emergency_stop=True, velocity_publishers=("/joy",)),
-            "uncommanded", "error", "although the emergency stop is on",
+            "uncommanded", "error", "although the emergency stop is active",
         ),
         (DriveStatus(movement="uncommanded", stopped=True), "uncommanded", "error", "although it was stopped"),
         (DriveStatus(movement="commanded_elsewhere", stopped=True), "commanded_elsewhere", "error", "Something else"),
@@ -227,4 +227,4 @@ def test_a_lidar_whose_stamps_are_beyond_belief_is_told(desk: Desk) -> None:
             desk.service.evaluate()
         assert [one for one in desk.alarms if one in ("scan_age", "lidar")] == ([cause] if cause else [])
         if cause == "lidar":
-            assert "old when they arrive" in desk.state.alarms.value[0].what
+            assert "LIDAR scans are delayed" in desk.state.alarms.value[0].what

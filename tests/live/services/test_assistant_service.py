@@ -117,9 +117,9 @@ def answered(desk: Desk, qtbot: QtBot, asked: intents.Ask) -> LlmExchange:
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        (AssistantSettings(model="embedded", pictures=True), "of this program cannot see pictures"),
-        (AssistantSettings(model="openai:m"), "gives no pictures to a language model"),
-        (AssistantSettings(model="ollama:m"), "gives no pictures to a language model"),
+        (AssistantSettings(model="embedded", pictures=True), "embedded language model cannot process pictures"),
+        (AssistantSettings(model="openai:m"), "does not allow sending pictures to a language model"),
+        (AssistantSettings(model="ollama:m"), "does not allow sending pictures to a language model"),
     ],
 )
 def test_a_picture_goes_to_no_model_that_cannot_or_may_not_see_it(
@@ -152,12 +152,12 @@ def test_a_picture_that_cannot_be_read_leaves_the_question_with_the_reason(
     desk = new_desk(replace(SETTINGS, pictures=True))
 
     def gone(_names: object, _done: object, failed: Callable[[UserFacingError], None]) -> None:
-        failed(UserFacingError("There is no such photo.", "It was deleted.", "Choose another one."))
+        failed(UserFacingError("The photo does not exist.", "It was deleted.", "Choose another one."))
 
     desk.service.use_pictures(gone)
     desk.do(intents.Ask("What is this?", pictures=("photos/1.png",)))
     assert (desk.rows[0].question, desk.rows[0].state) == ("What is this?", "failed")
-    assert "no such photo" in desk.rows[0].detail
+    assert "photo does not exist" in desk.rows[0].detail
     assert desk.asked == []
 
 
@@ -180,7 +180,7 @@ def test_the_wizards_words_hold_for_the_session_and_are_put_back(new_desk: Calla
     assert desk.setup.edited, "the scenario says the same of the assistant"
     desk.do(intents.ResetPrompts())
     assert (desk.setup.edited, desk.setup.role, desk.setup.notes) == (False, "", "The arm is being repaired.")
-    with pytest.raises(UserFacingError, match="no role of that name"):
+    with pytest.raises(UserFacingError, match="no role with that name"):
         desk.do(intents.ChoosePrompt("role", "Pirate"))
     with pytest.raises(UserFacingError, match="characters too long"):
         desk.do(intents.EditPrompt("notes", "x" * 5000))
@@ -213,8 +213,8 @@ def test_with_local_models_only_no_other_is_offered_or_asked(new_desk: Callable[
     answered(desk, qtbot, intents.Ask("Where?"))
     assert desk.asked[-1][2]["local_only"] is True
     elsewhere = new_desk(replace(SETTINGS, model="gemini:large"), cloud_models=False)
-    assert "permits only models that are" in elsewhere.state.assistant.value.detail
-    with pytest.raises(UserFacingError, match="kept in the field"):
+    assert "allows only local models" in elsewhere.state.assistant.value.detail
+    with pytest.raises(UserFacingError, match="still in the field"):
         elsewhere.do(intents.Ask("Where?"))
 
 

@@ -140,7 +140,7 @@ def test_one_that_crashes_is_started_again_three_times_and_its_picture_says_so(b
     bench.end(bench.named("desk"))
     states = [value for value in bench.told if isinstance(value, CameraState)]
     assert [(state.camera, state.state) for state in states] == [("desk", "lost")] * 4
-    assert "again" in states[0].advice and "restart the program" in states[-1].advice
+    assert "being restarted" in states[0].advice and "restart the program" in states[-1].advice
     assert bench.problems() == ["The camera desk stopped unexpectedly."] * 4
     assert len(bench.children) == 5, "and then it is left alone; the other one goes on"
     desk_rings = {child.body.arguments[-1].name for child in bench.children if child.body.name == "camera desk"}
@@ -155,7 +155,7 @@ def test_a_video_that_was_played_to_its_end_is_not_started_again(bench: Bench, q
     bench.end(bench.named("desk"))
     qtbot.wait(20)
     assert len(bench.children) == 1
-    assert bench.problems() == ["The pictures of the camera desk have ended."]
+    assert bench.problems() == ["The video from the camera desk has ended."]
 
 
 def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(bench: Bench, qtbot: QtBot) -> None:

@@ -213,7 +213,7 @@ def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run
 def test_a_trial_does_not_go_on_in_the_midst_of_another_recording(after_a_crash: Run) -> None:
     run = after_a_crash
     run.state.recording.set(replace(run.state.recording.value, state="starting"))
-    with pytest.raises(UserFacingError, match="under way"):
+    with pytest.raises(UserFacingError, match="in progress"):
         run.ask(intents.GoOnWithTrial())
     assert run.asked == [] and run.told == []
 

@@ -385,4 +385,4 @@ def test_a_link_that_does_not_answer_refuses(driving: DriveService, state: LiveS
     robot.sent.clear()
     driving.drive(forward=1, left=0, turn=0, source="keyboard")
     assert not robot.sent
-    assert not state.drive.value.allowed and "answer" in state.drive.value.reason
+    assert not state.drive.value.allowed and "not respond" in state.drive.value.reason

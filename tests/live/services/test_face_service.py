@@ -220,7 +220,7 @@ def test_what_strangers_reach_is_another_process_and_its_end_is_told(bench: Benc
     assert not _listens(psutil.Process(), port)
     child.kill()
     problem = bench.until(lambda: next((one for one in bench.happened if isinstance(one, Problem)), None))
-    assert "ended by itself" in problem.what
+    assert "stopped unexpectedly" in problem.what
     assert (bench.state.face_page.value, bench.state.face.value.served) == ("", False)
     bench.do(intents.ServeFace(on=True))
     assert httpx.get(bench.until(lambda: bench.state.face_page.value)).status_code == 200

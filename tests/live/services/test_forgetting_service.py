@@ -106,12 +106,12 @@ def test_a_person_is_forgotten_in_the_study_and_then_in_the_console(bench: Bench
     bench.body = ProcessSpec("forgetting", process_entry_points.forgetting, (asked,))
     wish = intents.ForgetPerson(person_id)
     bench.ask(wish)
-    assert "is being forgotten" in bench.told[0]
+    assert "is being erased" in bench.told[0]
     with pytest.raises(UserFacingError, match="already"):
         bench.ask(wish)
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert bench.forgotten == [wish]
-    assert "nothing of them is found" in bench.told[-1]
+    assert "no data about them is found" in bench.told[-1]
     assert (tmp_path / "notes.txt").read_text(encoding="utf-8") == "[forgotten] came early.\n"
     with closing(PeopleStore(tmp_path / "people.sqlite")) as store:
         assert store.everybody() == ()
@@ -126,7 +126,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(bench: Bench, state: st
 
 
 @pytest.mark.logs("live.bus", "forgetting ended by itself")
-@pytest.mark.parametrize(("body", "words"), [(fail, "The disk is full."), (die, "stopped by itself")])
+@pytest.mark.parametrize(("body", "words"), [(fail, "The disk is full."), (die, "stopped unexpectedly")])
 def test_what_goes_wrong_is_told_and_the_person_stays_known(
     bench: Bench, qtbot: QtBot, body: Callable[[Connection], None], words: str
 ) -> None:
@@ -153,13 +153,15 @@ def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Benc
 def test_where_nobody_looks_for_people_it_is_told_all_the_same(bench: Bench, qtbot: QtBot) -> None:
     happened: list[PersonForgotten] = []
     bench.bus.tap(lambda value, _raw: happened.append(value), (PersonForgotten,))
-    bench.refuses = UserFacingError("People are not looked for here.", "Nothing was changed.", "Start with detection.")
+    bench.refuses = UserFacingError(
+        "People detection is not available here.", "Nothing was changed.", "Start with detection."
+    )
     bench.body = ProcessSpec("forgetting", leave_one)
     bench.ask(intents.ForgetPerson("p-1", actor="wizard:Ann"))
     qtbot.waitUntil(bench.over, timeout=30_000)
     assert [(event.person_id, event.actor) for event in happened] == [("p-1", "wizard:Ann")]
     assert "still found in thesis.docx" in bench.told[-1]
-    assert "but for 2 places" in bench.told[-2]
+    assert "except for 2 places" in bench.told[-2]
 
 
 @pytest.mark.logs("photo.png")
@@ -169,5 +171,5 @@ def test_what_could_not_be_done_is_said_in_the_wizards_language(bench: Bench, qt
     bench.body = ProcessSpec("forgetting", leave_a_photo, (tmp_path / "photo.png",))
     bench.ask(intents.ForgetPerson("p-01"))
     qtbot.waitUntil(bench.over, timeout=30_000)
-    why = tr("{file} cannot be read as a picture").format(file="photo.png")
+    why = tr("{file} cannot be read as an image").format(file="photo.png")
     assert bench.told[-1].startswith(tr("{why}; it was removed.").format(why=why)), bench.told

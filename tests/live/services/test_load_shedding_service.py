@@ -137,8 +137,8 @@ def test_the_words_say_what_is_given_up(steps: tuple[Step, ...]) -> None:
         assert step.picture_every_s >= before.picture_every_s
         assert ("people" in step.detail) == (step.look_every_s > 0.0), step
         assert ("panels" in step.detail) == (step.panels_every_s > 0.0), step
-        assert ("picture and" in step.detail) == (step.picture_every_s > 0.0), step
-        assert ("small pictures" in step.detail) == (number == 1), step
+        assert ("video and" in step.detail) == (step.picture_every_s > 0.0), step
+        assert ("thumbnails" in step.detail) == (number == 1), step
         assert 0.1 + step.panels_every_s < 0.5, "a scan that is older than that would slow driving down"
 
 
@@ -209,10 +209,10 @@ def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(3.0, late_ms=60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))
-    assert governed.state.load.value == LoadStatus(1, "small pictures less often"), "English, as the record has it"
+    assert governed.state.load.value == LoadStatus(1, "thumbnails less often"), "English, as the record has it"
     governed.run(3.0, late_ms=60.0)
     assert governed.people.every_s == STEPS[2].look_every_s > 0.0
-    assert governed.state.load.value == LoadStatus(2, "people less often")
+    assert governed.state.load.value == LoadStatus(2, "people detection less often")
     governed.run(3.0, late_ms=60.0)
     assert governed.passes[-1] == (STEPS[3].panels_every_s, 0.0)
     governed.run(60.0, late_ms=60.0)
@@ -230,7 +230,7 @@ def test_pictures_that_get_here_late_are_told_as_load(qapp: QApplication) -> Non
     governed.run(10.0, frame_age_ms=20.0)
     assert governed.state.load.value == LoadStatus()
     governed.run(60.0, frame_age_ms=400.0)
-    assert governed.state.load.value == LoadStatus(4, "people seldom, picture and panels slower")
+    assert governed.state.load.value == LoadStatus(4, "people detection much less often, video and panels slower")
 
 
 def test_a_starved_detector_is_told_as_load_where_it_is_on_this_computer(qapp: QApplication) -> None:
@@ -238,7 +238,7 @@ def test_a_starved_detector_is_told_as_load_where_it_is_on_this_computer(qapp: Q
     governed.run(10.0, detection_ms=80.0)
     assert governed.state.load.value == LoadStatus()
     governed.run(20.0, detection_ms=900.0)
-    assert governed.state.load.value == LoadStatus(2, "people less often")
+    assert governed.state.load.value == LoadStatus(2, "people detection less often")
     governed.state.perception.set(PerceptionStatus("ready", server="wss://lab:8768"))
     governed.run(20.0, detection_ms=900.0)
     assert governed.state.load.value == LoadStatus(), "another computer would have nothing of it"
@@ -260,7 +260,7 @@ def test_where_people_have_to_be_covered_looking_for_them_pays_nothing(qapp: QAp
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (last.panels_every_s, last.picture_every_s))
     no_pictures = replace(tour.permissions, video_recording=False, photos=False)
     assert not replace(tour, blur=BlurSettings("everybody"), permissions=no_pictures).covers_people
-    assert governed.state.load.value == LoadStatus(4, "picture and panels slower")
+    assert governed.state.load.value == LoadStatus(4, "video and panels slower")
 
 
 @pytest.fixture

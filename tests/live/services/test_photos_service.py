@@ -147,7 +147,7 @@ def test_a_deleted_photo_is_not_in_the_session_and_comes_back_until_it_ends(benc
     bench.told(PhotoDeleted)
     assert bench.state.photos.value[0].deleted
     assert not list(session.rglob("*.png"))
-    with pytest.raises(UserFacingError, match="no such photo"):
+    with pytest.raises(UserFacingError, match="photo does not exist"):
         bench.do(intents.TagPhoto(photo, ("door",)))
     bench.do(intents.RestorePhoto(photo))
     bench.until(lambda: not bench.state.photos.value[0].deleted)
@@ -191,7 +191,7 @@ def test_without_the_permission_there_are_none(bench: Bench) -> None:
     tour = find_scenario("tour-guide")
     bench.service.use_scenario(replace(tour, permissions=replace(tour.permissions, photos=False)))
     assert bench.state.photos.value == ()
-    with pytest.raises(UserFacingError, match="takes no photos"):
+    with pytest.raises(UserFacingError, match="does not allow photos"):
         bench.do(intents.AskAboutPhoto(photo, "What is this?"))
 
 
@@ -208,7 +208,7 @@ def test_the_model_gets_the_picture_where_it_may_and_can_see(bench: Bench) -> No
 
 def test_the_model_gets_what_a_camera_shows_now(bench: Bench) -> None:
     asked = intents.Ask("What is this?", pictures=("camera front",))
-    with pytest.raises(UserFacingError, match="shows no picture now"):
+    with pytest.raises(UserFacingError, match="has no video now"):
         bench.assistant.ask(asked)
     bench.state.take(FrameRef(clock.now_ns(), None, "front", "", 0, 1, 1280, 720))
     bench.assistant.ask(asked)

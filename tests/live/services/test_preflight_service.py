@@ -74,7 +74,7 @@ def test_a_tick_says_who_and_when_and_can_be_taken_back(bench: Bench) -> None:
     )
     bench.tick(done=False)
     assert bench.check(SIGNED).state == bench.told[-1].state == "not checked"
-    with pytest.raises(UserFacingError, match="no such check"):
+    with pytest.raises(UserFacingError, match="does not exist or cannot be ticked"):
         bench.service.handlers()[intents.TickCheck](intents.TickCheck("robot"))
 
 

@@ -56,7 +56,7 @@ def test_one_key_does_it_with_the_wizard_as_actor(desk: Desk) -> None:
     assert desk.state.proposal.value.words == "Go to Kitchen"
     assert desk.do(intents.ConfirmProposal(proposal)) == ""
     assert desk.done == [intents.GoToPlace("Kitchen", actor=WIZARD)]
-    assert desk.do(intents.ConfirmProposal(proposal)) == "That proposal is not there any more."
+    assert desk.do(intents.ConfirmProposal(proposal)) == "That proposal is no longer available."
     assert len(desk.done) == 1 and states(desk) == ["displayed", "confirmed"]
     confirmed = desk.of(ProposalChanged)[-1]
     assert (confirmed.intent, confirmed.arguments, confirmed.actor) == ("GoToPlace", {"place": "Kitchen"}, WIZARD)
@@ -98,7 +98,7 @@ def test_the_gate_has_the_last_word(desk: Desk) -> None:
     desk.state.drive.set(replace(desk.state.drive.value, emergency_stop=True))
     desk.do(intents.ConfirmProposal(proposal))
     assert desk.done == [] and states(desk)[-1] == "refused"
-    assert desk.of(ProposalChanged)[-1].detail == "Driving to the place is not possible: the emergency stop is on."
+    assert desk.of(ProposalChanged)[-1].detail == "Driving to the place is not possible: the emergency stop is active."
 
 
 def test_by_itself_only_what_moves_nothing_is_done_and_after_its_countdown(desk: Desk) -> None:

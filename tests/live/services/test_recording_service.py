@@ -155,7 +155,7 @@ def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
     ("raised", "what"),
     [
         (StudyFolderError("The disk is full.", "No session was started.", "Make room."), "The disk is full."),
-        (ValueError("of no kind"), "The folder of the session could not be made."),
+        (ValueError("of no kind"), "The session folder could not be created."),
     ],
 )
 def test_why_a_session_was_not_begun_is_english_in_the_record_and_told_in_the_wizards_language(

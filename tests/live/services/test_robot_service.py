@@ -145,11 +145,11 @@ def test_a_place_and_a_point_are_driven_to(bench: Bench) -> None:
 def test_where_the_robot_may_not_drive_it_is_not_sent_and_the_wizard_knows_why(bench: Bench) -> None:
     bench.state.places.set((KITCHEN,))
     bench.connect()
-    bench.state.drive.set(replace(bench.state.drive.value, allowed=False, reason="Emergency stop is on"))
+    bench.state.drive.set(replace(bench.state.drive.value, allowed=False, reason="Emergency stop active"))
     bench.robot.go_to_place("Kitchen")
     bench.robot.go_to_place("Cellar")
     assert bench.asked(link_commands.GoTo) == []
-    assert "No goal was sent. Emergency stop is on. Send it again when that has changed." in bench.problems[0]
+    assert "No goal was sent. Emergency stop active. Send the goal again when this has changed." in bench.problems[0]
     assert "no such place" in bench.problems[1]
 
 

@@ -175,4 +175,4 @@ def test_what_was_imported_is_told_also_where_nothing_was_in_its_way(bench: Benc
     bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     bench.service.handlers()[intents.ImportScenario](intents.ImportScenario(Path("/received/open.caris")))
     qtbot.waitUntil(lambda: bool(told))
-    assert [(one.severity, one.what) for one in told] == [("info", "“Theirs” was imported, and is open.")]
+    assert [(one.severity, one.what) for one in told] == [("info", "“Theirs” was imported and is open.")]

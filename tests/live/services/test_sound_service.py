@@ -237,7 +237,7 @@ def test_dictation_opens_the_microphone_and_says_nothing(bench: Bench) -> None:
 
 def test_whoever_has_no_microphone_is_told_so(bench: Bench) -> None:
     bench.microphones.wizards_choice = None
-    with pytest.raises(UserFacingError, match="no microphone"):
+    with pytest.raises(UserFacingError, match="No microphone is selected"):
         bench.do(PushToTalk(on=True))
     assert bench.utterances() == []
 
@@ -256,8 +256,8 @@ def test_what_breaks_off_is_told_and_ends_the_utterance(bench: Bench) -> None:
     assert bench.states()[-1] == "failed"
     problems = [value.what for value in bench.happened if isinstance(value, Problem)]
     assert problems == [
-        "Your own voice was not heard: the link to the robot was lost.",
-        "Your own voice was not heard: the microphone cannot be heard.",
+        "Your own voice was not played: the connection to the robot was lost.",
+        "Your own voice was not played: the microphone is not working.",
     ]
 
 
@@ -313,7 +313,7 @@ def test_headphones_that_go_away_are_told_and_a_scenario_can_forbid_it(bench: Be
     bench.do(HearRobot(on=True))
     bench.service.use_scenario(replace(bench.scenario, sound=SoundSettings()))
     assert not bench.state.sound.value.hearing
-    with pytest.raises(UserFacingError, match="does not hear along"):
+    with pytest.raises(UserFacingError, match="does not allow listening to the robot"):
         bench.do(HearRobot(on=True))
 
 

@@ -162,7 +162,7 @@ def test_a_gap_that_is_left_is_not_said_after_all(desk: Desk) -> None:
 
 
 def test_who_cannot_be_asked_is_refused(desk: Desk) -> None:
-    with pytest.raises(UserFacingError, match="Nobody here has a name"):
+    with pytest.raises(UserFacingError, match="No person here has a name"):
         desk.say("Hello, {name}!", actor="model")
     assert desk.events == [] and desk.state.speech.value.gap is None
 
@@ -190,7 +190,7 @@ def test_a_queued_sentence_is_changed_with_its_gaps_filled(desk: Desk) -> None:
         intents.EditQueued(waiting.utterance_id, "x"), intents.MoveQueued(waiting.utterance_id, 0),
         intents.CancelQueued(waiting.utterance_id),
     ):  # fmt: skip
-        with pytest.raises(UserFacingError, match="being said already"):
+        with pytest.raises(UserFacingError, match="has already started or ended"):
             desk.ask(late)
 
 

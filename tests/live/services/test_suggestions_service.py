@@ -44,7 +44,7 @@ def test_the_first_is_shown_before_the_last_is_written(desk: Desk) -> None:
 def test_a_key_says_the_one_that_was_read_and_no_other(desk: Desk) -> None:
     desk.question().answer(REPLIES)
     card = desk.state.suggestions.value.cards[1]
-    assert desk.do(intents.SaySuggestion(1, card.suggestion_id)) == "That suggestion is not there any more."
+    assert desk.do(intents.SaySuggestion(1, card.suggestion_id)) == "That suggestion is no longer available."
     assert desk.do(intents.SaySuggestion(2, card.suggestion_id)) == ""
     assert desk.do(intents.SaySuggestion(2, card.suggestion_id)) != ""
     assert desk.voice.spoken == ["Shall we go there?"]
@@ -321,7 +321,7 @@ def test_without_the_permission_the_model_is_never_asked(desk: Desk) -> None:
     desk.finish()
     desk.wait(1_000)
     assert desk.model.asked == []
-    assert desk.do(intents.SetLevel("replies", "suggest")) == "This scenario has no assistant."
+    assert desk.do(intents.SetLevel("replies", "suggest")) == "This scenario does not allow the assistant."
 
 
 def test_another_participant_finds_nothing_of_the_one_before(desk: Desk) -> None:

@@ -73,7 +73,7 @@ def test_what_is_corrected_is_recorded_and_shown(desk: Desk) -> None:
 def test_a_sentence_whose_end_is_not_known_stays_in_the_conversation(desk: Desk) -> None:
     """rosbridge was killed while the robot said it; what was only heard and made nothing of was not said."""
     asked = UtteranceChanged(0, "r", "robot", "Follow me.", "typed", "requested")
-    desk.say(asked, replace(asked, state="started"), replace(asked, state="failed", detail="the link was lost"))
+    desk.say(asked, replace(asked, state="started"), replace(asked, state="failed", detail="the connection was lost"))
     desk.say(replace(HEARD, state="started"), replace(HEARD, state="failed"))
     desk.say(replace(asked, utterance_id="never"), replace(asked, utterance_id="never", state="failed"))
     assert [turn.utterance_id for turn in in_order(desk.state.transcript.value)] == ["r"]
@@ -83,7 +83,7 @@ def test_what_is_of_another_session_is_not_corrected(desk: Desk) -> None:
     desk.say(HEARD)
     desk.say(SessionStarted(0, "next"))
     assert desk.state.transcript.value == ()
-    with pytest.raises(UserFacingError, match="not of this session"):
+    with pytest.raises(UserFacingError, match="belongs to another session"):
         desk.correct(text="Anything")
 
 

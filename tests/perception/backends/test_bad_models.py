@@ -48,7 +48,7 @@ def test_a_model_without_people_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not OSNET_WEIGHTS.is_file(), reason=f"needs {OSNET_WEIGHTS}")
 def test_a_network_for_something_else_is_told() -> None:
-    assert "is no detector that the console understands" in str(refused(OSNET_WEIGHTS))
+    assert "is not a supported detector" in str(refused(OSNET_WEIGHTS))
 
 
 def test_what_is_not_there_is_told(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_other_forms_are_refused(shape: tuple[int, ...]) -> None:
 
 def test_a_network_for_something_else_is_refused() -> None:
     facts = facts_of({"task": "segment", "names": "{0: 'person'}"})
-    with pytest.raises(UnknownFormError, match="no detector"):
+    with pytest.raises(UnknownFormError, match="not a bounding-box detector"):
         NetworkDetector(Network(_raw(rows=37), facts), _WEIGHTS, confidence=0.1)
 
 

@@ -93,12 +93,12 @@ def test_what_needs_torch_must_be_worth_it(setup: Setup, torch_ms: float, shown:
 )
 def test_one_that_finds_something_else_is_not_taken_however_fast(setup: Setup, changed: dict[str, Any]) -> None:
     setup.runtimes = {"torch": setup.fake(50), "onnxruntime": setup.fake(2, **changed)}
-    assert setup.open() == "fake (onnxruntime: it finds something else)"
+    assert setup.open() == "fake (onnxruntime: its detections differ)"
 
 
 def test_where_nothing_is_found_nothing_is_exchanged(setup: Setup) -> None:
     setup.runtimes = {"torch": setup.fake(50, confidence=0.12), "onnxruntime": setup.fake(2, confidence=0.12)}
-    assert "nobody was found in the photos" in setup.open()
+    assert "no people were detected in the comparison photos" in setup.open()
 
 
 def test_one_that_cannot_be_opened_is_told_and_the_other_runs(setup: Setup) -> None:

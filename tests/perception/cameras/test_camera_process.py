@@ -147,8 +147,8 @@ def test_whatever_a_camera_delivers_is_fitted_or_left_out_with_one_message(start
         np.full((4320, 7680), 200, np.uint8),
         np.full((48, 64), 50 << 8, np.uint16),
         np.full((48, 64, 4), 60, np.uint8),
-        PictureError("is torn"),
-        PictureError("is torn"),
+        PictureError("is damaged"),
+        PictureError("is damaged"),
         np.zeros((48, 64, 3), np.float32),
         GOOD,
         None,
@@ -161,7 +161,7 @@ def test_whatever_a_camera_delivers_is_fitted_or_left_out_with_one_message(start
     assert [(ref.width_px, ref.height_px) for ref in camera.of(FrameRef)] == [(1920, 1080), *[(64, 48)] * 3]
     told = [problem.what for problem in camera.of(Problem)]
     assert len(told) == 3
-    assert ["1 x 1" in told[0], "torn" in told[1], "float32" in told[2]] == [True] * 3
+    assert ["1 x 1" in told[0], "is damaged" in told[1], "float32" in told[2]] == [True] * 3
     assert all(problem.severity == "warning" for problem in camera.of(Problem))
 
 

@@ -29,7 +29,7 @@ class Capture:
 
 @pytest.mark.parametrize(
     ("pictures", "says", "advises"),
-    [(0, "delivers no pictures", "other programs"), (1, "stopped delivering", "cable")],
+    [(0, "does not deliver any images", "other programs"), (1, "stopped delivering", "cable")],
 )
 def test_who_may_have_it_is_asked_only_where_no_picture_ever_came(
     monkeypatch: pytest.MonkeyPatch, pictures: int, says: str, advises: str

@@ -143,7 +143,7 @@ def test_parts_are_told_apart_with_and_without_their_length_however_they_come() 
     )
     with pytest.raises(OSError, match="too large"):
         MultipartReader("frame").add(b"--frame\r\nContent-Length: 999999999\r\n\r\n")
-    with pytest.raises(OSError, match="endless"):
+    with pytest.raises(OSError, match="unterminated"):
         MultipartReader("frame").add(b"--frame\r\n" + b"a" * 20_000)
 
 
@@ -153,7 +153,7 @@ def test_a_token_goes_with_the_request_and_its_refusal_is_told(served: Served, m
     HttpCamera(parse_camera(f"{served.address}#token-env=PI_CAMERA")).close()
     assert served.authorizations == ["Bearer abc"]
     served.status = 401
-    with pytest.raises(CameraError, match="refuses the token") as caught:
+    with pytest.raises(CameraError, match="rejected the token") as caught:
         open_camera(parse_camera(f"{served.address}#token-env=PI_CAMERA"))
     assert "PI_CAMERA" in caught.value.advice
 

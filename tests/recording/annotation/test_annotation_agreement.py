@@ -127,7 +127,7 @@ def test_where_kappa_is_not_defined_it_is_said() -> None:
     (nothing,) = compare_coders(coded(anna=[], ben=[]), "anna", "ben")
     assert (nothing.per_annotation.kappa, nothing.per_annotation.observed, nothing.offsets) == (None, None, None)
     assert "not defined" in report(nothing)
-    with pytest.raises(AnnotationError, match=r"no annotations of zoe\. There are: anna, ben"):
+    with pytest.raises(AnnotationError, match=r"no annotations by zoe\. Available coders: anna, ben\."):
         compare_coders(coded(anna=[], ben=[]), "anna", "zoe")
     with pytest.raises(AnnotationError, match="do not both have the tier “Talk”"):
         compare_coders(coded(anna=[], ben=[]), "anna", "ben", tier="Talk")
@@ -159,9 +159,9 @@ def test_the_command_prints_a_report(tmp_path: Path, capsys: pytest.CaptureFixtu
     told = capsys.readouterr().out
     first, second = [unit_codes(document.of_tier(tier.tier_id), 60_000, 100) for tier in document.tiers]
     assert f"Cohen's kappa {cohen_kappa_score(first, second):.3f}" in told
-    assert "1 matched, 1 only of anna, 0 only of ben" in told
+    assert "1 matched, 1 only by anna, 0 only by ben" in told
     assert "end +1000 ms on average" in told or "end +1000 ms (at most 1000 ms)" in told
     assert agreement_command.run(parser.parse_args([str(folder), "anna", "zoe"])) == 1
-    assert "There are: anna, ben." in capsys.readouterr().err
+    assert "Available coders: anna, ben." in capsys.readouterr().err
     assert agreement_command.run(parser.parse_args([str(tmp_path), "anna", "ben"])) == 1
-    assert "is no session" in capsys.readouterr().err
+    assert "is not a session" in capsys.readouterr().err

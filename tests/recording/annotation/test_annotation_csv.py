@@ -96,28 +96,31 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("", "nothing in it"),
-        (b"\xff\xd8\xff\xe0\x00\x10JFIF", "It is no text"),
-        ("tier,start_s,end_s,value\nA,1,2,x\nA,1.5,x,y\n", "Line 3, end: “x” is no time"),
-        ("tier,start_s,end_s,value\nA,1,2,x\nA,3\n", "Line 3, end: there is no time"),
-        ("tier,start_s,end_s,value\nA,2,1,x\n", r"Line 2: it ends \(1000 ms\) before it starts \(2000 ms\)"),
+        ("", "The file is empty"),
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF", "The file is not a text file"),
+        ("tier,start_s,end_s,value\nA,1,2,x\nA,1.5,x,y\n", "Line 3, end: “x” is not a valid time"),
+        ("tier,start_s,end_s,value\nA,1,2,x\nA,3\n", "Line 3, end: the time is missing"),
+        (
+            "tier,start_s,end_s,value\nA,2,1,x\n",
+            r"Line 2: the annotation ends \(1000 ms\) before it starts \(2000 ms\)",
+        ),
         ("tier,start_s,end_s,value\nA,1,3,x\nB,1,3,x\nA,2,4,y\n", "Line 4 overlaps line 2 on the tier “A”"),
-        ("tier,start_s,end_s,value\nA,-1,3,x\n", "Line 2, start: “-1” is no time"),
-        ("tier,start_s,end_s,value\nA,1,99999999,x\n", "is no time of a session"),
-        ("tier,start_s,value\nA,1,x\n", "the headings name no end"),
-        ("tier,start_s,end_s\nA,1,2\n", "the headings name no value"),
-        ("tier,start,end,value\nA,0,40,x\nA,60,110,x\n", "may be seconds or milliseconds"),
-        ("just some\nlines of text\n", "there are no headings, and no columns that are times"),
+        ("tier,start_s,end_s,value\nA,-1,3,x\n", "Line 2, start: “-1” is not a valid time"),
+        ("tier,start_s,end_s,value\nA,1,99999999,x\n", "is out of range for a session"),
+        ("tier,start_s,value\nA,1,x\n", "the header has no column for the end"),
+        ("tier,start_s,end_s\nA,1,2\n", "the header has no column for the value"),
+        ("tier,start,end,value\nA,0,40,x\nA,60,110,x\n", "could be in seconds or milliseconds"),
+        ("just some\nlines of text\n", "there is no header row, and no column contains times"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 20_000, "Line 2: a text is too long"),
         ("tier,start_s,end_s,value\nA,1,2," + "x" * 200_000, "Line 2: field larger"),
-        ("tier,start_s,end_s,value\nA,1e3,2e3,x\n", "“1e3” is no time"),
-        ("tier,start_s,end_s,value\nA,1:2:3:4,9,x\n", "“1:2:3:4” is no time"),
+        ("tier,start_s,end_s,value\nA,1e3,2e3,x\n", "“1e3” is not a valid time"),
+        ("tier,start_s,end_s,value\nA,1:2:3:4,9,x\n", "“1:2:3:4” is not a valid time"),
     ],
 )
 def test_what_cannot_be_read_names_the_line(tmp_path: Path, content: str | bytes, told: str) -> None:
     with pytest.raises(AnnotationError, match=told) as refusal:
         read(tmp_path, content)
-    assert str(refusal.value).startswith("x.csv cannot be taken over.")
+    assert str(refusal.value).startswith("x.csv cannot be imported.")
 
 
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
@@ -157,12 +160,12 @@ Time\tMedia file path\tTotal length\tFPS\tSubject\tBehavior\tBehavioral category
     [
         (
             _AGGREGATED,
-            ["Rows without a time, which were left out: 1.", "Rows of another observation, which were left out: 1."],
+            ["Skipped rows without a time: 1.", "Skipped rows of another observation: 1."],
         ),
         (
             _TABULAR,
-            ["Rows with a stop and no start, which were left out: 1.",
-             "Rows with a start and no stop, which were left out: 1."],
+            ["Skipped rows with a stop but no start: 1.",
+             "Skipped rows with a start but no stop: 1."],
         ),
     ],
 )  # fmt: skip

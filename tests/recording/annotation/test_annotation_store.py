@@ -70,8 +70,8 @@ def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> 
         ("", "is damaged"),
         ('{"format": "caris-desktop annotations", "format_version": 2}', "Update CARIS Desktop"),
         ("[]", "is damaged: the file as a whole"),
-        ("overlap", "is damaged. Two annotations of the tier “Looks” overlap"),
-        ("value", "is no value of the vocabulary"),
+        ("overlap", "is damaged. Two annotations on the tier “Looks” overlap"),
+        ("value", "is not in the vocabulary"),
         ("time", "is damaged: tiers/0/annotations/0/start_ms"),
         ("cut", "is damaged"),
         ("deep", "is damaged"),
@@ -121,7 +121,7 @@ def test_the_schema_refuses_what_the_program_refuses() -> None:
 def test_only_what_keeps_the_rules_is_saved(tmp_path: Path) -> None:
     document = coded("anna")
     broken = AnnotationDocument(document.tiers, (), document.annotations, document.duration_ms)
-    with pytest.raises(AnnotationError, match="which is not there"):
+    with pytest.raises(AnnotationError, match="which does not exist"):
         save_coder(tmp_path, broken, "anna")
     assert not (tmp_path / "annotations").exists()
 

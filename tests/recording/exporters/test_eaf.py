@@ -241,7 +241,7 @@ def test_sound_is_filled_up_with_silence(tmp_path: Path) -> None:
     assert loud_s(tmp_path / "out" / "audio-m.wav") == pytest.approx([2.5, 7.25, 8.25], abs=0.001)
     with wave.open(str(tmp_path / "out" / "audio-m.wav")) as file:
         assert (file.getnchannels(), file.getframerate(), file.getnframes()) == (2, 16_000, 8 * 16_000 + 8000)
-    assert "Silence was put in" in (tmp_path / "out" / "media.txt").read_text()
+    assert "Silence replaces gaps" in (tmp_path / "out" / "media.txt").read_text()
 
 
 def test_sound_that_keeps_time_itself_is_moved_as_a_whole(tmp_path: Path) -> None:
@@ -417,17 +417,17 @@ _BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><ANNOTATION_DOCUME
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (FOREIGN[:-400], "no XML, or was cut off"),
-        ("tier,start,end", "no XML"),
-        ("<html/>", "is no ELAN file: it begins with “html”"),
-        (_BOMB, "holds what no ELAN file has"),
-        (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="-4"'), "The time slot “ts4” has no usable time"),
+        (FOREIGN[:-400], "not valid XML, or is truncated"),
+        ("tier,start,end", "not valid XML"),
+        ("<html/>", "is not an ELAN file: it starts with “html”"),
+        (_BOMB, "contains XML that is not allowed in an ELAN file"),
+        (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="-4"'), "The time slot “ts4” has no valid time"),
         (FOREIGN.replace('"ts4" TIME_VALUE="4000"', '"ts4" TIME_VALUE="500"'), "ends before it starts"),
         (FOREIGN.replace('TIME_SLOT_REF2="ts4"', 'TIME_SLOT_REF2="ts9"'), "has no time"),
-        (FOREIGN.replace('ANNOTATION_REF="a6"', 'ANNOTATION_REF="a7"'), "in a circle"),
-        (FOREIGN.replace('ANNOTATION_ID="a3"', 'ANNOTATION_ID="a2"'), "or the same"),
-        (FOREIGN.replace('TIER_ID="Gloss"', 'TIER_ID="Parts"'), "Two tiers are called “Parts”"),
-        (FOREIGN.replace('"ts2" TIME_SLOT_REF2="ts3"', '"ts3" TIME_SLOT_REF2="ts2"'), "x.eaf cannot be taken over"),
+        (FOREIGN.replace('ANNOTATION_REF="a6"', 'ANNOTATION_REF="a7"'), "form a loop"),
+        (FOREIGN.replace('ANNOTATION_ID="a3"', 'ANNOTATION_ID="a2"'), "missing or duplicate id"),
+        (FOREIGN.replace('TIER_ID="Gloss"', 'TIER_ID="Parts"'), "Duplicate tier name “Parts”"),
+        (FOREIGN.replace('"ts2" TIME_SLOT_REF2="ts3"', '"ts3" TIME_SLOT_REF2="ts2"'), "x.eaf cannot be imported"),
         (FOREIGN.replace(">one<", f">{'x' * 20_000}<"), "has 20000 characters"),
     ],
 )
@@ -451,6 +451,6 @@ def test_ends_of_files_are_told_not_thrown(tmp_path: Path) -> None:
         try:
             annotation_editing.check_document(read_eaf(path))
         except AnnotationError as refusal:
-            assert str(refusal).startswith("x.eaf cannot be taken over.")
+            assert str(refusal).startswith("x.eaf cannot be imported.")
     with pytest.raises(AnnotationError, match="cannot be read"):
         read_eaf(tmp_path / "none.eaf")

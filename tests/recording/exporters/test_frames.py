@@ -121,7 +121,7 @@ def test_yolo_boxes_lie_on_the_pictures_they_were_found_in(made: MadeSession, ou
 def test_mot_sequences_are_complete_and_say_who_made_them(made: MadeSession, out: Path) -> None:
     (folder,) = (out / "mot").iterdir()
     assert folder.name == "front-machine-made"
-    assert "Nobody has corrected" in (folder / "gt" / "MACHINE-MADE.txt").read_text()
+    assert "They have not been corrected" in (folder / "gt" / "MACHINE-MADE.txt").read_text()
     seqinfo = configparser.ConfigParser()
     seqinfo.read(folder / "seqinfo.ini")
     about = seqinfo["Sequence"]
@@ -243,7 +243,7 @@ def test_the_card_describes_every_field(made: MadeSession, out: Path) -> None:
         assert told or name.endswith(("_s", "utc")), name
     assert "machine-made" in card
     assert "monotonic" in card
-    assert re.search(r"known to \d\.\d ms \(16 measurements\)", card)
+    assert re.search(r"accurate to \d\.\d ms \(16 measurements\)", card)
 
 
 def test_sessions_without_video_or_driving_are_exported_too(tmp_path: Path) -> None:
@@ -253,5 +253,5 @@ def test_sessions_without_video_or_driving_are_exported_too(tmp_path: Path) -> N
     written = write_frames(open_session(made.folder), tmp_path / "out", ExportContext(progress=fractions.append))
     assert all(path.is_file() for path in written)
     assert lines(tmp_path / "out" / "driving" / "episodes.jsonl") == []
-    assert "had no picture in the video" in (tmp_path / "out" / "README.md").read_text()
+    assert "without a frame in the video" in (tmp_path / "out" / "README.md").read_text()
     assert fractions == sorted(fractions)

@@ -114,10 +114,10 @@ def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None
         "Simulated robot",
         "Tour guide",
         f"{len(measures.responses)}",
-        "The recording was paused once, for 10.0 s in all.",
+        "The recording was paused once, for 10.0 s in total.",
         "12 video frames are missing: the video encoder could not keep up.",
         "Wants to touch it & <try>.",
-        "The robot does not answer. Driving has stopped.",
+        "The robot does not respond. Driving has stopped.",
         "smollm2-135m, q8_0 (embedded, on this computer)",
         "Gaze",
         "emergency stop",
@@ -129,7 +129,7 @@ def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None
     assert len([item for item in page.texts if re.fullmatch(r"\d:\d\d to \d:\d\d Let me think...", item)]) == fillers
     out = drawings(tmp_path / "out" / "report.html")
     titles = [drawing[0].text or "" for drawing in out]
-    assert titles[:2] == ["What happened from 0:00 to 4:00", "The way of the robot on the map"]
+    assert titles[:2] == ["Event log from 0:00 to 4:00", "Path of the robot on the map"]
     response_titles = [title for title in titles if title.startswith("Response time")]
     assert f"{len(measures.responses)} values" in response_titles[0]
 
@@ -152,9 +152,9 @@ def test_a_long_session_is_drawn_in_strips(tmp_path: Path) -> None:
     folder = tell(tmp_path / "s", [*heard(1, 10, 12, "Early"), *heard(2, 3000, 3002, "Late")], lasts_s=3300)
     report_of(folder, tmp_path / "out")
     every = drawings(tmp_path / "out" / "report.html")
-    strips = [drawing for drawing in every if "What happened" in (drawing[0].text or "")]
+    strips = [drawing for drawing in every if "Event log" in (drawing[0].text or "")]
     assert [drawing[0].text for drawing in strips] == [
-        f"What happened from {begin} to {end}"
+        f"Event log from {begin} to {end}"
         for begin, end in (
             ("0:00", "10:00"), ("10:00", "20:00"), ("20:00", "30:00"), ("30:00", "40:00"), ("40:00", "50:00"),
             ("50:00", "55:00"),
@@ -211,8 +211,8 @@ def test_photos_are_in_the_page(tmp_path: Path) -> None:
 
 def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
     page = report_of(tell(tmp_path / "a", [], lasts_s=0.0, trial={}), tmp_path / "out-a")
-    assert "Nothing that was said is in the record." in page.text
-    assert "The robot told neither odometry nor its pose" in page.text
+    assert "The recording contains no utterances." in page.text
+    assert "The robot reported neither odometry nor pose" in page.text
     page = report_of(tell(tmp_path / "b", heard(1, 1.0, 2.0, "Hi"), lasts_s=3.0, closed=False), tmp_path / "out-b")
     assert "The recording was cut off" in page.text
 
@@ -228,12 +228,12 @@ def test_who_had_the_robot_speak_is_told_of_all(tmp_path: Path) -> None:
             for event in said(number, 3.0 * number, 3.0 * number + 0.1, 3.0 * number + 1.0, f"Sentence {number}.")
         ]
         sheet = methods_sheet([open_session(tell(tmp_path / name, values, lasts_s=30.0))])
-        return next(item.answer for item in sheet.sections[0].items if "by itself" in item.question)
+        return next(item.answer for item in sheet.sections[0].items if "autonomously" in item.question)
 
     # Versions 1 and 2 do not tell; nobody else could.
-    assert decided("alone", "wizard", "") == "What it said was decided by the wizard."
+    assert decided("alone", "wizard", "") == "The wizard decided what it said."
     assert decided("many", "wizard", "model", "console", "wizard:b", "model") == (
-        "What it said was decided by the wizard, but for what it was made to say by others"
+        "The wizard decided what it said, except for utterances by others"
         " (the language model: 2, the console: 1, another wizard: 1)."
     )
 
@@ -257,10 +257,12 @@ def test_the_sheet_names_where_each_answer_is_from_and_what_is_left_to_fill_in(t
     measures = measure(read_facts(toured))
     (model,) = measures.models
     assert f"accepted {model.said + model.edited} " in answers["How many of its answers were used?"].answer
-    assert "temperature 0.3" in answers["With which parameters?"].answer
-    assert "+2.000 s from the computer's UTC" in answers["Which clocks, and how exact?"].answer
-    assert "drifted by at most 50.4 ms per minute" in answers["Which clocks, and how exact?"].answer
-    assert "12 video frames were not recorded." in answers["What was lost?"].answer
+    assert "temperature 0.3" in answers["Which parameters were used?"].answer
+    assert "+2.000 s from the computer's UTC" in answers["Which clocks were used, and how accurate were they?"].answer
+    assert (
+        "drifted by at most 50.4 ms per minute" in answers["Which clocks were used, and how accurate were they?"].answer
+    )
+    assert "12 video frames were not recorded." in answers["Which data is missing?"].answer
     (prompt,) = sheet.appendices
     assert prompt.text == "You are a friendly robot guide.\nAnswer in one short sentence."
 
@@ -289,9 +291,9 @@ def test_the_paragraph_for_one_of_each(tmp_path: Path) -> None:
         "The robot (TIAGo) was controlled by one wizard with CARIS Desktop (version 0.test) in one session with one"
         " participant (1 min 00 s recorded). [Participants: age, gender, recruitment.] [Training of the wizard.]"
         " The robot made one utterance (100% typed by the wizard). The median time from the end of a participant's"
-        " utterance to the robot's next words was 1.00 s (n = 1). The robot was driven by hand for 2.0 s."
+        " utterance to the robot's next words was 1.00 s (n = 1). The robot was driven manually for 2.0 s."
         " The language model smollm2-135m, q8_0 (embedded, on this computer; max_tokens 48, temperature 0.3) was asked"
-        " once to propose what the robot could say; its answer was used as it was by the wizard."
+        " once to propose what the robot could say; its answer was used unchanged by the wizard."
         " The wizard marked one error of their own (slip: 1; 10.0 per 10 minutes)."
     )
 
@@ -317,7 +319,7 @@ def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
         in (answers["How many of its answers were used?"])
     )
     assert answers["How many people were in front of the robot?"] == (
-        "One person at once at most, as the console counted them: three identities of its detector and tracker, which "
+        "At most one person at once, as counted by the console: three identities from its detector and tracker, which "
         "may give one person several."
     )
     for fmt in ("html", "eaf", "frames", "csv", "vtt"):
@@ -352,7 +354,7 @@ def test_an_answer_that_was_cut_off_is_told_wherever_the_answer_is(tmp_path: Pat
     with (tmp_path / "csv" / "answers.csv").open(encoding="utf-8", newline="") as file:
         assert [row["cut"] for row in csv.DictReader(file)] == ["length", "filter", ""]
     page = Page(next((tmp_path / "html").glob("*.html")))
-    assert "cut off at its limit" in page.texts and "cut off by a filter" in page.texts
+    assert "cut off at the length limit" in page.texts and "cut off by a filter" in page.texts
     tier = read_eaf(tmp_path / "eaf" / "told.eaf").of_tier("record-llm-exchanges")
     assert [one.value for one in tier] == ["The lab closes at (cut off)", "That is (cut off)", "Yes."]
     (turn,) = map(json.loads, (tmp_path / "frames" / "dialogue" / "turns.jsonl").read_text().splitlines())
@@ -405,7 +407,7 @@ def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> No
     assert steps[-1] == 1.0
     text = (out / "methods.md").read_text(encoding="utf-8")
     assert "Mia: 15 min 00 s in two practice sessions, 78 of 100 points in the guided exercise." in text
-    assert "Of Noor no practice session is in the record." in text
+    assert "No practice session was recorded for Noor." in text
     assert "Two wizards: Mia (two sessions) and Noor (one session)." in text
     assert "Three participants in three sessions." in text
     assert "A: 2, B: 1" in text
@@ -430,10 +432,10 @@ def test_the_place_of_a_language_model_is_its_server(tmp_path: Path) -> None:
     assert export_all(ExportRequest((folder,), ("html", "methods"), out, folder_per_session=False)).problems == ()
     for name in ("html/report.html", "methods/methods.md", "methods/methods.html"):
         text = (out / name).read_text(encoding="utf-8").replace("\\", "")
-        for words in ("(ollama, on this computer", "(openai, at gpu.example.org:8000", "(openai, server not told"):
+        for words in ("(ollama, on this computer", "(openai, at gpu.example.org:8000", "(openai, server not specified"):
             assert words in text, (name, words)
         assert "(openai)" not in text
-    assert "1 of the 3 questions had a seed of its own" in (out / "methods" / "methods.md").read_text(encoding="utf-8")
+    assert "1 of the 3 questions had a separate seed" in (out / "methods" / "methods.md").read_text(encoding="utf-8")
     made = study_statistics(tmp_path, tmp_path / "statistics")
     with (made.out / "models.csv").open(encoding="utf-8", newline="") as file:
         rows = [(row["provider"], row["server"], row["asked"], row["with_seed"]) for row in csv.DictReader(file)]

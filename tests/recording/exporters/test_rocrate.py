@@ -72,8 +72,8 @@ def test_the_crate_describes_every_file_truly(made: MadeSession, out: Path) -> N
     name = made.folder.name
     assert files[f"{name}/video-front.mp4"]["encodingFormat"] == "video/mp4"
     assert files[f"{name}/events.mcap"]["encodingFormat"][1].id == "https://mcap.dev/spec"
-    assert "changed since" in files[f"{name}/speech.txt"]["description"]
-    assert "changed since" not in files[f"{name}/people.json"]["description"]
+    assert "changed after" in files[f"{name}/speech.txt"]["description"]
+    assert "changed after" not in files[f"{name}/people.json"]["description"]
     assert not any("secret" in file or "export-1" in file for file in files)
     assert {part.id for part in crate.root_dataset["hasPart"]} >= {"FORMAT.md", "data_dictionary.csv"}
 
@@ -113,7 +113,7 @@ def test_the_session_inside_is_the_session(made: MadeSession, out: Path) -> None
     inside = out / made.folder.name
     assert verify_manifest(inside) == ["speech.txt was changed after the session closed."]
     session = open_session(inside)
-    assert session.losses == ("speech.txt has 8 of 72 bytes.",)
+    assert session.losses == ("speech.txt has 8 of 84 bytes.",)
     assert {**session.trial, "wizard": "Wilma Wizard"} == open_session(made.folder).trial
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
 
@@ -143,11 +143,11 @@ def test_who_the_wizard_was_is_nowhere_in_the_crate(made: MadeSession, out: Path
         file["name"]: (out / made.folder.name / file["name"]).stat().st_size
         for file in original.pop("files")
         if file["name"] != "speech.txt"
-    } | {"speech.txt": 72}
+    } | {"speech.txt": 84}
     assert copy == original
     entities = described(ROCrate(out))
-    assert "Pseudonyms stand for" in entities["./"]["description"]
-    assert "pseudonyms stand for" in next(
+    assert "Pseudonyms replace" in entities["./"]["description"]
+    assert "pseudonyms replace" in next(
         entity["description"] for entity in entities.values() if str(entity.get("name")).endswith("/session.json")
     )
 
@@ -203,7 +203,7 @@ def test_a_record_that_names_folders_of_the_computer_is_told(tmp_path: Path) -> 
     folder = tell(tmp_path / "s", [problem], lasts_s=2.0)
     warnings: list[str] = []
     export_session(folder, "rocrate", tmp_path / "out", ExportContext(warn=warnings.append))
-    assert "1 message(s) in events.mcap name folders" in warnings[0]
+    assert "1 message(s) in events.mcap contain folder names" in warnings[0]
 
 
 def test_the_record_can_be_read_by_what_lies_beside_it(made: MadeSession, out: Path) -> None:

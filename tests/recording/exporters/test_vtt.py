@@ -37,7 +37,7 @@ def test_what_was_said_is_captioned_with_who_said_it(tmp_path: Path) -> None:
     assert captions(out / "captions-robot.vtt") == [(5.0, 7.5, "Robot", "Welcome to the lab.")]
     assert len(captions(out / "captions-participant.vtt")) == 1
     assert {path.name for path in out.iterdir()} == {"captions.vtt", "captions-robot.vtt", "captions-participant.vtt"}
-    assert "Times since the session s began" in (out / "captions.vtt").read_text(encoding="utf-8")
+    assert "Times are relative to the start of the session s" in (out / "captions.vtt").read_text(encoding="utf-8")
 
 
 def test_each_video_has_captions_by_its_own_time(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_each_video_has_captions_by_its_own_time(tmp_path: Path) -> None:
     out = exported(tmp_path / "s", tmp_path / "out")
     assert captions(out / "video-front.vtt") == [(0.0, 1.0, "Robot", "across"), (6.0, 8.5, "Robot", "within")]
     assert captions(out / "video-captions.vtt") == [(0.5, 3.0, "Robot", "within"), (20.5, 21.5, "Robot", "after")]
-    assert "which is second 4.000 of s" in (out / "video-front.vtt").read_text(encoding="utf-8")
+    assert "at second 4.000 of s" in (out / "video-front.vtt").read_text(encoding="utf-8")
 
 
 def test_no_text_breaks_out_of_its_cue(tmp_path: Path) -> None:

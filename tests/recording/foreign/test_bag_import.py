@@ -236,9 +236,9 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
 
     told = topics(report)
     assert told["/local_costmap/costmap"] == ("", "it is a costmap, not the map")
-    assert told["/rear/scan_raw"] == ("", "/scan is taken for the scan")
-    assert told["/imu"] == ("", "sensor_msgs/Imu has no counterpart here")
-    assert told["/chatter"] == ("", "its name does not say that these texts are speech")
+    assert told["/rear/scan_raw"] == ("", "/scan is used for scan")
+    assert told["/imu"] == ("", "sensor_msgs/Imu has no equivalent in this program")
+    assert told["/chatter"] == ("", "its name does not indicate that these texts are speech")
     assert told["/scan"] == ("scan", "")
     assert {topic.topic for topic in report.not_understood} == {
         "/local_costmap/costmap", "/rear/scan_raw", "/imu", "/chatter"
@@ -293,7 +293,7 @@ def test_a_laser_that_is_nobody_knows_where_gets_no_place(tmp_path: Path) -> Non
     report = import_bag(write_ros1(tmp_path / "r.bag", scans_before_the_mount(mounted_ms=None)), tmp_path / "s")
     scans = values(open_session(report.folder), LaserScan)
     assert [found.robot_from_laser for found in scans] == [None] * 5
-    assert any("laser 'laser_link' sits on the robot is not told" in note for note in report.notes)
+    assert any("laser 'laser_link' on the robot is unknown" in note for note in report.notes)
     export_session(report.folder, "rosbag2", tmp_path / "out")
     with Reader1(tmp_path / "out" / "session.bag") as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
@@ -411,7 +411,7 @@ def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
     assert "battery" not in report.values
     reasons = {topic.topic: topic.reason for topic in report.topics}
     assert reasons["/other"] == "its messages are encoded as 'protobuf'"
-    assert reasons["/changed"] == "its definition of sensor_msgs/msg/BatteryState is not the standard one"
+    assert reasons["/changed"] == "its definition of sensor_msgs/msg/BatteryState differs from the standard"
 
 
 def test_the_battery_of_an_older_ros(tmp_path: Path) -> None:
@@ -512,28 +512,28 @@ def evil_metadata(folder: Path) -> Path:
 BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "missing": (lambda folder: folder / "nowhere.bag", "does not exist"),
     "empty file": (with_content("a.bag", b""), "is empty"),
-    "text": (with_content("a.bag", b"just some text, 126 s of it\n"), "is no bag"),
-    "old bag": (with_content("a.bag", b"#ROSBAG V1.2\n"), "old format"),
-    "no messages": (lambda folder: write_ros1(folder / "none.bag", iter(())), "holds no messages"),
-    "cut at once": (with_content("a.mcap", b"\x89MCAP0\r\n\x01\x10\x00"), "holds no messages.*breaks off"),
-    "rubbish": (with_content("a.bag", b"#ROSBAG V2.0\n" + bytes(range(256)) * 20), "holds no messages.*damaged"),
-    "unknown types": (only_unknown, "holds nothing that this program knows.*sensor_msgs/msg/Imu"),
-    "bomb": (zstd_bomb, "holds no messages.*far too large"),
-    "bomb in ROS 1": (ros1_bomb, "holds no messages.*far too large"),
-    "huge": (huge_message, "holds no messages.*far too large"),
-    "empty folder": (empty_folder, "no rosbag2"),
-    "evil metadata": (evil_metadata, "does not describe a bag"),
-    "database": (with_content("a.db3", b"SQLite format 3\x00" + bytes(200)), "holds no messages.*damaged"),
+    "text": (with_content("a.bag", b"just some text, 126 s of it\n"), "is not a ROS 1 bag"),
+    "old bag": (with_content("a.bag", b"#ROSBAG V1.2\n"), "in an old format"),
+    "no messages": (lambda folder: write_ros1(folder / "none.bag", iter(())), "contains no messages"),
+    "cut at once": (with_content("a.mcap", b"\x89MCAP0\r\n\x01\x10\x00"), "contains no messages.*truncated"),
+    "rubbish": (with_content("a.bag", b"#ROSBAG V2.0\n" + bytes(range(256)) * 20), "contains no messages.*damaged"),
+    "unknown types": (only_unknown, "contains no supported data.*sensor_msgs/msg/Imu"),
+    "bomb": (zstd_bomb, "contains no messages.*far too large"),
+    "bomb in ROS 1": (ros1_bomb, "contains no messages.*larger than its declared size"),
+    "huge": (huge_message, "contains no messages.*far too large"),
+    "empty folder": (empty_folder, "not a rosbag2"),
+    "evil metadata": (evil_metadata, "does not contain bag metadata"),
+    "database": (with_content("a.db3", b"SQLite format 3\x00" + bytes(200)), "contains no messages.*damaged"),
     "own log": (
         lambda folder: mcap(
             folder / "events.mcap", profile="", library="caris-desktop",
             scan=("caris.LaserScan", "jsonschema", "json", b"{}", b"{}"),
         ),
-        "part of a session of CARIS Desktop",
+        "belongs to a CARIS Desktop session",
     ),
     "another program's": (
         lambda folder: mcap(folder / "a.mcap", x=("foxglove.Log", "protobuf", "protobuf", b"", b"\x00")),
-        "holds nothing that this program knows",
+        "contains no supported data",
     ),
 }  # fmt: skip
 
@@ -559,7 +559,7 @@ def test_a_cut_or_damaged_bag_gives_what_is_whole(kind: str, tmp_path: Path) -> 
     broken = tmp_path / f"broken.{'bag' if kind == 'ros1' else 'mcap'}"
     broken.write_bytes(content[: len(content) * 2 // 3])
     report = import_bag(broken, tmp_path / "cut")
-    assert any("breaks off" in note for note in report.notes)
+    assert any("truncated" in note for note in report.notes)
     before_the_cut = len(values(open_session(tmp_path / "cut"), LaserScan))
     assert 5 < before_the_cut < 60
 
@@ -581,7 +581,7 @@ def replaced(written: Written, later_ms: int) -> Written:
 def test_nothing_is_overwritten_and_an_import_can_be_stopped(tmp_path: Path) -> None:
     bag = BAGS["ros1"](tmp_path)
     (tmp_path / "there").mkdir()
-    with pytest.raises(BagError, match="exists already"):
+    with pytest.raises(BagError, match="already exists"):
         import_bag(bag, tmp_path / "there")
     folder = shutil.copytree(tmp_path / "there", tmp_path / "bag folder")
     with pytest.raises(BagError, match="inside the bag"):
@@ -648,7 +648,7 @@ def test_odometry_without_a_rotation_keeps_its_speed_and_is_counted(tmp_path: Pa
     report = import_bag(write_ros1(tmp_path / "a.bag", iter(written)), tmp_path / "session")
     (topic,) = report.topics
     assert (topic.used, topic.became) == (6, "odometry")
-    assert any("6 messages of the odometry tell no rotation" in note for note in report.notes)
+    assert any("6 odometry messages have no rotation" in note for note in report.notes)
     found = values(open_session(report.folder), Odometry)
     assert {one.twist for one in found} == {Twist2D(0.5, 0.0, 0.1)}
     assert [round(one.pose_in_odom.heading_rad, 3) for one in found] == [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
@@ -686,7 +686,7 @@ def test_a_clock_that_was_set_makes_no_session_of_years(tmp_path: Path, forward:
     bag = _speech(tmp_path / "a.mcap", [*_driven(first, counts[0]), *_driven(then, counts[1])])
     report = import_bag(bag, tmp_path / "s")
     assert report.duration_s == pytest.approx(4.9 + 2.9 + 1.0, abs=0.01)
-    assert sum("the gap of" in note and "was taken out" in note for note in report.notes) == 1
+    assert sum("the gap of" in note and "was removed" in note for note in report.notes) == 1
     session = open_session(tmp_path / "s")
     said = [value.text for value in values(session, UtteranceChanged)]
     assert said == [f"said {number}" for count in counts for number in range(count)], "as in the file"

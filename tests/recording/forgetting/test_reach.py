@@ -124,7 +124,7 @@ def test_another_link_out_of_the_study_is_refused_by_name(study: Path, kind: str
     before = target.read_bytes()
     outcome = forget(study)
     assert not outcome.complete
-    assert any(link.name in problem and "leads out of the study" in problem for problem in outcome.problems)
+    assert any(link.name in problem and "points outside the study" in problem for problem in outcome.problems)
     assert link.is_symlink()
     assert target.read_bytes() == before
     receipt = receipt_of(study)
@@ -170,7 +170,7 @@ def test_a_hard_link_from_outside_is_told(study: Path) -> None:
     os.link(sessions_of(study)[0] / "video-front.mp4", outside)
     outcome = forget(study)
     assert not outcome.complete
-    assert any("video-front.mp4 has another name outside" in problem for problem in outcome.problems)
+    assert any("video-front.mp4 has a hard link outside" in problem for problem in outcome.problems)
 
 
 def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:

@@ -105,7 +105,7 @@ def test_voice_and_words_of_who_was_alone_there_are_gone(alone: Path) -> None:
     told = receipt_of(alone)["utterances"]
     assert told["theirs_removed"] == len(participants(session))
     assert told["nobodys_waiting"] == 0
-    assert "utterances of theirs" in receipt_words(alone / "forgotten" / "RECEIPT.json")
+    assert "utterances by this person" in receipt_words(alone / "forgotten" / "RECEIPT.json")
 
 
 def test_what_nobody_is_known_to_have_said_waits_for_a_decision(two: Path) -> None:

@@ -28,7 +28,7 @@ MOST_EVENTS_LOST_S, MOST_MEDIA_LOST_S = 1.0, 2.0
 
 
 @pytest.mark.alone
-@pytest.mark.logs(r"is left out of the archive: it is what a repair found")
+@pytest.mark.logs(r"is excluded from the archive: it was saved by a repair")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
     tmp_path: Path, moment: int, request: pytest.FixtureRequest

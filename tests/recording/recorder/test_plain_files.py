@@ -103,7 +103,7 @@ def test_speech_has_what_participants_said_and_what_was_corrected(tmp_path: Path
     assert [line.split(maxsplit=1)[1].strip() for line in lines(tmp_path / "speech.txt")] == [
         "1.000 participant (p-1): Hello robber.  [heard]",
         "5.000 participant: Hello robot.  [corrected, before: Hello robber.]",
-        "6.000 not sure who: Hello robot.  [corrected]",
+        "6.000 unknown speaker: Hello robot.  [corrected]",
     ]
 
 

@@ -270,7 +270,7 @@ def test_without_a_session_a_photo_goes_where_it_is_told_to(tmp_path: Path, ring
     recorder.wait_for(PhotoTaken, file_name="photos/2026-11-22_10-14-02-2.png")
     (tmp_path / "file").write_text("not a folder")
     recorder.send(TakePhoto(ref, tmp_path / "file" / "a.png"))
-    assert "cannot be written" in recorder.wait_for(Problem, what="The photo could not be kept.").meaning
+    assert "cannot be written" in recorder.wait_for(Problem, what="The photo could not be saved.").meaning
     recorder.close()
     image_bgr = cv2.imread(str(target))
     assert image_bgr is not None
@@ -288,10 +288,10 @@ def test_one_process_serves_sessions_one_after_the_other(tmp_path: Path) -> None
     recorder.wait_for(SessionEnded, folder="b")
     recorder.send(start(tmp_path / "a"))
     failed = recorder.wait_for(RecorderReport, state="failed")
-    assert "holds files already" in failed.detail
+    assert "already contains files" in failed.detail
     (tmp_path / "file").write_text("not a folder")
     recorder.send(start(tmp_path / "file" / "c"))
-    problem = recorder.wait_for(Problem, what=f"{tmp_path / 'file' / 'c'} cannot be written: Not a directory.")
+    problem = recorder.wait_for(Problem, what=f"{tmp_path / 'file' / 'c'} cannot be written to: Not a directory.")
     assert "Nothing is being recorded" in problem.meaning
     recorder.close()
     for name in ("a", "b"):
@@ -426,7 +426,7 @@ def test_a_disk_that_fills_up_ends_the_video_first_and_then_the_session(tmp_path
     told = [problem for problem in said["problems"] if problem.startswith("The disk")]
     assert told[0].startswith("The disk is filling up")
     assert told[1].startswith("The disk is nearly full")
-    assert told[2].startswith("The disk is full: from here on only events")
+    assert told[2].startswith("The disk is full: from now on, only events")
     assert told[3:] == ["The disk is full."]
     head = check_session_of_full_disk(said, kept)
     # The video had room for its index and is an ordinary mp4.
@@ -464,5 +464,5 @@ def test_read_only_disk_is_told_and_the_recorder_lives_on(tmp_path: Path) -> Non
     )
     assert result.returncode == 0, result.stderr
     said = json.loads(result.stdout)
-    assert said["problem"].endswith("cannot be written: Read-only file system.")
+    assert said["problem"].endswith("cannot be written to: Read-only file system.")
     assert open_session(good).closed_properly

@@ -153,8 +153,8 @@ def test_an_index_of_before_tells_when_frames_came(tmp_path: Path) -> None:
     times = read_frame_times(index)
     assert times.shown_ns.tolist() == times.stamps_ns.tolist() == [1000, 2000]
     assert (times.delay_ms, times.worst_uncertainty_ms) == (None, None)
-    assert "not known" in moments_words({"file_name": "video-front.mp4"})
-    assert "to within 1.4 ms; they reached the computer 70 ms later" in moments_words(
+    assert "capture time is unknown" in moments_words({"file_name": "video-front.mp4"})
+    assert "accurate to 1.4 ms; they reached the computer 70 ms later" in moments_words(
         {"delay_ms": 70.0, "uncertainty_ms": 1.4}
     )
 

@@ -245,9 +245,9 @@ def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(t
     assert report.detail == "every second frame is recorded: the disk is nearly full"
     assert report.dropped == {"frame": 5}
     ((_, _, gap),) = messages(tmp_path / "s", "/event/gap")
-    assert gap["reason"] == "front: left out, as the disk is nearly full"
+    assert gap["reason"] == "front: skipped because the disk is nearly full"
     (told,) = (message for message in recorder.heard if isinstance(message, Gap))
-    assert tr(told.reason) == tr("{camera}: left out, as {why}").format(
+    assert tr(told.reason) == tr("{camera}: skipped because {why}").format(
         camera="front", why=tr("the disk is nearly full")
     )
     assert tr(read_reason(gap["reason"])) == tr(told.reason), "out of the record as well"

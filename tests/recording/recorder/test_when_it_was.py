@@ -81,8 +81,8 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     [caption] = webvtt.read(str(tmp_path / "vtt" / "video-front.vtt"))
     assert caption.start_in_seconds + caption.start_time.milliseconds / 1000 == pytest.approx(0.3, abs=0.002)
     text = (tmp_path / "vtt" / "video-front.vtt").read_text()
-    assert "when the camera took them" in text
-    assert "to within 1.5 ms; they reached the computer 180 ms later" in text
+    assert "at their capture time" in text
+    assert "accurate to 1.5 ms; they reached the computer 180 ms later" in text
     export_session(session, "eaf", tmp_path / "elan")
     header = json.loads((session / "session.json").read_text())
     began_ms = (header["videos"][0]["first_stamp_ns"] - header["started_ns"]) / MS
@@ -91,7 +91,7 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     [descriptor] = [media for media in descriptors if "video" in media.get("MEDIA_URL", "")]
     # Before the session began the video is cut by its origin; after that it has been moved into its place.
     assert float(descriptor.get("TIME_ORIGIN", "0")) == pytest.approx(max(0.0, -began_ms), abs=1.0)
-    assert "to within 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
+    assert "accurate to 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
 
 
 def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp_path: Path) -> None:

@@ -117,8 +117,8 @@ def test_a_slow_disk_is_told_once_and_costs_no_event(tmp_path: Path) -> None:
         time.sleep(0.02)
         recorder.drain()
     problem = recorder.wait_for(Problem)
-    assert problem.what.startswith("The disk is slow: it took")
-    assert "Every second frame" in problem.meaning
+    assert problem.what.startswith("The disk is slow: writing the recorded data took")
+    assert "every second video frame" in problem.meaning
     wait_for(
         lambda: recorder.drain() or reports(recorder)[-1].detail.endswith("the disk is slow"), "the report says so"
     )

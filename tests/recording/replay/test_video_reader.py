@@ -144,7 +144,7 @@ def test_what_is_missing_or_damaged_is_told(folder: Path, tmp_path: Path) -> Non
     (folder / "session.json").write_text(json.dumps(header))
     with VideoReader(open_session(folder)) as videos:
         assert videos.cameras == ("front",)
-        assert sum("does not lie in" in problem for problem in videos.problems) == 2
+        assert sum("is outside the session folder" in problem for problem in videos.problems) == 2
     (folder / "video-front.mp4").unlink()
     with VideoReader(open_session(folder)) as videos:
         assert videos.cameras == ()

@@ -49,8 +49,8 @@ def test_what_changed_is_told(folder: Path) -> None:
     assert verify_manifest(folder) == [
         "größe.txt is missing.",
         "session.json was changed after the session closed.",
-        "../secret does not lie in the session's folder.",
-        f"Line 6 of {MANIFEST_NAME} is no checksum.",
+        "../secret is outside the session folder.",
+        f"Line 6 of {MANIFEST_NAME} is not a checksum.",
         "new.txt was added after the session closed.",
     ]
     manifest.unlink()

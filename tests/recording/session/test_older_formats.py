@@ -1,7 +1,7 @@
 """Sessions as earlier versions recorded them: they open, replay and export as they did.
 
 ``tests/recording/formats/format-N`` was written by the recorder of that version, ``format-N.exported.json`` by the
-exporters of the last program that wrote version 2.
+exporters of the last program that wrote version 2; descriptions that were reworded later have the present wording.
 """
 
 import csv

@@ -66,7 +66,7 @@ def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
     assert not needs_repair(folder)
     assert (session.reason, session.closed_properly) == ("recovered", False)
     assert "cut off after" in session.notices[0]
-    assert session.losses[0] == "How many values are missing at the end of events.mcap is not known."
+    assert session.losses[0] == "The number of values missing at the end of events.mcap is unknown."
     assert [*session.header["repairs"], *session.losses] == list(session.notices)
 
     read = list(session.arrivals())
@@ -189,7 +189,7 @@ def test_frames_after_the_last_whole_part_of_a_video_are_told_as_lost(
     refs = [value for _, value in killed_session.values if isinstance(value, FrameRef) and value.camera == "front"]
     lost = len(refs) - times.count
     assert lost > 20
-    assert any(f"last {lost} pictures of camera front" in notice for notice in session.notices)
+    assert any(f"last {lost} frames of camera front" in notice for notice in session.notices)
     assert session.header["dropped"]["frame"] >= lost
 
 
@@ -224,7 +224,7 @@ def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None
     left = Counter(spec.name for spec, _ in session.values())
     lost = whole - left
     assert session.header["lost"] == dict(sorted(lost.items()))
-    assert session.losses[0].startswith(f"{lost.total()} of the {whole.total()} values that were recorded are missing")
+    assert session.losses[0].startswith(f"{lost.total()} of the {whole.total()} recorded values are missing")
     stamps_ns = [value.stamp_ns for _, value in session.values("odometry")]
     assert stamps_ns[-1] - stamps_ns[0] > 7e9, "what comes behind the damage is read too"
     holes_ns = np.diff(stamps_ns)
@@ -261,7 +261,7 @@ def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path)
     del lost["event/session_ended"]  # told by session.json, and put back
     assert lost.total() > recorded.total() * 0.9
     # The end of the session is not among what is counted: it is put back.
-    told = f"{lost.total()} of the {recorded.total() - 1} values that were recorded are missing from events.mcap"
+    told = f"{lost.total()} of the {recorded.total() - 1} recorded values are missing from events.mcap"
     assert session.losses[0].startswith(told)
     assert re.search(r"it ends 1[456]\.\d s before the recording did", session.losses[0])
     assert session.header["lost"] == dict(sorted(lost.items()))
@@ -287,7 +287,7 @@ def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
     with monkeypatch.context() as patched:
         patched.setattr(recovery._Repair, "_replace_header", stop)
         assert "could not be repaired" in open_session(finished).notices[0]
-    assert "values that were recorded are missing" in open_session(finished).losses[0]
+    assert "recorded values are missing" in open_session(finished).losses[0]
 
 
 def test_what_the_recorder_had_counted_tells_what_a_cut_recording_lacks(folder: Path) -> None:
@@ -299,7 +299,7 @@ def test_what_the_recorder_had_counted_tells_what_a_cut_recording_lacks(folder: 
     left = Counter(spec.name for spec, _ in session.values())
     del left["event/session_ended"]
     assert session.losses[0].startswith(
-        f"{whole.total() - left.total()} of the {whole.total()} values that were recorded are missing from events.mcap"
+        f"{whole.total() - left.total()} of the {whole.total()} recorded values are missing from events.mcap"
     )
     assert not list(folder.rglob(".*"))
 
@@ -386,9 +386,9 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
     left, before = len(content.times_s), digests(finished)
     assert left > 50
     expected = (
-        "audio-microphone.wav is cut off: of 15.6 s of sound, 7.8 s are left.",
-        "video-front.mp4 is missing: all 189 pictures of camera front.",
-        f"video-rear.mp4 is cut off: of 189 pictures of camera rear, {left} are left.",
+        "audio-microphone.wav is cut off: of 15.6 s of audio, 7.8 s are left.",
+        "video-front.mp4 is missing: all 189 frames of camera front.",
+        f"video-rear.mp4 is cut off: of 189 frames of camera rear, {left} are left.",
         "speech.txt is missing.",
     )
     for _ in range(2):
@@ -421,9 +421,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
     lost = whole - Counter(spec.name for spec, _ in session.values())
     assert lost.total() > 0
     assert session.lost == lost
-    assert session.losses == (
-        f"{lost.total()} of the {whole.total()} values that were recorded are missing from events.mcap.",
-    )
+    assert session.losses == (f"{lost.total()} of the {whole.total()} recorded values are missing from events.mcap.",)
 
 
 @pytest.mark.logs(r"session\.(session_reader|mcap_chunks|recovery): ")
@@ -439,7 +437,7 @@ def test_whatever_is_overwritten_the_values_that_are_gone_are_counted(finished: 
     session = open_session(finished)
     left = sum(1 for _ in session.values())
     assert sum(session.lost.values()) == sum(head["counts"].values()) - left
-    told = [loss for loss in session.losses if "values that were recorded are missing" in loss]
+    told = [loss for loss in session.losses if "recorded values are missing" in loss]
     assert [int(loss.split()[0]) for loss in told] == [count for count in [sum(session.lost.values())] if count]
     again = open_session(finished)
     assert (again.lost, again.losses) == (session.lost, session.losses)
@@ -454,8 +452,8 @@ def test_a_repair_that_meets_what_nobody_foresaw_says_so(folder: Path, monkeypat
     before = digests(folder)["events.mcap"]
     session = open_session(folder)
     assert session.notices == (
-        "The session is damaged and could not be repaired: something in it is damaged in a way that was not foreseen; "
-        "the log has the details. It is shown as it was left; nothing of it was changed for the worse.",
+        "The session is damaged and could not be repaired: the damage is of an unexpected kind; see the log for "
+        "details. It is shown as it was found; the attempt caused no further damage.",
     )
     assert before in digests(folder).values()
 
@@ -463,7 +461,7 @@ def test_a_repair_that_meets_what_nobody_foresaw_says_so(folder: Path, monkeypat
 def test_a_record_that_is_none_is_refused_and_left_alone(folder: Path) -> None:
     (folder / "events.mcap").write_bytes(b"This is no MCAP file at all." * 100)
     before = digests(folder)
-    with pytest.raises(SessionError, match=r"events\.mcap is no record"):
+    with pytest.raises(SessionError, match=r"events\.mcap is not an event log"):
         open_session(folder)
     assert digests(folder) == before
 
@@ -504,9 +502,9 @@ def test_where_nothing_can_be_written_the_session_is_shown_as_it_was_left(folder
     assert told.returncode == 0, told.stderr
     full, read_only = (json.loads(line) for line in told.stdout.splitlines())
     expected = len(labels(open_session(folder, repair=False)))
-    for answer, why in ((full, "no room"), (read_only, "cannot be written")):
+    for answer, why in ((full, "not enough disk space"), (read_only, "cannot be written")):
         assert why in answer["notices"][0]
-        assert "as it was left" in answer["notices"][0]
+        assert "as it was found" in answer["notices"][0]
         assert (answer["reason"], answer["marks"]) == ("", expected)
         assert answer["files"] == sorted(digests(folder)), "nothing was added, nothing is missing"
 
@@ -528,6 +526,6 @@ def test_links_that_lead_out_of_the_session_are_not_followed(folder: Path, tmp_p
     shutil.move(folder / "events.mcap", outside)
     content = outside.read_bytes()
     (folder / "events.mcap").symlink_to(outside)
-    with pytest.raises(SessionError, match="a link that leads out"):
+    with pytest.raises(SessionError, match="a link to a location outside"):
         open_session(folder)
     assert outside.read_bytes() == content

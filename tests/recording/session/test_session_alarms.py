@@ -62,7 +62,7 @@ def test_report_tables_and_figures_have_them(sessions_dir: Path, tmp_path: Path)
     assert [one.cause for one in figures.alarms] == ["link", "disk", "battery"]
     export_session(sessions_dir / "s1", "html", tmp_path / "s1")
     page = " ".join((tmp_path / "s1" / "report.html").read_text(encoding="utf-8").split())
-    for told in ("3 alarms, 18.5 s", "The link is wrong. (2 times)", "seen to by ", "stood to the end"):
+    for told in ("3 alarms, 18.5 s", "The link is wrong. (2 times)", "dismissed by ", "active until the end"):
         assert told in page, told
     export_session(sessions_dir / "s3", "html", tmp_path / "s3")
     assert "<h2>Alarms" not in (tmp_path / "s3" / "report.html").read_text(encoding="utf-8")
@@ -78,8 +78,8 @@ def test_the_methods_sheet_sums_them_up(sessions_dir: Path) -> None:
     sessions = [open_session(folder) for folder in sorted(sessions_dir.iterdir())]
     items = [item for section in methods_sheet(sessions).sections for item in section.items]
     assert next(item.answer for item in items if item.question == QUESTION) == (
-        "Four alarms in 2 of 3 sessions; somebody saw to 1, 2 ended by themselves, 1 stood when a session ended."
-        " The link is wrong: two alarms, 5.5 s in all. The disk is wrong: one alarm, 4.0 s in all."
-        " The battery is wrong: one alarm, 10.0 s in all."
+        "Four alarms in 2 of 3 sessions; 1 dismissed, 2 ended automatically, 1 active when a session ended."
+        " The link is wrong: two alarms, 5.5 s in total. The disk is wrong: one alarm, 4.0 s in total."
+        " The battery is wrong: one alarm, 10.0 s in total."
     )
     assert QUESTION not in [item.question for section in methods_sheet(sessions[2:]).sections for item in section.items]

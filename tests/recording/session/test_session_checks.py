@@ -43,7 +43,7 @@ def test_the_record_says_what_was_open_and_that_the_wizard_knew(sessions_dir: Pa
     preflight = preflight_of(told)
     assert preflight.passed == 2
     assert open_words(preflight) == [
-        "Emergency stop is released (major; the wizard began nevertheless)",
+        "Emergency stop is released (major; the wizard started anyway)",
         "The way is clear (not checked; ticked later)",
     ]
 
@@ -57,7 +57,7 @@ def test_a_tick_that_was_taken_back_is_none() -> None:
 def test_the_report_has_it(sessions_dir: Path, tmp_path: Path) -> None:
     export_session(sessions_dir / "s1", "html", tmp_path / "s1")
     page = (tmp_path / "s1" / "report.html").read_text(encoding="utf-8")
-    assert "2 of 4 checks passed. Not so: Emergency stop is released (major; the wizard began nevertheless)" in page
+    assert "2 of 4 checks passed. Not passed: Emergency stop is released (major; the wizard started anyway)" in page
     export_session(sessions_dir / "s3", "html", tmp_path / "s3")
     assert "checks passed" not in (tmp_path / "s3" / "report.html").read_text(encoding="utf-8")
 
@@ -65,9 +65,9 @@ def test_the_report_has_it(sessions_dir: Path, tmp_path: Path) -> None:
 def test_the_methods_sheet_counts_it_over_the_study(sessions_dir: Path) -> None:
     everything = [open_session(folder) for folder in sorted(sessions_dir.iterdir())]
     assert answer(methods_sheet(everything)) == (
-        "In 1 of 2 sessions everything that the program checks was ready. Ticked by the wizard: Consent form signed:"
-        " 2. Not so: Emergency stop is released (major; the wizard began nevertheless): 1, The way is clear (not"
+        "In 1 of 2 sessions, all of the program's checks passed. Ticked by the wizard: Consent form signed:"
+        " 2. Not passed: Emergency stop is released (major; the wizard started anyway): 1, The way is clear (not"
         " checked; ticked later): 1."
     )
-    assert answer(methods_sheet(everything[:1])).startswith("In the session everything that the program checks was not")
+    assert answer(methods_sheet(everything[:1])).startswith("In the session, not all of the program's checks passed.")
     assert answer(methods_sheet(everything[2:])) is None

@@ -105,10 +105,10 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("session.json", "[]", "does not head a session"),
+        ("session.json", "[]", "is not the header of a CARIS Desktop session"),
         ("session.json", '{"format": "caris-desktop session", "format_version": 99}', "Update CARIS Desktop"),
-        ("session.json", '{"format": "caris-desktop session", "format_version": 1}', "does not say when"),
-        ("events.mcap", None, "holds no events.mcap"),
+        ("session.json", '{"format": "caris-desktop session", "format_version": 1}', "does not contain the start time"),
+        ("events.mcap", None, "does not contain events.mcap"),
     ],
 )
 def test_what_is_no_session_is_told(tmp_path: Path, name: str, content: str | None, expected: str) -> None:
@@ -122,7 +122,7 @@ def test_what_is_no_session_is_told(tmp_path: Path, name: str, content: str | No
 
 
 def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
-    with pytest.raises(SessionError, match="is no folder"):
+    with pytest.raises(SessionError, match="is not a folder"):
         open_session(tmp_path / "none")
 
 
@@ -163,12 +163,12 @@ def test_no_credentials_reach_the_session(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"clock": {"monotonic_ns": 10**400, "utc_ns": 0}}, "does not say when"),
-        ({"clock": {"monotonic_ns": 0, "utc_ns": 2**80}}, "does not say when"),
-        ({"started_ns": "soon"}, "does not say when"),
-        ({"clock": "noon"}, "does not say when"),
+        ({"clock": {"monotonic_ns": 10**400, "utc_ns": 0}}, "does not contain the start time"),
+        ({"clock": {"monotonic_ns": 0, "utc_ns": 2**80}}, "does not contain the start time"),
+        ({"started_ns": "soon"}, "does not contain the start time"),
+        ({"clock": "noon"}, "does not contain the start time"),
         ({"format_version": "2"}, "Update CARIS Desktop"),
-        ({"format": "another program"}, "does not head a session"),
+        ({"format": "another program"}, "is not the header of a CARIS Desktop session"),
         ({"padding": "x" * 17_000_000}, "far too large"),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_p
     record(tmp_path / "s", [])
     (tmp_path / "s" / "session.json").write_text(content)
     (tmp_path / "s" / "events.mcap").unlink()
-    with pytest.raises(SessionError, match="is damaged, and there are no events") as told:
+    with pytest.raises(SessionError, match="is damaged, and there is no events") as told:
         open_session(tmp_path / "s")
     assert "line 1" not in str(told.value)
 
@@ -208,7 +208,7 @@ def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: Ma
         shutil.copytree(whole_session.folder, folder)
         (folder / name).unlink()
         if name.name == "events.mcap":
-            with pytest.raises(SessionError, match=r"holds no events\.mcap"):
+            with pytest.raises(SessionError, match=r"does not contain events\.mcap"):
                 open_session(folder)
             continue
         session = open_session(folder)

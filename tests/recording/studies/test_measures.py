@@ -406,7 +406,7 @@ def test_without_odometry_the_distance_is_not_known_and_without_places_it_is_the
     tell(tmp_path / "s", poses, lasts_s=30)
     facts = read_facts(open_session(tmp_path / "s"))
     assert measure(facts).driving.distance_m is None
-    assert any("the distance is not known" in sentence for sentence in data_quality_problems(facts, measure(facts)))
+    assert any("the distance is unknown" in sentence for sentence in data_quality_problems(facts, measure(facts)))
     driven = [Odometry(at(1 + n / 10), None, Pose2D(0.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)) for n in range(51)]
     tell(tmp_path / "t", driven, lasts_s=30)
     assert measure(read_facts(open_session(tmp_path / "t"))).driving.distance_m == pytest.approx(1.0, abs=0.01)

@@ -17,7 +17,7 @@ from caris_desktop.recording.studies.measures import MEASURES, measure, read_fac
 from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.support.recorded_session import MadeSession
 
-_TOLD = re.compile(r"(\d+) of the (\d+) values that were recorded are missing from events\.mcap")
+_TOLD = re.compile(r"(\d+) of the (\d+) recorded values are missing from events\.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_what_is_gone_is_told_alike_wherever_a_session_is_read(damaged: Path, tm
     assert figure.of(measures) == gone  # statistics and its tables
     answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
     assert _told(answers) == expected
-    assert "No loss is in the record" not in " ".join(answers)
+    assert "No missing data was recorded" not in " ".join(answers)
     index = StudyIndex(damaged.parent, tmp_path / "index.sqlite")
     index.update()
     (entry,) = index.sessions()

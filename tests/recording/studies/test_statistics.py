@@ -251,7 +251,7 @@ def test_other_folders_are_left_alone(study: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
     (other / "thesis.docx").write_text("years of work")
-    with pytest.raises(StatisticsError, match="holds other files"):
+    with pytest.raises(StatisticsError, match="contains other files"):
         study_statistics(study, other)
     (other / "statistics.json").write_text('{"format": "mine"}')
     with pytest.raises(StatisticsError, match="choose another folder"):
@@ -271,7 +271,7 @@ def test_the_command_prints_a_table(made: StudyStatistics, study: Path, capsys: 
     statistics_command.add_arguments(parser)
     assert statistics_command.run(parser.parse_args([str(study / "sessions")])) == 0
     out = capsys.readouterr().out
-    assert "4 sessions, 0 of them read now" in out
+    assert "4 sessions, 0 of them newly read" in out
     line = next(line for line in out.splitlines() if line.startswith("response_time_s"))
     row = next(row for row in made.summary if (row.condition, row.measure) == (None, "response_time_s"))
     name, unit, n, mean, *_ = line.split()

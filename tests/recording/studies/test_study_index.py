@@ -278,7 +278,7 @@ def test_a_database_of_something_else_is_left_alone(study: Path) -> None:
     index = StudyIndex.of_study(study)
     index.update()
     assert len(index.sessions()) == 3
-    assert "cannot be kept in" in index.message
+    assert "cannot be saved in" in index.message
     assert untranslated_part(lambda: tr(index.message)) == []
     assert path.read_bytes() == before
 
@@ -325,7 +325,7 @@ def test_a_read_only_study_is_searched_all_the_same(study: Path, *, indexed: boo
         pytest.skip(f"no mount namespace here: {done.stderr}")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("4 2" if indexed else "3 1")
-    assert "Choose a study folder that you may write to" in done.stdout
+    assert "Choose a writable study folder" in done.stdout
 
 
 @pytest.mark.usefixtures("trial_language")
@@ -333,7 +333,7 @@ def test_what_a_session_lacks_can_be_told_in_another_language(study: Path) -> No
     """Its head keeps it as plain English, and so does the index."""
     folder = study / "sessions" / "a"
     head = folder / "session.json"
-    kept = "video-front.mp4 is missing: all 189 pictures of camera front."
+    kept = "video-front.mp4 is missing: all 189 frames of camera front."
     head.write_text(json.dumps({**json.loads(head.read_text("utf-8")), "losses": [kept]}), "utf-8")
     for _ in range(2):  # read from the folder, and then from the index
         index = StudyIndex.of_study(study)
@@ -341,7 +341,7 @@ def test_what_a_session_lacks_can_be_told_in_another_language(study: Path) -> No
         (found,) = (entry for entry in index.sessions() if entry.folder == folder)
         index.close()
         assert found.losses == (kept,)
-        assert tr(found.losses[0]).startswith("[video-front.mp4 îš mîššîñğ: àll 189 pîçtûŕéš")
+        assert tr(found.losses[0]).startswith("[video-front.mp4 îš mîššîñğ: àll 189 fŕàméš")
 
 
 def test_the_rebuilt_index_gives_the_same_answers(tmp_path: Path) -> None:
@@ -377,7 +377,7 @@ def test_the_command_lists_and_searches(study: Path, capsys: pytest.CaptureFixtu
     assert status == 0
     assert "0:01  participant: Where is the kitchen?" in out
     assert "1 place in 1 session" in out
-    assert run("--participant", "P99") == (1, "No session fits.\n")
+    assert run("--participant", "P99") == (1, "No session matches.\n")
     assert run("--rebuild", "--condition", "neutral")[0] == 0
     assert sessions_command.run(parser.parse_args([str(study / "nowhere")])) == 1
 
@@ -430,7 +430,7 @@ def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, mo
     assert names(index.sessions()) == ["c", "a"]
     (trouble,) = index.unreadable()
     assert trouble.folder.name == "b"
-    assert "The log has the details" in trouble.trouble
+    assert "See the log for details" in trouble.trouble
     index.close()
 
 

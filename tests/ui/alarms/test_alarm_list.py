@@ -35,18 +35,18 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     link = console.state.link.value
     console.state.link.set(dataclasses.replace(link, state="lost"))
     wrong(console, "Nothing was said.", until="connected", cause=ANSWER)
-    wrong(console, "The detector does not know: cake.")
+    wrong(console, "Classes unknown to the detector: cake.")
     assert (button.text(), button.role) == ("2 alarms", "red")  # type: ignore[attr-defined]
     typing = find(window, "speak_field")
     typing.setFocus()
     click(qtbot, find(window, "alarms_button"))
     lost, cake = alarms.rows
     assert "The connection to the robot is lost." in lost.accessibleName()
-    assert "Because of it: Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
+    assert "Caused by this: Nothing was said." in lost.accessibleDescription(), "what followed from it stands with it"
     wrong(console, "No rosbridge listens there.", until="connected")
     told = lost.accessibleDescription()
     assert "No rosbridge listens there." in told, "why it is so stands with it"
-    assert told.index("No rosbridge") < told.index("Because of it"), "and not among what came of it"
+    assert told.index("No rosbridge") < told.index("Caused by this"), "and not among what came of it"
     assert "No rosbridge listens there." in window.problems.cards[0].accessibleName()
     click(qtbot, find(cake, "alarm_seen_to"))
     assert [row.accessibleName() for row in alarms.rows] == [lost.accessibleName()]
@@ -64,7 +64,7 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
 def test_who_opened_it_while_driving_does_not_drive_again_by_itself(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
 ) -> None:
-    wrong(console, "The detector does not know: cake.")
+    wrong(console, "Classes unknown to the detector: cake.")
     view = find(window, "video_view")
     view.setFocus()
     console.calls.clear()
@@ -84,7 +84,7 @@ def test_who_opened_it_while_driving_does_not_drive_again_by_itself(
 def test_the_palette_opens_it_and_the_log_of_what_was_is_one_click_away(
     qtbot: QtBot, window: MainWindow, alarms: AlarmList
 ) -> None:
-    entry = next(entry for entry in window.palette_entries() if entry.text == "What is wrong now")
+    entry = next(entry for entry in window.palette_entries() if entry.text == "Active alarms")
     entry.do()
     assert alarms.isVisible()
     click(qtbot, find(alarms, "alarms_log"))
@@ -105,8 +105,8 @@ def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_o
     assert "Going to the kitchen is not possible." in card.accessibleName()
     what = next(label for label in card.findChildren(QLabel) if label.text() == card.problem.what)
     assert what.font().weight() == tokens.WEIGHT_SEMIBOLD, "what is wrong stands out from the first moment"
-    wrong(console, "This scenario takes no photos.", cause=ANSWER)
-    assert [card.problem.what for card in window.problems.cards][1:] == ["This scenario takes no photos."]
+    wrong(console, "This scenario does not allow photos.", cause=ANSWER)
+    assert [card.problem.what for card in window.problems.cards][1:] == ["This scenario does not allow photos."]
     assert len(console.state.alarms.value) == 1
 
 

@@ -107,7 +107,7 @@ def test_it_says_what_they_are_made_from_and_shows_names(
     cards.fit(400)
     label = window.findChild(QLabel, "suggestions_from")
     assert label is not None
-    assert label.text().startswith("Suggested by SmolLM2 from the last 3 turns, Kitchen, Mara")
+    assert label.text().startswith("Suggested by SmolLM2, based on the last 3 turns, Kitchen, Mara")
     assert cards.cards[1].text() == "Good question, Mara!"
 
 
@@ -120,10 +120,10 @@ def test_a_countdown_is_seen_and_a_late_reply_points_at_its_key(
     console.state.suggestions.set(replace(SHOWN, says_ns=clock.now_ns() + 2 * 10**9))
     assert cards.cards[0].grab().toImage() != before
     console.state.suggestions.set(SuggestionsStatus("idle", filler_ns=clock.now_ns() - 1))
-    assert label.text() == f"A reply is late: F9 says “{console.scenario.filler}”"
+    assert label.text() == f"The reply is late: press F9 to say “{console.scenario.filler}”"
     console.state.levels.set(LevelsStatus("suggest", "act", "suggest"))
     console.state.suggestions.set(SuggestionsStatus("idle", filler_ns=clock.now_ns() + 10**12))
-    assert label.text().startswith(f"“{console.scenario.filler}” is said in ")
+    assert label.text().startswith(f"“{console.scenario.filler}” will be said in ")
     QTest.keyClick(driving(window), Qt.Key.Key_0, CTRL)
     assert console.named("dismiss_suggestions") == [None]
 
@@ -174,7 +174,7 @@ def test_levels_are_set_up_to_what_the_scenario_allows(
     menu = button.findChild(QMenu, "levels_menu")
     assert menu is not None
     said = [action.text() for action in menu.actions()]
-    off, suggest, act = "Off", "Suggest: my key does it", "By itself, after a countdown"
+    off, suggest, act = "Off", "Suggest (I confirm by key)", "Automatic (after a countdown)"
     assert said == ["Suggested replies", off, suggest, act, "Proposed actions", off, suggest]
     menu.actions()[3].trigger()
     assert console.named("set_level") == [("replies", "act")]

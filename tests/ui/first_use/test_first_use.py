@@ -39,11 +39,13 @@ from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.test_robot_dialog import MemoryExplorer
 
-ROBOT = PreflightCheck("robot", "Robot is connected", "major", "It does not answer.", "Switch it on.")
-VIDEO = PreflightCheck("video", "Pictures come", "passed", "Pictures come from front.")
+ROBOT = PreflightCheck("robot", "Robot is connected", "major", "The model does not respond.", "Switch it on.")
+VIDEO = PreflightCheck("video", "Video arrives", "passed", "Video arrives from front.")
 VOICE = PreflightCheck("voice", "Robot can speak", "passed", "The voice is ready.")
-SOUND = PreflightCheck("microphone", "Microphone hears", "not checked", "Nobody has listened yet.", "Try it.")
-MODEL = PreflightCheck("model", "Language model answers", "pending", "It is being loaded.")
+SOUND = PreflightCheck(
+    "microphone", "Microphone works", "not checked", "The microphone has not been tested yet.", "Try it."
+)
+MODEL = PreflightCheck("model", "Language model answers", "pending", "The model is being loaded.")
 CHECKS = (ROBOT, VIDEO, VOICE, SOUND, MODEL)
 
 
@@ -113,7 +115,7 @@ def test_each_step_says_how_it_stands_and_can_be_skipped(qtbot: QtBot, page: Set
     assert page.step == "robot"
     assert find(page, "first_use_to_robot").accessibleName() == "Robot: Major"
     assert find(page, "first_use_to_camera").accessibleName() == "Camera: Passed"
-    assert {"It does not answer.", "Switch it on."} <= set(texts(page))
+    assert {"The model does not respond.", "Switch it on."} <= set(texts(page))
     next_one = find(page, "first_use_next")
     assert next_one.accessibleName() == "Skip for now"
     console.state.preflight.set((replace(ROBOT, state="passed", detail="TIAGo is connected."), *CHECKS[1:]))
@@ -242,10 +244,10 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
     assert console.calls[-1] == ("UseSimulatedRobot", intents.UseSimulatedRobot())
     assert settings.values[SET_UP_KEY] == "done"
     hint = find(window, "drive_hint")
-    assert hint.accessibleName() == "The robot is being connected…"
+    assert hint.accessibleName() == "Connecting to the robot…"
     console.state.link.set(LinkStatus("connected", "Simulated robot"))
     window.focus_driving()
-    assert hint.accessibleName() == "Hold W to drive, A or D to turn. Let go, and it stops."
+    assert hint.accessibleName() == "Hold W to drive, A or D to turn. Release the key to stop."
     window.focus_speak()
     assert "Alt" in hint.accessibleName(), "the keys that work now"
 

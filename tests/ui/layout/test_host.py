@@ -149,15 +149,15 @@ def test_a_handle_shares_the_room_anew(host: DockHost, qtbot: QtBot) -> None:
         QTest.mouseMove(handle, handle.mapFromGlobal(at + QPoint(step, 0)))
     QTest.mouseRelease(handle, Qt.MouseButton.LeftButton, pos=handle.mapFromGlobal(at + QPoint(90, 0)))
     assert host.docks["video"].width() == pytest.approx(video + 90, abs=3)
-    assert told == ["Change sizes"], "once, not with every pixel"
+    assert told == ["Resize panels"], "once, not with every pixel"
 
 
 def test_the_menu_of_a_title_moves_and_floats_by_keys_too(host: DockHost) -> None:
     menu = QMenu(host)
     host.fill_menu(menu, "map")
     texts = [action.text() for action in menu.actions()]
-    assert texts[0] == "Into a window of its own"
-    into = next(action for action in menu.actions() if action.text() == "Into the tabs of")
+    assert texts[0] == "Open in a separate window"
+    into = next(action for action in menu.actions() if action.text() == "As a tab with")
     video = next(action for action in into.menu().actions() if action.text() == "Video")  # type: ignore[union-attr]
     video.trigger()
     group = host.placing.group_of("map")
@@ -239,7 +239,7 @@ def test_every_panel_has_its_button_to_float(host: DockHost) -> None:
     for name, dock in host.docks.items():
         button = dock.findChild(QWidget, "float_button")
         assert button is not None
-        assert button.accessibleName().endswith("Into a window of its own"), name
+        assert button.accessibleName().endswith("Open in a separate window"), name
     assert isinstance(host.docks["map"], Dock)
     assert set(PANELS) >= set(host.docks)
 

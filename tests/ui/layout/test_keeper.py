@@ -97,7 +97,7 @@ def test_what_the_wizard_arranges_is_hers_until_she_saves_it(
     mine = arranged(window)
     assert keeper.is_unsaved
     assert window.menus._layout.title() == "Layout (changed, not saved)"
-    assert "not saved" in window._top_bar.window_button.accessibleName()
+    assert "unsaved changes" in window._top_bar.window_button.accessibleName()
     other = again(qtbot, settings, theme)
     assert arranged(other) == mine, "it comes back, and so does the window of its own"
     assert other.dock_host.docks["people"].window() is not other
@@ -170,7 +170,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
     handle.moved.emit(host.placing.handles[0], 80, True)
     keeper.undo()
     assert arranged(window) == before
-    assert len(told) == 4 and set(told) == {"The layout is locked, so nothing was moved. Unlock it in the menu Layout."}
+    assert len(told) == 4 and set(told) == {"The layout is locked, so nothing was moved. Unlock it in the Layout menu."}
     assert all(dock._float.isHidden() for dock in host.docks.values())
     host.show_panel("session")
     assert host.docks["session"].isVisible(), "tabs are still chosen"
@@ -329,8 +329,8 @@ def test_one_menu_has_it_all(window: MainWindow, settings: MemorySettings) -> No
     texts = {action.text(): action.isEnabled() for action in menu.actions()}
     assert {
         "Undo: Move Map\t⇧Ctrl D": True, "Redo": False,
-        "Save into the scenario": True, "Save as another scenario…": True,
-        "Revert to the scenario’s layout": True, "Reset: as the scenario came": True, "Lock for a study": True,
+        "Save to the scenario": True, "Save as another scenario…": True,
+        "Revert to the scenario’s layout": True, "Reset to the original layout": True, "Lock for a study": True,
     }.items() <= texts.items()  # fmt: skip
 
 

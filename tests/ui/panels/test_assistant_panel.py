@@ -66,7 +66,7 @@ def test_what_goes_along_is_seen_with_its_size_and_taken_out_before_sending(
     conversation = find(panel, "along_conversation")
     conversation.setFocus(Qt.FocusReason.TabFocusReason)
     QTest.keyClick(conversation, Qt.Key.Key_Space)
-    assert "left out" in conversation.accessibleDescription()
+    assert "Not included" in conversation.accessibleDescription()
     panel.setup_bar.picture_chosen.emit("camera front")
     panel.field.setFocus()
     QTest.keyClick(panel.field, Qt.Key.Key_Return)

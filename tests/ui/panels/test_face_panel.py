@@ -81,11 +81,11 @@ def test_each_expression_has_a_button_and_a_key(qtbot: QtBot, console: Console, 
 
 
 def test_the_title_says_what_it_does_and_whether_anybody_can_see_it(console: Console, panel: FacePanel) -> None:
-    assert panel.fact == ("calm · on no screen", "dim")
+    assert panel.fact == ("calm · not on a screen", "dim")
     console.state.face.set(replace(CALM, window=True, speaking=True))
     assert panel.fact == ("speaking · calm", "blue")
     console.state.face.set(replace(CALM, pages=1, served=True, what="text", text="Back soon"))
-    assert panel.fact == ("shows a text", "dim")
+    assert panel.fact == ("showing text", "dim")
 
 
 def test_the_panel_shows_what_the_participant_sees(console: Console, panel: FacePanel) -> None:

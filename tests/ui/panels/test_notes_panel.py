@@ -121,4 +121,4 @@ def test_what_the_scenario_has_for_the_wizard_folds_away(window: MainWindow, con
     for expected in (not shown, shown):
         QTest.mouseClick(fold, Qt.MouseButton.LeftButton)
         assert text.isVisible() is expected
-        assert fold.accessibleName().startswith("Fold" if expected else "Show")
+        assert fold.accessibleName().startswith("Hide" if expected else "Show")

@@ -50,18 +50,18 @@ def test_where_looks_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel
     state.everybody.set(())
     for perception, fact in (
         (PerceptionStatus("ready", "yolov8n", inference_ms=300.0, looks_per_s={"front": 3.0}), "nobody here"),
-        (PerceptionStatus("ready", "yolov8n", inference_ms=2300.0, looks_per_s={"front": 0.4}), "2 s late"),
-        (PerceptionStatus("ready", "yolov8n", inference_ms=300.0, looks_per_s={"front": 0.25}), "4 s late"),
+        (PerceptionStatus("ready", "yolov8n", inference_ms=2300.0, looks_per_s={"front": 0.4}), "2 s behind"),
+        (PerceptionStatus("ready", "yolov8n", inference_ms=300.0, looks_per_s={"front": 0.25}), "4 s behind"),
     ):
         state.camera.set("front")
         state.perception.set(perception)
         assert fact in panel.fact[0]
-        late = "late" in fact
+        late = "behind" in fact
         assert panel.fact[1] == ("amber" if late else "dim")
         empty = find(panel, "people_empty").property("text")
-        assert ("s late" in empty, "Nobody in view" in empty) == (late, not late)
+        assert ("s behind" in empty, "Nobody in view" in empty) == (late, not late)
     people_samples.show_people(console, people_samples.people_of_a_tour())
-    assert "4 here" in panel.fact[0] and "late" in panel.fact[0]
+    assert "4 here" in panel.fact[0] and "4 s behind" in panel.fact[0]
 
 
 def test_before_the_first_detection_it_does_not_say_that_nobody_is_there(
@@ -281,7 +281,7 @@ def test_a_portrait_is_decoded_once_and_one_that_is_broken_is_none(qapp: QApplic
 def test_on_a_busy_machine_the_portraits_of_the_list_come_one_by_one(
     qapp: QApplication, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now_s, load = [100.0], LoadStatus(1, "small pictures less often")
+    now_s, load = [100.0], LoadStatus(1, "thumbnails less often")
     monkeypatch.setattr("caris_desktop.ui.people.portrait_pixmaps.time.monotonic", lambda: now_s[0])
     pixmaps = PortraitPixmaps(lambda _key: people_samples.portrait(90), lambda: load.pays_small)
     assert pixmaps.pixmap("p-1", 38, may_wait=True) is not None
@@ -307,7 +307,7 @@ def test_a_portrait_that_was_put_off_comes_into_the_list_by_itself(
 
     monkeypatch.setattr(PortraitPixmaps, "draw", draw)
     monkeypatch.setattr(panel.model, "refresh_ages", lambda: None)  # a row whose age reads otherwise is drawn anyway
-    console.state.load.set(LoadStatus(1, "small pictures less often"))
+    console.state.load.set(LoadStatus(1, "thumbnails less often"))
     meant = {"p-3": "p-3/1", "p-4": "p-4/1"}
     for key in meant.values():
         console.state.portraits.put(key, people_samples.portrait(220))
@@ -664,7 +664,7 @@ def test_people_are_found_in_the_palette(window: MainWindow, panel: PeoplePanel,
     assert field.text() == "Ana Torres"
     entries["Undo the last change to people"].do()
     assert console.calls[2:] == [("undo_people", None)]
-    entries["All about Luis"].do()
+    entries["Details of Luis"].do()
     assert panel.card is not None
     assert panel.card.person_id == "p-luis"
 

@@ -118,14 +118,14 @@ def test_what_cannot_be_promised_is_said() -> None:
     luis, ana, third, *_ = people_samples.people_of_a_tour(10**12)
     agreed = dataclasses.replace(ana, consents=("face",))
     clothing, both = ("clothing",), ("clothing", "face")
-    assert "On another day nobody is recognised" in how_known(third, "clothing", both)
-    assert "where consent for that is noted" in how_known(third, "faces", both)
+    assert "Nobody is recognised on other days" in how_known(third, "clothing", both)
+    assert "by face on other days requires consent" in how_known(third, "faces", both)
     assert "by face" in how_known(agreed, "faces", both)
-    assert "no network for faces" in how_known(agreed, "faces", clothing)
-    assert "there is no network for it" in how_known(third, "clothing", ())
+    assert "no face recognition model" in how_known(agreed, "faces", clothing)
+    assert "this computer has no recognition model" in how_known(third, "clothing", ())
     assert "by face" not in how_known(dataclasses.replace(luis, consents=("face",)), "clothing", both)
-    assert how_known(third, "nobody", both).startswith("Nobody is recognised")
-    assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing", both) == "You said who this is."
+    assert how_known(third, "nobody", both).startswith("People are not recognised in this scenario")
+    assert how_known(dataclasses.replace(luis, confidence=0.0), "clothing", both) == "Identified by you."
 
 
 @pytest.mark.panels()
@@ -246,10 +246,10 @@ def test_the_history_over_all_sessions_is_shown_and_searched(
     assert console.named("look_up_person")[-1] == ("p-luis", "arm"), "asked once the typing pauses"
     QTest.keyClicks(search, "x")
     qtbot.waitUntil(lambda: history(card) == [])
-    assert find(window, "person_no_history").property("text") == "Nothing of that was found."
+    assert find(window, "person_no_history").property("text") == "No matches in the history."
     panel.open_card("p-ana")
     assert search.text() == ""
-    assert find(window, "person_no_history").property("text") == "Nothing is known from before."
+    assert find(window, "person_no_history").property("text") == "No earlier entries."
 
 
 def test_times_are_told_as_a_person_tells_them() -> None:
@@ -276,7 +276,7 @@ def test_two_are_merged_after_both_were_seen_side_by_side(
     click(qtbot, find(window, "merge_with_0"))
     assert asked(console) == [], "nothing is done before both were seen"
     told = find(window, "merge_told").property("text")
-    assert told == "Visits, photos and notes of Person 4 become those of Mara Silva. You can undo it."
+    assert told == "The visits, photos and notes of Person 4 are moved to Mara Silva. You can undo this."
     click(qtbot, find(window, "merge_do"))
     assert asked(console) == [("merge_people", ("p-4", "p-mara"))]
     assert card.person_id == "p-mara"
@@ -331,7 +331,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(
 ) -> None:
     opened(panel, console, "p-luis")
     click(qtbot, find(window, "person_forget"))
-    assert find(window, "forget_not_now").property("text") == "A session is being recorded: end it first."
+    assert find(window, "forget_not_now").property("text") == "A session is being recorded. Stop the recording first."
     click(qtbot, find(window, "forget_do"))
     assert asked(console) == []
 

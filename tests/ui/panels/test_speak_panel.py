@@ -211,7 +211,7 @@ def test_a_phrase_shows_its_own_key_and_one_that_is_taken_is_told(grouped: tuple
     assert window.actions_table.key_text("phrase_2") == "F2 · Ctrl G"
     assert [spec.id for spec in window.actions_table.specs if "Ctrl+P" in spec.keys] == ["photo"]
     told = [label.text() for label in window.panels["speak"].findChildren(QLabel)]
-    assert "Ctrl P does something else already: “Photo?” is without it." in told
+    assert "Ctrl P already has another function: “Photo?” has no key." in told
 
 
 def test_every_phrase_of_every_group_is_found(grouped: tuple[MainWindow, FakeConsole]) -> None:
@@ -389,4 +389,4 @@ def test_the_voice_is_chosen_in_the_panel(qtbot: QtBot, window: MainWindow, cons
     quickly.trigger()
     menu.close()
     assert console.named("set_voice") == [("computer", "", "", 1.25, 1.0)]
-    assert "At usual speed" in {entry.text for entry in window.palette_entries() if entry.kind == "Voice"}
+    assert "At normal speed" in {entry.text for entry in window.palette_entries() if entry.kind == "Voice"}

@@ -27,7 +27,9 @@ from tests.ui.fake_console import FakeConsole
 
 ROBOT = PreflightCheck("robot", "Robot is connected", "passed", "TIAGo is connected.")
 STOPPED = PreflightCheck("emergency_stop", "Emergency stop is released", "major", "It is pressed.", "Release it.")
-SOUND = PreflightCheck("microphone", "Microphone hears", "not checked", "Nobody has listened yet.", "Try it.")
+SOUND = PreflightCheck(
+    "microphone", "Microphone works", "not checked", "The microphone has not been tested yet.", "Try it."
+)
 FORM = PreflightCheck("by hand: Form", "Consent form signed", advice="Give them the form.", manual=True, needed=True)
 CHECKS = (ROBOT, STOPPED, SOUND, FORM)
 READY = (ROBOT, replace(STOPPED, state="passed"), replace(SOUND, state="passed"), replace(FORM, state="passed"))
@@ -128,7 +130,7 @@ def test_the_microphone_is_tried_from_the_list(qtbot: QtBot, card: PreflightCard
 def test_another_scenario_has_other_rows(card: PreflightCard, console: FakeConsole) -> None:
     console.state.preflight.set((ROBOT,))
     assert list(card.list.rows) == ["robot"]
-    assert "For you to look at" not in texts(card)
+    assert "For you to check" not in texts(card)
 
 
 def test_a_replay_shows_how_it_stood_and_changes_nothing(
@@ -142,7 +144,7 @@ def test_a_replay_shows_how_it_stood_and_changes_nothing(
     assert button.text() == "3 of 4 checks were open"
     card = PreflightCard(theme, window, console)
     card.open()
-    assert "3 of 4 checks were open when this recording began." in texts(card)
+    assert "3 of 4 checks were open when this recording started." in texts(card)
     row = card.list.rows[FORM.id]
     assert row.box is not None and not row.box.isEnabled()
     assert card.list.rows["microphone"].try_button is not None
@@ -204,12 +206,12 @@ def test_the_log_has_ticks_and_what_was_open() -> None:
         return log_line(replace(PreflightChecked(1, "robot", "Robot is connected", "passed"), **told))
 
     assert line() == ("Session", "Checked: Robot is connected")
-    assert line(state="not checked") == ("Session", "Not checked any more: Robot is connected")
+    assert line(state="not checked") == ("Session", "No longer checked: Robot is connected")
     assert line(at_start=True) is None
-    assert line(at_start=True, state="minor") == ("Session", "Began with: Robot is connected (minor)")
+    assert line(at_start=True, state="minor") == ("Session", "Started with: Robot is connected (minor)")
     assert line(at_start=True, state="major", accepted=True) == (
         "Session",
-        "Began in spite of: Robot is connected (major)",
+        "Started despite: Robot is connected (major)",
     )
     ticked = replace(FORM, state="passed", actor=WIZARD, checked_ns=60_000_000_000)
     assert state_words(ticked, ClockAnchor(0, 0)).startswith("Ticked by you at ")

@@ -105,12 +105,12 @@ def test_bad_input_is_refused_at_its_field_and_nothing_of_it_is_lost(
     editor: ScenarioEditor, console: FakeConsole
 ) -> None:
     type_over(editor, "fast", "driving", "max_forward_mps")
-    assert wrong(editor) == ["“Fastest forwards” must be a number, found 'fast'."]
+    assert wrong(editor) == ["“Top forward speed” must be a number, found 'fast'."]
     assert "Line 15: 'driving.max_forward_mps' must be a number" in editor.preview.toPlainText()
     editor.show_page(editor.pages[0])
     editor.save_button.click()
     assert console.named("save_scenario") == []
-    assert "To correct first: 1" in editor.notice.text.text()
+    assert "Errors to correct first: 1" in editor.notice.text.text()
     # Shown where it is, with all that was typed.
     assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
     assert field(editor, "driving", "max_forward_mps").line.text() == "fast"
@@ -146,7 +146,7 @@ def test_entries_are_added_moved_and_taken_out_by_keys(editor: ScenarioEditor) -
     assert editor.document.data["phrases"][:2] == ["Between", "Hello"]
     assert "\n  - Between\n  # the first\n  - Hello\n" in editor.document.text
     row = list_part(editor, "phrases").rows[0]
-    take_out = next(each for each in row.findChildren(QWidget) if each.accessibleName() == "Take out: entry 1")
+    take_out = next(each for each in row.findChildren(QWidget) if each.accessibleName() == "Remove: entry 1")
     take_out.setFocus()
     QTest.keyClick(take_out, Qt.Key.Key_Space)
     assert editor.document.text == TEXT
@@ -156,15 +156,17 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     key = field(editor, "phrases", 0, "key").line
     QTest.keyClick(key, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
     assert editor.document.data["phrases"][0] == {"say": "Hello", "key": "Ctrl+P"}
-    assert "Ctrl+P does something else already: Photo" in editor.preview.toPlainText()
+    assert "Ctrl+P already has another function: Photo" in editor.preview.toPlainText()
     # What is no intent but shows something of the window has keys too.
     QTest.keyClick(key, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
-    assert "Ctrl+K does something else already: Find anything" in editor.preview.toPlainText()
+    assert "Ctrl+K already has another function: Find anything" in editor.preview.toPlainText()
     QTest.keyClick(key, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
-    assert [mistake.message for mistake in editor.document.mistakes] == ["the key Ctrl+B already says 'Hello'."]
+    assert [mistake.message for mistake in editor.document.mistakes] == [
+        "the key Ctrl+B is already assigned to 'Hello'."
+    ]
     # What it was last without a mistake is shown, and not as if there were no phrases.
     told = editor.preview.toPlainText()
-    assert "Hello" in told and "Bye" in told and "No phrase yet" not in told
+    assert "Hello" in told and "Bye" in told and "No phrases yet" not in told
     key.selectAll()
     QTest.keyClick(key, Qt.Key.Key_Delete)
     assert editor.document.text == TEXT
@@ -177,17 +179,17 @@ def test_what_there_is_to_name_is_offered_and_what_is_not_there_is_told(
     console.state.controls.set((RobotControl("volume", "Volume", "slider"), RobotControl("wave", "Wave", "button")))
     gesture = field(editor, "phrases", 0, "gesture")
     offered: QLabel = gesture.findChild(QLabel, "known_names")
-    assert offered.accessibleName().startswith("There are: nod, look, wave")
+    assert offered.accessibleName().startswith("Available: nod, look, wave")
     type_over(editor, "wawe", "phrases", 0, "gesture")
-    assert offered.accessibleName().startswith("Not known here: wawe. There are: nod, look, wave")
+    assert offered.accessibleName().startswith("Unknown: wawe. Available: nod, look, wave")
     assert editor.document.mistakes == (), "another robot may have it"
-    assert "Not known here: wawe." in gesture.control.accessibleDescription()
+    assert "Unknown: wawe." in gesture.control.accessibleDescription()
     offered.linkActivated.emit("wave")
     assert editor.document.data["phrases"][0] == {"say": "Hello", "gesture": "wave"}
-    assert offered.accessibleName().startswith("There are:") and not offered.isVisible()
+    assert offered.accessibleName().startswith("Available:") and not offered.isVisible()
     console.state.link.set(LinkStatus("lost"))
     type_over(editor, "bow", "phrases", 0, "gesture")
-    assert offered.accessibleName().startswith("There are:"), "nobody knows what the robot has"
+    assert offered.accessibleName().startswith("Available:"), "nobody knows what the robot has"
     robots = field(editor, "robot").findChild(QLabel, "known_names")
     assert "simulated" in robots.accessibleName() and "tiago" in robots.accessibleName()
 
@@ -228,7 +230,7 @@ def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: Scenar
 
 def test_places_prompts_and_marks_are_told_as_the_wizard_has_them(editor: ScenarioEditor) -> None:
     type_over(editor, "Gate", "places", 0, "name")
-    assert "Alt+1  Gate · of the step Greet" in told_now(editor)
+    assert "Alt+1  Gate · used in step Greet" in told_now(editor)
     field(editor, "recording", "lsl")
     editor.editing.set(("recording",), {"labels": ["Laughs"], "errors": [{"kind": "Slip", "meaning": "A wrong key."}]})
     editor.editing.set(("preflight",), ["The form is signed"])
@@ -238,8 +240,8 @@ def test_places_prompts_and_marks_are_told_as_the_wizard_has_them(editor: Scenar
     editor.editing.set(("assistant", "templates"), [{"name": "Meant", "text": "What is {said}?"}])
     editor.editing.set(("assistance",), {"replies": "act", "countdown_s": 5})
     told = told_now(editor)
-    assert "What the model is told before a question\n“Be kind.”" in told
-    assert "Meant: “What is what the participant said last?”" in told
+    assert "Instructions to the model before a question\n“Be kind.”" in told
+    assert "Meant: “What is the participant's last utterance?”" in told
     assert "The first reply is said after 5 s, unless the wizard stops it." in told
     field(editor, "permissions", "assistant").enter(False)
     field(editor, "assistant", "system_prompt")
@@ -299,8 +301,8 @@ def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEdi
     field(editor, "permissions", "photos").enter(False)
     page = editor.compare_page
     editor.show_page(page)
-    assert page.choice.itemText(0) == "What was saved"
-    assert page.said.text().startswith("Otherwise here: 2.")
+    assert page.choice.itemText(0) == "Saved version"
+    assert page.said.text().startswith("Differences: 2.")
     assert "-title: Small   # and good\n+title: Large   # and good" in page.diff.toPlainText()
     take = [row.findChild(QWidget, "restore_state") for row in page.rows]
     assert [each.accessibleName() for each in take if each] == [
@@ -330,8 +332,8 @@ def test_ones_own_file_of_a_shipped_name_is_compared_with_the_shipped_one_first(
     page = editor.compare_page
     editor.show_page(page)
     offered = [page.choice.itemText(row) for row in range(page.choice.count())]
-    assert offered[:2] == ["tour-guide, as it comes with the program", "What was saved"]
-    assert sorted(offered[2:]) == offered[2:] and "tour-guide, as it comes with the program" not in offered[2:]
+    assert offered[:2] == ["tour-guide, built-in version", "Saved version"]
+    assert sorted(offered[2:]) == offered[2:] and "tour-guide, built-in version" not in offered[2:]
     assert "-title: Tour guide\n+title: My tour" in page.diff.toPlainText()
     QTest.mouseClick(restore_state(page.rows[0]), Qt.MouseButton.LeftButton)
     assert editor.document.text == shipped
@@ -355,7 +357,7 @@ def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, con
     type_over(editor, "Large", "title")
     QTest.keyClick(editor, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
     acknowledge(console, problem="The disk is full.")
-    assert editor.notice.text.text() == "It was not saved: The disk is full. What you changed is still here."
+    assert editor.notice.text.text() == "Not saved: The disk is full. Your changes are still here."
     assert editor.document.changed
     editor.save_button.click()
     assert console.named("save_scenario")[-1][3] == opened_file(path).sha256
@@ -407,7 +409,7 @@ def test_a_copy_gets_a_title_of_its_own(editor: ScenarioEditor, console: FakeCon
     assert text == TEXT.replace("title: Small", "title: ../Second study")
     # Where that is taken by another one the present one keeps its title, and another is asked for.
     acknowledge(console, problem="It is there already.", taken=True)
-    assert "There is a scenario in “second-study.yaml” already" in editor.notice.text.text()
+    assert "“second-study.yaml” already contains a scenario" in editor.notice.text.text()
     assert QApplication.focusWidget() is editor.name
     assert editor.document.text == TEXT
     editor.name.setText("Third")
@@ -425,8 +427,8 @@ def test_what_somebody_else_wrote_unseen_is_read_before_it_is_saved(
     path.write_text(TEXT.replace("Hello", "Good morning"), encoding="utf-8")
     editor.save_button.click()
     acknowledge(console, problem="It was changed.", taken=True)
-    assert "It was not saved yet: the file was changed elsewhere" in editor.notice.text.text()
-    assert "Your own changes stand in it: 1" in editor.notice.text.text()
+    assert "Not saved yet: the file was changed elsewhere" in editor.notice.text.text()
+    assert "It includes your own changes: 1" in editor.notice.text.text()
     editor.save_button.click()
     text, _path, _edited, replaces = console.named("save_scenario")[-1]
     assert text == TEXT.replace("Hello", "Good morning").replace("title: Small", "title: Large")
@@ -440,10 +442,10 @@ def test_a_file_that_somebody_else_broke_is_written_over_only_when_asked(
     path.write_text(TEXT + "]", encoding="utf-8")
     editor.save_button.click()
     acknowledge(console, problem="It was changed.", taken=True)
-    assert "changed elsewhere, and cannot be read now: line 16: not valid YAML" in editor.notice.text.text()
+    assert "changed elsewhere and cannot be read: line 16: not valid YAML" in editor.notice.text.text()
     assert editor.document.text == TEXT.replace("title: Small", "title: Large")
     over, save_as = editor.notice.answers
-    assert (over.text(), save_as.text()) == ("Write over it", "Save as…")
+    assert (over.text(), save_as.text()) == ("Overwrite", "Save as…")
     over.click()
     text, _path, _edited, replaces = console.named("save_scenario")[-1]
     assert (text, replaces) == (editor.document.text, opened_file(path).sha256)
@@ -456,7 +458,7 @@ def test_what_is_compared_with_is_what_was_saved_last(editor: ScenarioEditor, co
     editor.save_button.click()
     acknowledge(console)
     assert editor.compare_page.rows == []
-    assert editor.compare_page.said.text() == "Both say the same."
+    assert editor.compare_page.said.text() == "Both are identical."
 
 
 def test_what_is_not_saved_is_asked_about_before_it_goes(
@@ -465,7 +467,7 @@ def test_what_is_not_saved_is_asked_about_before_it_goes(
     monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
     type_over(editor, "Large", "title")
     assert not editor.close()
-    assert editor.notice.text.text() == "What you changed is not saved."
+    assert editor.notice.text.text() == "Your changes are not saved."
     go_on = editor.notice.answers[2]
     go_on.click()
     assert editor.isVisible() and editor.document.changed

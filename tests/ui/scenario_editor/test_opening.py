@@ -61,7 +61,7 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     editor.editing.set(("title",), "Another")
     window.editor.open()
     assert window.editor.editor is editor
-    assert "This is another scenario than “Mental health check”" in editor.notice.text.text()
+    assert "The editor shows a different scenario than “Mental health check”" in editor.notice.text.text()
     editor.notice.answers[1].click()
     qtbot.waitUntil(lambda: window.editor.editor not in (None, editor))
     editor = window.editor.editor

@@ -182,7 +182,7 @@ def test_a_drive_key_is_changed_by_its_place_and_drives_from_then_on(desk: Desk,
 
 def test_a_key_of_another_act_is_shown_and_can_be_taken_over(desk: Desk, window: MainWindow) -> None:
     desk.choose("photo", Key.Key_M, CTRL)
-    assert desk.says == "Ctrl M is the key of “Mark”, which would be left without it."
+    assert desk.says == "Ctrl M is already assigned to “Mark”. Reassigning removes it there."
     assert desk.cell("mark").caps == ("Ctrl M",), "nothing has happened yet"
     press(Key.Key_Return)
     assert (desk.cell("photo").caps, desk.cell("mark").caps) == (("Ctrl M",), ())
@@ -239,7 +239,10 @@ def test_a_phrase_whose_key_another_act_has_is_shown(desk: Desk, window: MainWin
     window.wizard_keys.take_up()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     words = find(desk.sheet, "shortcut_clashes")
-    assert words.property("text") == "“Goodbye.” is not on Ctrl 6: “Photo” has it. Give one of the two another key."
+    assert (
+        words.property("text")
+        == "“Goodbye.” is not on Ctrl 6, because “Photo” uses this key. Give one of them another key."
+    )
     desk.choose("photo", Key.Key_7, CTRL)
     assert not words.isVisible()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)

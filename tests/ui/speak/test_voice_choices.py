@@ -19,7 +19,7 @@ def test_of_the_robots_own_voice_only_who_speaks_is_chosen() -> None:
 def test_each_choice_changes_one_thing_and_leaves_the_rest() -> None:
     by_text = {choice.text: choice for group in voice_choices(SPOKEN) for choice in group}
     assert [text for text, choice in by_text.items() if choice.chosen] == [
-        "This computer speaks", "joe · en-US", "At usual speed", "At half volume",
+        "This computer speaks", "joe · en-US", "At normal speed", "At half volume",
     ]  # fmt: skip
     assert by_text["Both speak at once"].intent == SetVoice("both", "", "en", 1.0, 0.5)
     assert by_text["gmw/de (eSpeak) · de"].intent == SetVoice("computer", "espeak:gmw/de", "de", 1.0, 0.5)
