@@ -81,7 +81,7 @@ def test_the_usual_names_are_proposed_and_what_is_not_there_is_left_empty() -> N
     )
     assert (values["map"], values["speech"], values["navigation"]) == ("", "", "")
     assert why(proposal, "map") == "The robot offers nothing of this kind."
-    assert why(proposal, "scan") == "It carries sensor_msgs/LaserScan. It is named “scan”."
+    assert why(proposal, "scan") == "Its type is sensor_msgs/LaserScan. It is named “scan”."
 
 
 def test_a_microphone_and_a_loudspeaker_are_told_apart() -> None:
@@ -134,7 +134,7 @@ def test_of_several_the_robot_s_own_comes_first_and_the_doubtful_ones_are_candid
     assert values["scan"] == "/scan"
     scan = next(each for each in proposal.fields if each.field == "scan")
     assert [candidate.value for candidate in scan.candidates] == ["/scan", "/rear_scan"]
-    assert "“rear” speaks against it" in scan.candidates[1].why
+    assert "“rear” in its name makes it unlikely" in scan.candidates[1].why
 
 
 def test_raw_pictures_are_taken_where_there_are_no_compressed_ones_and_that_is_told() -> None:
@@ -275,7 +275,7 @@ def test_what_is_said_of_a_message_can_be_said_in_another_language() -> None:
     assert said == {
         "path": "<{number} points.> number=2",
         "bool": "<Now {value}.> value=true",
-        "battery": "<It does not tell its charge.>",
+        "battery": "<Its charge is not reported.>",
         "frames": "<Frames {frames}.> frames=<{names} and {number} more> names=a, b number=1",
     }
 
@@ -367,9 +367,9 @@ def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: P
     }
     assert "sensor_msgs/LaserScan was expected" in checks["scan"].detail
     assert "the message has no dat" in checks["controls.a.shows"].detail
-    assert in_words(checks["scan"].detail).startswith("<It carries {kind}; {expected} was expected.>")
+    assert in_words(checks["scan"].detail).startswith("<Its type is {kind}; {expected} was expected.>")
     unread = in_words(checks["controls.a.shows"].detail)
-    assert unread == "<What comes cannot be used: {error}.> error=<the message has no {path}> path=dat"
+    assert unread == "<The messages cannot be used: {error}.> error=<the message has no {path}> path=dat"
 
 
 @pytest.mark.parametrize(
@@ -480,7 +480,7 @@ def test_a_server_that_is_not_ready_is_waited_for_and_not_taken_for_another_port
             return raised.value
 
     error = asyncio.run(refused())
-    assert "lets nobody in at the moment (HTTP 503)" in error.what
+    assert "does not accept connections at the moment (HTTP 503)" in error.what
     assert "Wait a moment" in error.advice and "9090" not in error.advice
 
 

@@ -358,7 +358,7 @@ def test_certificates_lie_beside_the_profile(tmp_path: Path) -> None:
         save_profile(profile, tmp_path / "elsewhere" / "copy.yaml")
     for outside in ("../other.pem", str(tmp_path.parent / "other.pem")):
         assert "folder of the profile" in message_of(GOOD + f"security: {{ca_file: '{outside}'}}\n", str(path))
-    assert "no file" in message_of(GOOD + "security: {ca_file: lost.pem}\n", str(path))
+    assert "lost.pem does not exist" in message_of(GOOD + "security: {ca_file: lost.pem}\n", str(path))
 
 
 def test_own_profiles_are_listed_and_a_broken_one_hides_nothing(tmp_path: Path) -> None:

@@ -51,9 +51,9 @@ def test_each_thing_that_is_missing_is_a_sentence_of_its_own() -> None:
         TIAGO, without("/scan", "/key_vel", "/tts/goal", "/move_base/goal", "/head_controller/command")
     )
     assert sentences == [
-        "Driving: nothing on the robot listens to /key_vel.",
+        "Driving: nothing on the robot subscribes to /key_vel.",
         "LIDAR: the robot has no topic /scan.",
-        "Head: nothing on the robot listens to /head_controller/command.",
+        "Head: nothing on the robot subscribes to /head_controller/command.",
         "Navigation: the robot has no action /move_base.",
         "Speech: the robot has no action /tts.",
     ]
@@ -174,7 +174,7 @@ def test_a_rosbridge_with_one_queue_is_named_with_both_parameters() -> None:
             await bridge.close()
 
     told = asyncio.run(ask(False, False))
-    assert "send_action_goals_in_new_thread, call_services_in_new_thread false" in told
+    assert "(false: send_action_goals_in_new_thread, call_services_in_new_thread)" in told
     assert asyncio.run(ask(True, True)) == ""
 
 
@@ -202,7 +202,7 @@ def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
     [silent, unknown], what = asyncio.run(ask(Bridge()))
     assert silent == "LIDAR: no messages on /scan."
     assert unknown == f"Other missing parts are unknown: {told} Start rosapi in addition to rosbridge."
-    assert what == f"The robot does not tell what it has: {told}"
+    assert what == f"The robot does not report its topics and services: {told}"
 
 
 @pytest.mark.logs(r"robot\.(transport|bridge_socket): ")

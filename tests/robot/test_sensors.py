@@ -221,7 +221,7 @@ def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeyp
         assert {scan.robot_from_laser.x_m for scan in await scans(bench, 4)} == {0.3}
         assert {scan.map_from_laser for scan in bench.of(LaserScan)} == {None}
         first, second = bench.of(Problem)
-        assert "do not lead from base_footprint to 'laser'; the robot has Tiago/laser." in first.what
+        assert "has no transform from base_footprint to 'laser'; similar frames: Tiago/laser." in first.what
         assert "to 'a'" in second.what
 
     with_link(robot, test)

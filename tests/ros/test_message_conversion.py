@@ -460,7 +460,7 @@ def test_a_broken_map_gets_a_sentence(change: dict[str, Any], sentence: str) -> 
         ({"x": math.nan}, "Twist.linear.x must be a finite number"),
         ({"x": None}, "Twist.linear.x must be a number, but it is null"),
         ({"x": "1"}, "Twist.linear.x must be a number, but it is a text"),
-        ({"x": True}, "Twist.linear.x must be a number, but it is a truth value"),
+        ({"x": True}, "Twist.linear.x must be a number, but it is a Boolean"),
         ({"x": 10**400}, "Twist.linear.x is too large"),
         ({}, "Twist.linear has no field 'x'"),
     ],
