@@ -108,7 +108,7 @@ def test_without_a_screen_the_console_says_what_to_do() -> None:
     nothing = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "QT_QPA_PLATFORM": ""}
     result = _command("--scenario", "tour-guide", environment=nothing)
     assert result.returncode == 2
-    assert "no screen" in result.stderr and "rehearse" in result.stderr
+    assert "No screen is available" in result.stderr and "rehearse" in result.stderr
     assert "Traceback" not in result.stderr
 
 

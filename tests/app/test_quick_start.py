@@ -18,7 +18,7 @@ print(json.dumps({
 _REPLAYS = """
 import builtins, gc, json, linecache, sys
 from unittest import mock
-from caris_desktop.app import commands
+from caris_desktop.app import command_table
 plain = builtins.__import__
 found = {}
 def look(_module):
@@ -26,7 +26,7 @@ def look(_module):
     print(json.dumps(found))
     sys.exit()
 with mock.patch("importlib.import_module", look):
-    commands.run(["replay", "nowhere"])
+    command_table.run(["replay", "nowhere"])
 """
 _LATER = {"cryptography", "httpx", "psutil", "pyqtgraph", "roslibpy", "ruamel", "websockets"}
 """What the first window does without: a robot, somebody known or a question needs it."""

@@ -298,7 +298,7 @@ def test_why_a_session_does_not_open_is_english_in_a_terminal_and_as_the_window_
     monkeypatch.setattr(replay_command, "check_screen", lambda: None)
     monkeypatch.setattr(replay_command, "ReplayRun", lambda arguments: open_session(arguments.session))
     assert replay_command.run(_arguments(tmp_path)) == 2
-    assert capsys.readouterr().err == f"{tmp_path} is no session: it holds no session.json.\n"
+    assert capsys.readouterr().err == f"{tmp_path} is not a session: session.json is missing.\n"
     assert replay_command.run(_arguments(tmp_path, "--told-in-window")) == 2
     told = capsys.readouterr().err
-    assert told.startswith(f"[{tmp_path} îš ñö šéššîöñ: "), told
+    assert told.startswith(f"[{tmp_path} îš ñöt à šéššîöñ: "), told

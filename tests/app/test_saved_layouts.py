@@ -124,4 +124,4 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
 
 def test_why_it_was_not_saved_is_told_without_a_number() -> None:
     told = saved_layouts._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
-    assert told.meaning == "tour.yaml cannot be written to (Permission denied)."
+    assert told.meaning == "tour.yaml cannot be written (Permission denied)."

@@ -267,7 +267,7 @@ def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench:
     assert (told[0].free_bytes or 0) > 0 and (told[0].bytes_per_hour or 0) > 0
 
 
-@pytest.mark.logs("live.slow_work: ")
+@pytest.mark.logs("live.background_worker: ")
 def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.disk.refuse = OSError("gone")

@@ -227,10 +227,10 @@ def test_the_moment_is_that_of_the_message() -> None:
     ("value", "said"),
     [
         (dataclasses.replace(scan([1.0]), ranges_m={"shape": [1]}), "a grid of float32"),
-        (dataclasses.replace(scan([1.0]), ranges_m=np.array([1], np.int32)), "int32 where one of float32"),
+        (dataclasses.replace(scan([1.0]), ranges_m=np.array([1], np.int32)), "array of float32, found int32"),
         (scan([1.0], angle_min_rad="0.5"), "number"),
-        (dataclasses.replace(grid([[0]]), cells=np.zeros((2, 2), np.uint8)), "uint8 where one of int8"),
-        (PlannedPath(1, None, np.zeros((3, 3), np.float32)), r"shape \(3, 3\)"),
+        (dataclasses.replace(grid([[0]]), cells=np.zeros((2, 2), np.uint8)), "array of int8, found uint8"),
+        (PlannedPath(1, None, np.zeros((3, 3), np.float32)), r"found \(3, 3\)"),
         (BatteryState(1, "half"), "number"),  # type: ignore[arg-type]
         (Problem("soon", "warning", "", "", ""), "integer"),  # type: ignore[arg-type]
         (Problem(1, "loud", "", "", ""), "loud"),  # type: ignore[arg-type]

@@ -118,7 +118,7 @@ def test_calls_that_are_never_answered_are_bounded_and_leave_room_for_the_emerge
         refused = await bench.until(
             lambda: [used for used in bench.of(ControlUsed) if used.state == "failed"], "calls that are too many"
         )
-        assert "has not answered" in refused[0].detail
+        assert "has not yet responded" in refused[0].detail
         assert not bench.bridge.operations("call_service", "/e_stop")
         bench.send(SetEmergencyStop(now_ns(), True))
         await bench.until(lambda: bench.bridge.operations("call_service", "/e_stop"), "the emergency stop")

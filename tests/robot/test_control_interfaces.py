@@ -252,7 +252,7 @@ def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_p
             bench.send(use(name, True, f"held {name}"))
             assert (await ended(bench, f"held {name}")).detail == "the emergency stop is active"
         bench.send(use("release", True, "release"), use("cancel", True, "cancel"))
-        assert "only the wizard's own release" in (await ended(bench, "release")).detail
+        assert "which only the wizard may do" in (await ended(bench, "release")).detail
         assert (await ended(bench, "cancel")).state == "succeeded"
         sent = [line["topic"] for line in bench.bridge.operations("publish")]
         assert not {"/move_base/goal", "/here", "/neck"} & set(sent)
@@ -321,7 +321,7 @@ def test_an_action_of_ros2_that_is_refused_is_given_up(monkeypatch: pytest.Monke
 
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True))
-        assert "did not answer" in (await ended(bench)).detail
+        assert "did not respond" in (await ended(bench)).detail
 
     with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
 
@@ -331,7 +331,7 @@ def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatc
 
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True))
-        assert "did not answer" in (await ended(bench)).detail
+        assert "did not respond" in (await ended(bench)).detail
 
     with_link(ROBOT, test)
 

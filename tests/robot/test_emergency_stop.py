@@ -135,7 +135,7 @@ def test_a_stop_that_nobody_took_is_told_and_sent_when_the_service_appears_also_
         [told] = await bench.until(
             lambda: [problem for problem in bench.of(Problem) if problem.cause == "emergency_stop"], "the alarm"
         )
-        assert "/estop is not there" in told.what
+        assert "/estop is missing" in told.what
         assert "the robot itself is not stopped" in told.meaning
         bench.bridge.lines.clear()
         bench.bridge.answers.update({**inventory(services=("/estop",)), "/estop": {"success": True}})
@@ -175,7 +175,7 @@ def test_a_command_topic_that_nobody_takes_is_told_and_published_again_to_who_co
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": []}
         bench.send(SetEmergencyStop(now_ns(), True))
-        await bench.until(lambda: [p for p in bench.of(Problem) if "/e_stop is not there" in p.what], "the alarm")
+        await bench.until(lambda: [p for p in bench.of(Problem) if "/e_stop is missing" in p.what], "the alarm")
         published = len(bench.bridge.published("/e_stop"))
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/base"]}
         await bench.until(lambda: len(bench.bridge.published("/e_stop")) > published, "the stop again")

@@ -85,7 +85,7 @@ def test_the_emergency_stop_holds_the_head_where_it_is() -> None:
         assert decode_joint_trajectory(sent[0])[0]["head_1_joint"] == pytest.approx(0.3)
         bench.send(MoveHead(now_ns(), 1.0, 0.0))
         [problem] = [problem for problem in bench.of(Problem) if "head" in problem.what]
-        assert problem.what == "The head does not turn: the emergency stop is set."
+        assert problem.what == "The head was not turned: the emergency stop is active."
         bench.send(SetEmergencyStop(now_ns(), False), MoveHead(now_ns(), 1.0, 0.0))
         await bench.until(lambda: len(bench.of(HeadMoved)) == 2, "it turns again")
 
@@ -104,7 +104,7 @@ def test_without_a_link_nothing_is_kept_for_later() -> None:
         await bench.until(lambda: len(bench.bridge.operations("advertise", TRAJECTORY.topic)) >= 2, "advertised again")
         assert bench.bridge.published(TRAJECTORY.topic) == []
         assert [problem.what for problem in bench.of(Problem)] == [
-            "The head does not turn: the robot is not connected."
+            "The head was not turned: the robot is not connected."
         ]
 
     with_link(robot(TRAJECTORY), test)

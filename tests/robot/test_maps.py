@@ -202,9 +202,9 @@ def test_a_request_does_not_outlive_the_link() -> None:
         bench.send(RequestMap(now_ns(), "r", "save", "lab"))
         await bench.until(lambda: bench.bridge.operations("call_service", "/slam_toolbox/serialize_map"), "the call")
         bench.send(RequestMap(now_ns(), "second", "save", "lab"))
-        assert "busy" in (await ended(bench, "second")).detail
+        assert "still running" in (await ended(bench, "second")).detail
         await bench.bridge.close()
-        assert "link to the robot was lost" in (await ended(bench, "r")).detail
+        assert "connection to the robot was lost" in (await ended(bench, "r")).detail
 
     with_link(ROBOT, test, prepare=prepare)
 

@@ -57,7 +57,7 @@ def test_a_robot_that_does_not_tell_how_a_goal_ended_may_still_be_moving(monkeyp
     async def test(bench: LoopBench) -> None:
         await under_way_when_the_link_is_lost(bench)
         await bench.until(lambda: bench.of(GoalChanged)[-1].state == "failed", "given up")
-        assert "not known" in bench.of(GoalChanged)[-1].detail
+        assert "outcome is unknown" in bench.of(GoalChanged)[-1].detail
         [problem] = [problem for problem in bench.of(Problem) if "navigation goal" in problem.what]
         assert problem.meaning == "The robot may still be moving autonomously."
 

@@ -70,7 +70,7 @@ def test_a_planner_that_does_not_take_it_is_told_to_the_wizard_once() -> None:
         bench.bridge.answers[SET] = stays
         bench.send(LimitGoals(now_ns(), 0.3))
         [problem] = await bench.until(lambda: bench.of(Problem), "the problem")
-        assert "did not take max_vel_x" in problem.what
+        assert "did not accept max_vel_x" in problem.what
         assert "up to 0.60 m/s" in problem.meaning
         bench.bridge.answers[SET] = "there is no such service"
         bench.send(LimitGoals(now_ns(), 0.2), GoTo(now_ns(), "g", Pose2D(3.0, 4.0, 0.0)))

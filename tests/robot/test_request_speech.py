@@ -272,7 +272,9 @@ def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
     assert web.asked == [("GET", "/speak?text=Say%20%22hi%22%20%26%20%24value", None)]
 
 
-@pytest.mark.parametrize(("status", "detail"), [(500, "answers 500"), (302, "answers 302"), (0, "does not answer")])
+@pytest.mark.parametrize(
+    ("status", "detail"), [(500, "responded with 500"), (302, "responded with 302"), (0, "does not respond")]
+)
 def test_over_http_a_failure_is_told_and_the_next_sentence_is_said(
     status: int, detail: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

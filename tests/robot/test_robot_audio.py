@@ -65,7 +65,7 @@ def test_broken_pieces_are_one_problem_and_the_next_good_one_is_heard() -> None:
         await bench.bridge.publish("/audio", {"data": TONE.tobytes()}, cbor=True)
         await bench.until(lambda: bench.of(AudioChunk), "the good one")
         [problem] = bench.of(Problem)
-        assert "1 piece(s) of the robot's sound were dropped" in problem.what
+        assert "1 chunk(s) of the robot's audio were dropped" in problem.what
         assert "/audio" in problem.advice
 
     with_link(ROBOT, test, media=True)

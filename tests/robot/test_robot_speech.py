@@ -137,7 +137,7 @@ def test_a_sentence_of_which_nobody_tells_afterwards_has_failed(monkeypatch: pyt
         await goal_ids(bench, 1)
         await bench.bridge.close()
         await bench.until(lambda: states(bench) == [("u1", "failed")], "failed")
-        assert "not known" in bench.of(UtteranceChanged)[-1].detail
+        assert "outcome is unknown" in bench.of(UtteranceChanged)[-1].detail
         bench.send(Say(now_ns(), "u2", "now"))
         assert bench.of(UtteranceChanged)[-1].detail == "the robot is not connected"
 

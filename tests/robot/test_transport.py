@@ -305,7 +305,7 @@ def test_a_preflight_names_what_the_robot_lacks(bridge: BridgeDouble) -> None:
 
 def test_a_preflight_of_a_robot_that_is_not_there_says_what_to_do() -> None:
     [sentence] = check_robot(load_profile("simulated"), "ws://127.0.0.1:9")
-    assert "no rosbridge listens at ws://127.0.0.1:9" in sentence
+    assert "no rosbridge is running at ws://127.0.0.1:9" in sentence
     assert "Start rosbridge" in sentence
 
 

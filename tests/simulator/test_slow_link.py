@@ -178,7 +178,7 @@ def test_the_robot_is_put_where_it_fits_and_touches_are_counted_from_there() -> 
         assert state["min_gap_m"] == pytest.approx(0.0, abs=1e-6)
         robot.fault("pose:9,5,0")
         assert robot.state()["touches"] == 0
-        with pytest.raises(AssertionError, match="does not match"):
+        with pytest.raises(AssertionError, match="does not fit"):
             robot.call("/simulator/reset_pose", x=0.1, y=0.1)
         for command in ("pose:1", "pose:a,b,c", "pose:1,2,inf"):
             with pytest.raises(AssertionError, match="three numbers"):

@@ -196,7 +196,7 @@ def save_face(face: Face, user_dir: Path | None = None) -> Path:
         raise FaceError(
             tr("The face was not saved ({error}).").format(error=error),
             tr("The file is unchanged."),
-            tr("Check the disk."),
+            tr("Check the free disk space and the permissions of {folder}.").format(folder=folder),
         ) from error
     return path
 

@@ -142,9 +142,9 @@ def test_the_report_and_the_methods_sheet_say_how_closely_it_was_followed(folder
     export_session(folder, "html", tmp_path / "html", ExportContext())
     page = " ".join((tmp_path / "html" / "report.html").read_text(encoding="utf-8").split())
     assert "Protocol, planned and actual" in page and "3 of 4 steps, 1 skipped, 2 late" in page
-    assert '<td>Show</td><td class="number">–</td><td class="number">not begun</td>' in page
+    assert '<td>Show</td><td class="number">–</td><td class="number">not started</td>' in page
     export_session(folder, "methods", tmp_path / "methods", ExportContext())
     sheet = (tmp_path / "methods" / "methods.md").read_text(encoding="utf-8")
     assert "Which protocol did the wizard follow, and how closely?" in sheet
-    assert "Ask (5.0 s planned, median 3.0 s in fact, skipped in 1 of 1)" in sheet
-    assert "Show (never begun)" in sheet
+    assert "Ask (5.0 s planned, median 3.0 s actual, skipped in 1 of 1)" in sheet
+    assert "Show (never started)" in sheet
