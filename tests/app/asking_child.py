@@ -63,7 +63,7 @@ class AskingDriver(DesktopDriver):
             **super()._on_show(),
             "model": assistant.model,
             "told": self._run.window.findChild(QLabel, "assistant_note").text(),
-            "asking": any(row.under_way for row in assistant.exchanges),
+            "asking": any(row.is_pending for row in assistant.exchanges),
             "failures": self._failures,
             "spoken": list(self._spoken),
         }

@@ -401,7 +401,7 @@ def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble
     wait_for(lambda: bridge.operations("publish", "/move_base/cancel"), "the cancellation")
     bridge.publish("/move_base/result", {"status": goal_status(goal_id, 2), "result": {}})
     last = wait_for(lambda: [c for c in link.of(GoalChanged) if c.state == "cancelled"], "cancelled")[0]
-    assert (last.goal_id, last.place, last.detail) == ("g1", "kitchen", "the wizard drives")
+    assert (last.goal_id, last.place, last.detail) == ("g1", "kitchen", "the wizard is driving")
 
 
 def test_a_goal_that_waited_too_long_is_refused(bridge: BridgeDouble, link: LinkProcess) -> None:
@@ -534,8 +534,8 @@ def test_an_unreachable_robot_is_one_problem_and_not_one_per_attempt() -> None:
             process.send(RenewLease(now_ns()))
             wait_for(lambda: process.of(DriveEnded), "the refusal")
             [problem] = process.of(Problem)
-            assert f"What answers at ws://127.0.0.1:{port}/ is not a rosbridge server" in problem.what
-            assert "rosbridge uses 9090" in problem.advice
+            assert f"The server at ws://127.0.0.1:{port}/ is not a rosbridge server" in problem.what
+            assert "default port of rosbridge is 9090" in problem.advice
             assert {change.address for change in process.of(LinkChanged)} == {f"ws://127.0.0.1:{port}/"}
         finally:
             process.close()

@@ -36,19 +36,19 @@ logging.basicConfig(level=logging.INFO, stream=sys.stderr)
 if sys.argv[1] == "ordinary":
     os.sched_setscheduler = as_an_ordinary_user
 threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
-real_time.come_first()
+real_time.request_realtime_priority()
 for thread in threading.enumerate():
     if thread.name == "real-time":
         thread.join(10)
-first = real_time.is_first()
+first = real_time.has_realtime_priority()
 for _ in range(30):
     time.sleep(0.002)
     for _ in range(1000): pass
-stayed = real_time.is_first()
+stayed = real_time.has_realtime_priority()
 until = time.monotonic() + 20
-while real_time.is_first() and time.monotonic() < until:
+while real_time.has_realtime_priority() and time.monotonic() < until:
     pass
-print(json.dumps({"first": first, "stayed": stayed, "after_long": real_time.is_first()}))
+print(json.dumps({"first": first, "stayed": stayed, "after_long": real_time.has_realtime_priority()}))
 """
 
 

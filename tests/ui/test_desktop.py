@@ -180,7 +180,7 @@ def test_nothing_closes_while_alt_drives(desktop: Desktop) -> None:
     desktop.expect("say ('Please follow me.', 'phrase')")
     assert not desktop.intents("release_drive")
     desktop.do("keydown", "F4", "sleep", "0.9", "keyup", "F4")  # it keeps this one, again and again, and closes windows
-    desktop.expect("release_drive The window manager took the keyboard", "say ('Let me think…', 'phrase')")
+    desktop.expect("release_drive The window manager took over the keyboard", "say ('Let me think…', 'phrase')")
     desktop.do("keyup", "w", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.do("keyup", "w", "keyup", "alt")
@@ -188,7 +188,7 @@ def test_nothing_closes_while_alt_drives(desktop: Desktop) -> None:
     assert len(desktop.intents("say")) == 2
     # Alone it closes, after a question; Esc stops while that is open.
     desktop.do("key", "alt+F4")
-    desktop.expect("QUESTION Close the console? The recording ends and is saved.")
+    desktop.expect("QUESTION Close the console? The recording will stop and be saved.")
     desktop.do("key", "Escape")
     desktop.expect("stop", "QUESTION")
     assert "QUESTION None" in desktop.since()
@@ -457,7 +457,7 @@ def test_a_key_that_the_window_manager_keeps_stops_too(desktop: Desktop) -> None
     desktop.do("keydown", "w")
     desktop.expect(FORWARD)
     desktop.do("keydown", "ctrl", "keydown", "F11", "sleep", "0.1", "keyup", "F11", "keyup", "ctrl")
-    desktop.expect("release_drive The window manager took the keyboard")
+    desktop.expect("release_drive The window manager took over the keyboard")
     desktop.do("keyup", "w", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.do("keydown", "ctrl", "keydown", "Escape", "sleep", "0.1", "keyup", "Escape", "keyup", "ctrl", "keyup", "w")

@@ -83,9 +83,10 @@ def panel_with_keys(window: MainWindow) -> str | None:
 def type_on(text: str = SENTENCE) -> None:
     """As a person does who looks elsewhere: each key goes wherever the keys are by then, and Enter comes last."""
     for key in (*text, Qt.Key.Key_Return):
-        target = QApplication.activePopupWidget() or QApplication.focusWidget() or QApplication.activeWindow()
-        if target is not None:  # else the window that had them has closed, and nobody gets them
-            QTest.keyClick(target, key)
+        for moved in (QTest.keyPress, QTest.keyRelease):  # a press may close the window that got it
+            target = QApplication.activePopupWidget() or QApplication.focusWidget() or QApplication.activeWindow()
+            if target is not None:  # else the window that had them has closed, and nobody gets them
+                moved(target, key)
 
 
 def click(widget: QWidget, at: QPoint | None = None) -> None:
