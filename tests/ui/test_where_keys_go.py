@@ -85,7 +85,7 @@ def type_on(text: str = SENTENCE) -> None:
     for key in (*text, Qt.Key.Key_Return):
         for moved in (QTest.keyPress, QTest.keyRelease):  # a press may close the window that got it
             target = QApplication.activePopupWidget() or QApplication.focusWidget() or QApplication.activeWindow()
-            if target is not None:  # else the window that had them has closed, and nobody gets them
+            if target is not None and shiboken6.isValid(target):  # else its window has closed, and nobody gets them
                 moved(target, key)
 
 
