@@ -117,7 +117,7 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         return QSize(860, 720)
 
     def show_page(self, page: str) -> None:
-        """Show a page of the guide, as "keys.md#changing-keys"."""
+        """Show a page of the guide, as "keys.md#change-keys"."""
         url = QUrl.fromLocalFile(str(guide_dir()) + "/").resolved(QUrl(page))
         self.browser.setSource(url, QTextDocument.ResourceType.MarkdownResource)
         self.browser.setFocus(Qt.FocusReason.OtherFocusReason)
