@@ -16,7 +16,7 @@ fi
 
 start_virtual_screen
 output=demo-output/$(date +%Y%m%d-%H%M%S)
-printf 'No display: rehearsing on a virtual screen of 1920x1080. Results go to %s\n' "$output"
+printf 'No display: running a rehearsal on a virtual screen of 1920x1080. Results are written to %s\n' "$output"
 status=0
 .venv/bin/caris-desktop rehearse layouts/tour-guide.yaml --out "$output" "$@" || status=$?
 exit "$status"

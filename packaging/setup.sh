@@ -4,7 +4,7 @@
 #   bash packaging/setup.sh          what the console needs
 #   bash packaging/setup.sh --test   that and what the tests need
 #
-# Safe to run again: what is there already is left alone, and then it takes less than a second.
+# Safe to run again: existing parts are left unchanged, and a complete set-up takes less than a second.
 #   CARIS_PYTHON=/path/to/python3.12   use this interpreter (3.11, 3.12 or 3.13)
 #   CARIS_TORCH=cuda                   take torch with CUDA (gigabytes) in place of the CPU build
 #   CARIS_LOCKED=no                    take the newest versions that pyproject.toml permits, not those of packaging/lock.txt
@@ -30,7 +30,7 @@ for argument in "$@"; do
       ;;
   esac
 done
-# Once chosen it stays, so that a plain later run does not undo it.
+# The choice is stored, so that a later run without it does not undo it.
 torch_variant=${CARIS_TORCH:-$(cat .venv/caris-torch 2>/dev/null || echo cpu)}
 if [[ $torch_variant != cpu && $torch_variant != cuda ]]; then
   echo "setup.sh: CARIS_TORCH is '$torch_variant'; it can be cpu or cuda" >&2
@@ -104,7 +104,7 @@ apt_install() {
   local environment=(env DEBIAN_FRONTEND=noninteractive)
   local options=(-y -q --no-install-recommends -o DPkg::Lock::Timeout=300)
   if [[ ! -e $apt_log.updated ]]; then
-    "${as_root[@]}" "${environment[@]}" apt-get update -q >>"$apt_log" 2>&1 || detail "apt-get update reported a problem; trying to install all the same"
+    "${as_root[@]}" "${environment[@]}" apt-get update -q >>"$apt_log" 2>&1 || detail "apt-get update reported a problem; trying to install anyway"
     touch -- "$apt_log.updated"
     trap 'rm -f -- "$apt_log" "$apt_log.updated"' EXIT
   fi
@@ -146,7 +146,7 @@ install_system_packages() {
       stop "system libraries are missing and this user may not install them: ${missing_needed[*]}" \
         "Run this, then start again:" "  $by_hand"
     fi
-    say "1/4 System libraries: enough to go on; missing and better to have: ${missing_wanted[*]}"
+    say "1/4 System libraries: all required ones present; recommended but missing: ${missing_wanted[*]}"
     detail "to install them: $by_hand"
     return
   fi
@@ -158,24 +158,24 @@ install_system_packages() {
   fi
   if ((${#missing_needed[@]})) && ! apt_install "${missing_needed[@]}"; then
     tail -n 15 -- "$apt_log" >&2
-    stop "apt-get could not install what is needed (its last lines are above)." \
-      "Check the network and the package sources, or run it by hand, then start again:" "  $by_hand"
+    stop "apt-get could not install the required packages (its last lines are above)." \
+      "Check the network and the package sources, or run this command yourself, then start again:" "  $by_hand"
   fi
   local name
   for name in "${missing_wanted[@]}"; do
-    apt_install "$name" || detail "$name could not be installed; going on without it"
+    apt_install "$name" || detail "$name could not be installed; continuing without it"
   done
 }
 
 if command -v dpkg-query >/dev/null && command -v apt-get >/dev/null; then
   install_system_packages
 else
-  say "1/4 System libraries: not a Debian-like system, nothing is installed here"
-  detail "needed: EGL, OpenGL, fontconfig, D-Bus, xkbcommon-x11, xcb-cursor, xcb-icccm, xcb-keysyms, PortAudio; good to have: espeak-ng"
+  say "1/4 System libraries: not a Debian-based system, nothing was installed"
+  detail "needed: EGL, OpenGL, fontconfig, D-Bus, xkbcommon-x11, xcb-cursor, xcb-icccm, xcb-keysyms, PortAudio; recommended: espeak-ng"
   if on_linux && { [[ $with_tests == yes ]] || ! has_display; }; then
     for program in Xvfb openbox; do
       command -v "$program" >/dev/null ||
-        stop "$program is not installed, and without a display it is needed." "Install $program with this system's package manager and start again."
+        stop "$program is not installed; it is required without a display." "Install $program with this system's package manager and start again."
     done
   fi
 fi
@@ -183,8 +183,8 @@ fi
 # --- 2/4 Python environment ---------------------------------------------------------------------------------------------
 
 python=$(find_python) || stop "no Python 3.11, 3.12 or 3.13 was found (python3 is $(python3 --version 2>/dev/null || echo absent))." \
-  "Install one of them, or name it: CARIS_PYTHON=/path/to/python3.12 bash packaging/demo.sh"
-can_make_environments "$python" || stop "$python cannot make virtual environments (its venv or ensurepip module is missing)." \
+  "Install one of them, or specify it: CARIS_PYTHON=/path/to/python3.12 bash packaging/demo.sh"
+can_make_environments "$python" || stop "$python cannot create virtual environments (its venv or ensurepip module is missing)." \
   "On Debian and Ubuntu: sudo apt-get install python3-venv. Then start again."
 
 python_version=$("$python" -c 'import platform; print(platform.python_version())')
@@ -204,28 +204,28 @@ if [[ -d .venv ]]; then
   made_with=$(.venv/bin/python -c 'import platform; print(platform.python_version())' 2>/dev/null || echo none)
   made_at=$(sed -n "s/^VIRTUAL_ENV=[\"']*\([^\"']*\)[\"']*\$/\1/p" .venv/bin/activate 2>/dev/null | head -n 1)
   if [[ $made_with != "$python_version" ]] || [[ -n $made_at && $made_at == /* && $made_at != "$repository/.venv" ]]; then
-    say "2/4 Python environment: .venv was made with Python $made_with in ${made_at:-an unknown place}; making it anew"
+    say "2/4 Python environment: .venv was made with Python $made_with in ${made_at:-an unknown folder}; creating it again"
     rm -rf -- .venv
   fi
 fi
 if [[ -d .venv ]]; then
   say "2/4 Python environment: .venv, Python $python_version"
 else
-  say "2/4 Python environment: making .venv with $python (Python $python_version)"
+  say "2/4 Python environment: creating .venv with $python (Python $python_version)"
   "$python" -m venv .venv || {
     rm -rf -- .venv
-    stop "$python could not make the virtual environment .venv." "Check that this folder can be written and the disk is not full: $repository"
+    stop "$python could not create the virtual environment .venv." "Check that this folder is writable and the disk is not full: $repository"
   }
 fi
 
 # The argument as a double-quoted word of the Exec key: for its shell-like quoting, then for the file's own escapes.
 exec_word() { printf '%s' "$1" | sed 's/[\\"`$]/\\&/g; s/\\/\\\\/g; s/%/%%/g; s/.*/"&"/'; }
 
-# Puts this checkout into the menu of applications of a user who has a screen. The last one that was set up is there.
+# Adds this checkout to the user's menu of applications if there is a display; the most recent set-up wins.
 install_menu_entry() {
   local data=${XDG_DATA_HOME:-$HOME/.local/share} line
   on_linux && [[ $with_tests == no ]] && has_display || return 0
-  mkdir -p "$data/applications" "$data/icons/hicolor/scalable/apps" || return 0
+  mkdir -p "$data/applications" "$data/icons/hicolor/scalable/apps"
   cp packaging/caris-desktop.svg "$data/icons/hicolor/scalable/apps/"
   while IFS= read -r line; do
     if [[ $line == Exec=* ]]; then line=Exec=$(exec_word "$repository/.venv/bin/caris-desktop"); fi
@@ -234,7 +234,7 @@ install_menu_entry() {
 }
 
 if is_set_up; then
-  install_menu_entry
+  install_menu_entry || detail "The menu entry could not be written."
   say "3/4 Python packages: present"
   say "4/4 Models: present"
   exit 0
@@ -260,7 +260,7 @@ pip_install() {
   pip_run install "$@" && return
   tail -n 25 -- "$log" >&2
   stop "pip could not install the Python packages (its last lines are above, all of them in $log)." \
-    "Check the network and the free disk space (about 4 GB are needed) and start again; what is done already is kept."
+    "Check the network and the free disk space (about 4 GB are needed) and start again; completed steps are not repeated."
 }
 
 nvidia_gpu_present() { [[ -e /proc/driver/nvidia/version ]] || { command -v nvidia-smi >/dev/null && nvidia-smi -L >/dev/null 2>&1; }; }
@@ -291,19 +291,19 @@ urllib.request.urlopen(urllib.request.Request(sys.argv[1], method="HEAD"), timeo
 # Says how much torch with CUDA is before it is fetched. fast-deps reads the metadata of a wheel without the wheel.
 announce_cuda_download() {
   local report answer=y
-  detail "Looking up how large torch with CUDA is ..."
+  detail "Looking up the size of torch with CUDA ..."
   report=$(mktemp -t caris-torch.XXXXXX)
   if pip_run install --dry-run --use-feature=fast-deps --report "$report" "${torch_pins[@]}"; then
     "$venv_python" packaging/download_size.py "$report" | sed 's/^/      /'
   else
-    detail "its size could not be found out; usually it is about 3 GB"
+    detail "its size is unknown; usually about 3 GB"
   fi
   rm -f -- "$report"
   if interactive; then
-    read -r -p "      Go on with this download? [Y/n] " answer
+    read -r -p "      Continue with this download? [Y/n] " answer
     case ${answer:-y} in
       [yY]*) ;;
-      *) stop "torch was declined." "For the CPU build make $torch_cpu_index reachable, or put a CPU wheel of ${torch_pins[0]} where pip looks (PIP_FIND_LINKS)." ;;
+      *) stop "torch was declined." "For the CPU build, make $torch_cpu_index reachable, or add a folder with a CPU wheel of ${torch_pins[0]} to PIP_FIND_LINKS." ;;
     esac
   fi
 }
@@ -313,35 +313,35 @@ choose_torch() {
     return
   fi
   if [[ $torch_variant == cuda ]]; then
-    detail "torch with CUDA as asked (CARIS_TORCH=cuda)"
+    detail "torch with CUDA, as requested (CARIS_TORCH=cuda)"
     announce_cuda_download
     # A CPU build in place would satisfy the same version number.
     pip_run uninstall -y torch torchvision || true
     return
   fi
   if nvidia_gpu_present; then
-    detail "An NVIDIA GPU is present; the CPU build of torch is enough and taken. For CUDA: CARIS_TORCH=cuda bash packaging/demo.sh"
+    detail "An NVIDIA GPU is present; the CPU build of torch is sufficient and is installed. For CUDA: CARIS_TORCH=cuda bash packaging/demo.sh"
   fi
   if torch_cpu_index_answers; then
     detail "torch from PyTorch's CPU index"
     pip_run install --no-deps --timeout 60 --retries 1 --index-url "$torch_cpu_index" "${torch_pins[@]}" && return
-    detail "that index did not deliver; falling back to the configured package index"
+    detail "that index failed; using the configured package index"
   fi
   # A local version such as 2.13.0+cpu is only found where somebody provides it, so asking for it downloads nothing else.
   if pip_run install --no-deps "${torch_pins[0]}+cpu"; then
-    detail "torch: a CPU build was at hand"
+    detail "torch: a CPU build was available"
     return
   fi
-  detail "No CPU build of torch is at hand: the default package index brings one with CUDA, which works without a GPU too."
+  detail "No CPU build of torch is available: the default package index provides one with CUDA, which also works without a GPU."
   announce_cuda_download
 }
 
 if torch_present; then
-  say "3/4 Python packages: bringing them up to date; details in .venv/setup.log"
+  say "3/4 Python packages: updating; details in .venv/setup.log"
 else
-  say "3/4 Python packages: some 1.1 GB are fetched, which takes a few minutes; details in .venv/setup.log"
+  say "3/4 Python packages: downloading about 1.1 GB, which takes a few minutes; details in .venv/setup.log"
 fi
-pip_run install --upgrade pip || detail "pip could not be renewed; going on with the one that is there"
+pip_run install --upgrade pip || detail "pip could not be updated; continuing with the installed version"
 choose_torch
 if [[ $locked == yes ]]; then
   # A CPU build of torch that choose_torch installed has the locked version and stays.
@@ -368,11 +368,11 @@ if ! "$venv_python" packaging/check_environment.py >"$check_log" 2>&1; then
   cat -- "$check_log" >&2
   stop "the environment is not usable (see above)." \
     "A missing .so file is a system library: install its package. Otherwise remove the environment and start again: rm -rf .venv" \
-    "A model whose checksum is wrong even then was exchanged where packages come from: do not use it, and tell us."
+    "If a model's checksum is still wrong then, the package source delivered a different file: do not use it, and report it."
 fi
 
 printf '%s\n' "$torch_variant" >.venv/caris-torch
 printf '%s\n' "$fingerprint" >.venv/caris-setup-run
 if [[ $with_tests == yes ]]; then printf '%s\n' "$fingerprint" >.venv/caris-setup-test; fi
-install_menu_entry
+install_menu_entry || detail "The menu entry could not be written."
 say "Set-up complete."

@@ -93,7 +93,7 @@ printf '\n== suite\n'
 inside bash packaging/test.sh "${of_suite[@]}" || status=$?
 printf '\n== wheel in an empty environment\n'
 inside bash packaging/test-wheel.sh || status=$?
-printf '\n== tried with\n'
+printf '\n== tested with\n'
 inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
 inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |
   grep -iE '^(numpy|pyarrow|mcap|av|opencv-python-headless|PySide6_Essentials|torch|onnxruntime|websockets)=='

@@ -67,7 +67,7 @@ failures=.pytest_cache/v/cache/lastfailed
 failed_tests() { .venv/bin/python -c 'import json, sys; print(*json.load(open(sys.argv[1])), sep="\n")' "$failures"; }
 
 # run_tests ARGUMENTS...: what fails is tried once more, alone, as tests of real processes share a busy machine. What passes
-# then is named in the summary: it is unsteady, and somebody should look at it.
+# then is listed in the summary as flaky, and has to be looked at.
 run_tests() {
   local -a first
   local status=0
@@ -79,14 +79,14 @@ run_tests() {
   # 1 means that tests failed; anything else is no verdict on them, and is not mended by another try.
   ((status == 1)) || return "$status"
   mapfile -t first < <(failed_tests)
-  printf '\n== what failed, again and alone\n'
+  printf '\n== failed tests, again and alone\n'
   .venv/bin/python -m pytest -n 0 --last-failed --last-failed-no-failures none -m "" "${long[@]}" || return
   unsteady+=("${first[@]}")
 }
 
 if (($# == 0)); then
   # They wait for processes and timers for a third of their time.
-  check "tests, other rooms" run_tests -n 4 -m "not alone" --ignore tests/app tests
+  check "tests, packages" run_tests -n 4 -m "not alone" --ignore tests/app tests
   started=$SECONDS status=0
   printf '\n== types (mypy)\n'
   wait "$types" || status=$?
@@ -104,7 +104,7 @@ fi
 printf '\n== summary\n'
 printf '%s\n' "${summary[@]}"
 if ((${#unsteady[@]})); then
-  printf '\nunsteady, as they passed only when tried again and alone:\n'
+  printf '\nflaky, as they passed only when run again and alone:\n'
   printf '  %s\n' "${unsteady[@]}"
 fi
 [[ $failed == no ]]
