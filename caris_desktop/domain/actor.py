@@ -3,9 +3,9 @@
 from caris_desktop.domain.translation import QT_TR_NOOP
 
 Actor = str
-"""``wizard`` (this computer's), ``wizard:NAME`` (another one), ``console`` by itself, ``model`` or ``script``.
+"""``wizard`` (this computer's), ``wizard:NAME`` (another one), ``console`` itself, ``model`` or ``script``.
 
-Empty in events: somebody or something else, as a button on the robot, or nobody wrote it down, as in older recordings.
+Empty in events: another source, such as a button on the robot, or not recorded, as in older recordings.
 """
 
 WIZARD: Actor = "wizard"
@@ -13,7 +13,7 @@ CONSOLE: Actor = "console"
 MODEL: Actor = "model"
 SCRIPT: Actor = "script"
 OTHER_WIZARD = "wizard:"
-"""What their names stand behind."""
+"""Prefix of a wizard's name."""
 
 
 def in_words(actor: Actor) -> str:

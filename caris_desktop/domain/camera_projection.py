@@ -11,13 +11,13 @@ from caris_desktop.domain.value_class import dataclass
 class CameraModel:
     """A pinhole camera on the robot, without lens distortion.
 
-    ``width_px`` and ``height_px`` are those of the picture that the focal lengths ``fx_px``, ``fy_px`` and the
-    principal point ``cx_px``, ``cy_px`` belong to. The optical centre lies at (x_m, y_m, z_m) in the robot frame
-    (REP 103: x forward, y left, z up from the floor), looking along ``heading_rad`` (left positive) and
-    ``tilt_rad`` (down positive). ``on_head``: pan and tilt of the robot's head are added to these two.
+    ``width_px`` and ``height_px`` are those of the image that the focal lengths ``fx_px``, ``fy_px`` and the principal
+    point ``cx_px``, ``cy_px`` belong to. The optical centre lies at (x_m, y_m, z_m) in the robot frame (REP 103: x
+    forward, y left, z up from the floor). The camera looks along ``heading_rad`` (left positive) and ``tilt_rad`` (down
+    positive). ``on_head``: pan and tilt of the robot's head are added to these two.
 
-    ``stands_in_map``: the camera is not on the robot but stands in the room, and this is where in the map; all of the
-    above is then seen from there.
+    ``stands_in_map``: pose in the map of a camera in the room instead of on the robot; all of the above is relative to
+    it.
     """
 
     width_px: int
@@ -41,7 +41,7 @@ class CameraModel:
         return cls(width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
 
     def scaled_to(self, width_px: int, height_px: int) -> "CameraModel":
-        """Same camera for a picture of another size."""
+        """Same camera for an image of another size."""
         across, down = width_px / self.width_px, height_px / self.height_px
         return replace(
             self, width_px=width_px, height_px=height_px,

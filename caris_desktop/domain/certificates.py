@@ -31,8 +31,8 @@ class OtherCertificateError(ssl.SSLError):
 
 
 def client_context(ca_file: str | None = None) -> ssl.SSLContext:
-    """TLS context that trusts the system's authorities and the certificates in a file, each on its own whoever signed
-    it.
+    """TLS context that trusts the system's authorities and each certificate in a file, whoever
+    signed it.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def client_context(ca_file: str | None = None) -> ssl.SSLContext:
 
 
 class WrongFilesError(Exception):
-    """A server cannot prove who it is with these files; the text says why."""
+    """Files with which a server cannot prove its identity; the text says why."""
 
 
 def server_context(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:

@@ -12,8 +12,8 @@ now_ns = time.monotonic_ns
 
 
 MOST_DELAY_S = 5.0
-"""A stamp that is further back than this when its message arrives is of another clock than the one the robot tells: a
-network that holds messages for so long holds the pings too, and the link counts as lost before that."""
+"""Largest plausible age of a timestamp on arrival; an older one is from another clock than the robot's. A network with
+such delays also delays the pings, and the link counts as lost before that."""
 _MOST_AHEAD_S = 0.5  # A driver may stamp the end of a scan, and the clocks of a robot's computers differ slightly.
 _BASELINE_S = 15.0
 # With more uncertainty, the arrival time is the better estimate.

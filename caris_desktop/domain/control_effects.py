@@ -12,14 +12,14 @@ from caris_desktop.domain.value_class import dataclass
 
 ControlClass = Literal["stop", "stop_release", "motion", "unknown", "harmless"]
 """``stop`` always passes. ``stop_release`` never does: only the wizard's own release of the emergency stop may.
-``motion`` needs the permission to drive. A latched stop holds ``motion`` and ``unknown``; ``harmless`` is a lamp, a
-sound, a display and their kind."""
+``motion`` needs the permission to drive. A latched stop blocks ``motion`` and ``unknown``; ``harmless`` is a lamp, a
+sound, a display or similar."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopField:
-    """A topic or service of the robot's emergency stop: ``field`` at ``stops`` stops it, at any other value releases
-    it. Without a field everything that is sent there stops the robot.
+    """A topic or service of the robot's emergency stop: ``field`` at ``stops`` stops it, any other value releases it.
+    Without a field everything that is sent there stops the robot.
     """
 
     name: str
@@ -41,7 +41,7 @@ def _words_of(text: str) -> frozenset[str]:
 
 
 NO_NAMES = RobotInterfaceNames()
-"""Of a robot that nobody knows yet: only what ROS uses everywhere counts."""
+"""Names for an unknown robot: only what ROS uses everywhere counts."""
 _MOTION_PACKAGES = _words_of(
     "ackermann_msgs control_msgs controller_manager_msgs dynamic_reconfigure geometry_msgs joy mavros_msgs "
     "move_base_msgs moveit_msgs nav2_msgs nav_msgs play_motion_msgs play_motion2_msgs rcl_interfaces "

@@ -11,7 +11,7 @@ WhoSpoke = Literal["", "robot", "participant", "wizard"]
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Of one utterance: None is as it was first told. ``person_by`` said who it was, the console with how likely."""
+    """Corrected values; None: as first reported. ``person_by`` identified the person, the console with a likelihood."""
 
     text: str | None = None
     speaker: WhoSpoke | None = None

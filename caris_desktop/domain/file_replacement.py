@@ -25,7 +25,7 @@ def replace_file(
 ) -> None:
     """Replace ``path`` with ``data`` atomically: a reader finds either the old or the new file, never a part.
 
-    The content goes to a temporary file beside ``path``, unique so that concurrent writers do not collide, with the
+    The content goes to a temporary file next to ``path``, unique so that concurrent writers do not collide, with the
     permissions of the existing file. After any failure, also in ``data`` itself, the old file remains and no temporary
     file. A symbolic link is replaced, not followed.
 

@@ -1,10 +1,10 @@
 """Foxglove's schemas (https://docs.foxglove.dev/docs/sdk/schemas), and conversion of our values to them.
 
 Foxglove, Lichtblick and others display channels with these schema names without configuration. A message has the
-schema's fields, and beside them those of our value that the schema lacks: nothing large is duplicated, and the
+schema's fields, and also those of our value that the schema lacks: nothing large is duplicated, and the
 recording reads back exactly.
 
-JSON has no infinity, so numbers beyond float32 stand for it (:data:`INFINITE`): viewers read them as infinite and draw
+JSON has no infinity, so numbers beyond float32 replace it (:data:`INFINITE`): viewers read them as infinite and draw
 nothing.
 """
 
@@ -74,7 +74,7 @@ class KeyValuePair(TypedDict):
 
 
 class LaserScan(TypedDict):
-    """With our name for the frame of the laser itself beside the one that ``pose`` is in."""
+    """With our name for the frame of the laser, in addition to that of ``pose``."""
 
     timestamp: Time
     frame_id: str
@@ -222,7 +222,7 @@ def pose_of(pose: Pose2D | None) -> Pose:
     half_rad = _finite(half_rad)
     return {
         "position": {"x": _finite(x_m), "y": _finite(y_m), "z": 0.0},
-        # The exact value is beside it; more digits here would only take space.
+        # The exact value is added; more digits here would only take space.
         "orientation": {"x": 0.0, "y": 0.0, "z": round(math.sin(half_rad), 9), "w": round(math.cos(half_rad), 9)},
     }
 

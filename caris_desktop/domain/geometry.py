@@ -7,7 +7,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """Position and heading; the frame of reference is in the name of whatever holds it."""
+    """Position and heading; the name of the holding field gives the frame of reference."""
 
     x_m: float
     y_m: float
@@ -139,7 +139,7 @@ def moves(measured: Twist2D) -> bool:
 
 
 def moved_by(twist: Twist2D, duration_s: float) -> Pose2D:
-    """The pose after driving with ``twist`` for that long, in the frame of where it began."""
+    """Pose after driving with ``twist`` for that long, in the frame of the start."""
     turned = twist.turn_radps * duration_s
     if abs(turned) < 1e-6:
         ahead, aside = duration_s, turned * duration_s / 2.0

@@ -22,9 +22,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DerivedChannel:
-    """What is written beside values, for other programs only: a reader of ours has it from the values themselves.
+    """Derived messages written for other programs only: our reader has their content from the values.
 
-    ``make`` gives the message that follows from a value of one of the types ``of``, None where none does.
+    ``make`` gives the message that follows from a value of one of the types ``of``, None if none does.
     """
 
     topic: str
@@ -43,7 +43,7 @@ DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
 def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any]:
     """Message of a value that was measured, or happened, at that time.
 
-    Raises TypeError or ValueError for what is no value of the stream or could not be read back as one.
+    Raises TypeError or ValueError for other values, and for those that could not be read back.
     """
     known, fields = spec.well_known, _fields_of(spec)
     message: dict[str, Any] = {name: to_jsonable(getattr(value, name)) for name in fields.beside}
@@ -132,8 +132,8 @@ def _has_one_type(schema: dict[str, Any]) -> bool:
 
 
 class _Fields(NamedTuple):
-    """Our fields: ``every`` one; those ``beside`` the fields of a well-known schema; those ``left_out`` if None; and of
-    these the ones without a default, which are ``needed`` to construct a value.
+    """Our fields: ``every`` one; the ``beside`` ones in addition to a well-known schema; the ``left_out`` ones if None;
+    and of these those without a default, ``needed`` to construct a value.
     """
 
     every: tuple[str, ...]

@@ -2,7 +2,7 @@
 
 KeyPath = tuple[str | int, ...]
 Problem = tuple[KeyPath, str]
-"""What is wrong at a place of a file, in a sentence."""
+"""Path of a problem in a file, and its sentence."""
 
 
 def name_of(path: KeyPath) -> str:

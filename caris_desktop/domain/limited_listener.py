@@ -1,8 +1,8 @@
 """Listening socket with a connection limit that applies before a byte is read.
 
 Network strangers need no token to hold connections open. Each address, and all together, may have a limited number at a
-time; others are closed at once. This computer's own connections count separately, so that no stranger keeps its user
-out.
+time; others are closed at once. This computer's own connections count separately, so that no stranger locks out its
+user.
 """
 
 import ipaddress

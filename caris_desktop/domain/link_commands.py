@@ -18,7 +18,7 @@ from caris_desktop.domain.value_class import dataclass
 class Drive:
     """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease.
 
-    ``drive_id`` counts the drives of the console: one that is let go and taken again is another.
+    ``drive_id`` counts the drives of the console: a drive after a release is a new one.
     """
 
     stamp_ns: int
@@ -37,7 +37,7 @@ class RenewLease:
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Nothing holds the lease any more: zero at once, repeated for 0.5 s, then silence."""
+    """Release the motion lease: zero at once, repeated for 0.5 s, then silence."""
 
     stamp_ns: int
     reason: str = ""
@@ -46,7 +46,7 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class StopMotion:
-    """Zero at once, and cancel every navigation goal and what a control has the robot do."""
+    """Zero at once, and cancel every navigation goal and every action of a control."""
 
     stamp_ns: int
     actor: Actor = ""
@@ -63,7 +63,7 @@ class SetEmergencyStop:
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Start a navigation goal; one that is under way is replaced."""
+    """Start a navigation goal; it replaces one in progress."""
 
     stamp_ns: int
     goal_id: str
@@ -74,7 +74,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True)
 class LimitGoals:
-    """Goals are driven no faster than this from now on, where the robot's navigation can be told."""
+    """Limit the speed to goals from now on, if the robot's navigation supports it."""
 
     stamp_ns: int
     forward_mps: float
@@ -83,7 +83,7 @@ class LimitGoals:
 
 @dataclass(frozen=True, slots=True)
 class CancelGoal:
-    """Cancel the navigation goal, wherever it stands."""
+    """Cancel the navigation goal in any state."""
 
     stamp_ns: int
     actor: Actor = ""
@@ -91,7 +91,7 @@ class CancelGoal:
 
 @dataclass(frozen=True, slots=True)
 class SetGuard:
-    """Switch the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
+    """Turn the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
 
     stamp_ns: int
     on: bool
@@ -100,7 +100,7 @@ class SetGuard:
 
 @dataclass(frozen=True, slots=True)
 class SetInitialPose:
-    """Tell the localization where the robot is, with one standard deviation of position and heading."""
+    """Set the pose for localization, with one standard deviation of position and heading."""
 
     stamp_ns: int
     pose_in_map: Pose2D
@@ -111,7 +111,7 @@ class SetInitialPose:
 
 @dataclass(frozen=True, slots=True)
 class RequestMap:
-    """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then not used)."""
+    """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then unused)."""
 
     stamp_ns: int
     request_id: str
@@ -132,9 +132,9 @@ class MoveHead:
 
 @dataclass(frozen=True, slots=True)
 class OfferControls:
-    """The controls that the scenario adds to the profile's own, so that their readings are listened to.
+    """Add the scenario's controls to the profile's own, so that their readings are received.
 
-    Where it does not permit driving, no control moves the robot, the profile's own included.
+    If it does not permit driving, no control moves the robot, the profile's own included.
     """
 
     stamp_ns: int
@@ -157,8 +157,8 @@ class UseControl:
 class Say:
     """Speak ``text`` through the robot's own voice.
 
-    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` come back with what is told of it: names are
-    spoken, and never recorded. ``language``, where it is known, says how long it will take.
+    ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` return in the reports: names are spoken, and
+    never recorded. ``language``, if known, serves to estimate the duration.
     """
 
     stamp_ns: int
@@ -173,7 +173,7 @@ class Say:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Stop the robot's own voice, where the robot offers that."""
+    """Stop the robot's own voice, if the robot supports that."""
 
     stamp_ns: int
     actor: Actor = ""
@@ -181,7 +181,7 @@ class Silence:
 
 @dataclass(frozen=True, slots=True)
 class ListenToRobot:
-    """Have the robot send what its microphone hears, or no longer. For the media link."""
+    """Start or stop the sound of the robot's microphone. For the media link."""
 
     stamp_ns: int
     on: bool
@@ -191,7 +191,7 @@ class ListenToRobot:
 class PlayOnRobot:
     """Sound for the robot's loudspeaker, now or not at all. For the media link.
 
-    ``samples`` is int16, shape (samples, 1), as many a second as the profile says.
+    ``samples`` is int16, shape (samples, 1), at the rate that the profile gives.
     """
 
     stamp_ns: int

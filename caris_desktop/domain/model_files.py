@@ -79,8 +79,8 @@ def read_checked(path: Path) -> tuple[bytes, str]:
     OSError
         If it cannot be read.
     WrongChecksum
-        If it differs from the listed file of its package, or from the checksum in a ``.sha256`` file of its name beside
-        it.
+        If it differs from the listed file of its package, or from the checksum in a ``.sha256`` file of its name
+        next to it.
     """
     content = path.read_bytes()
     return content, _checked(path, hashlib.sha256(content).hexdigest())

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from caris_desktop.domain.value_class import dataclass
 
 LooksKind = Literal["clothing", "face"]
-"""Clothing tells people apart on one day, a face across days. A face is looked at only with consent."""
+"""Clothing distinguishes people on one day, a face across days. A face is used only with consent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PersonLooks:
-    """How somebody looked in one frame.
+    """Appearance of a person in one frame.
 
     ``vector`` is float32 of unit length. ``model`` is the network that made it: vectors of different ones are never
-    compared. ``quality`` is 0..1: sure to be a person, big enough, and not covered by another box.
+    compared. ``quality`` is 0..1: surely a person, large enough, and not covered by another box.
     """
 
     stamp_ns: int
@@ -33,7 +33,7 @@ class PersonLooks:
 
 @dataclass(frozen=True, slots=True)
 class PersonPortrait:
-    """The best view of somebody so far, as JPEG. ``quality`` is as that of :class:`PersonLooks`."""
+    """Best view of a person so far, as JPEG. ``quality`` is as in :class:`PersonLooks`."""
 
     stamp_ns: int
     camera: str

@@ -1,6 +1,6 @@
-"""Picture decoding and limits: camera pictures as uint8 BGR that fit a frame ring slot, and picture files.
+"""Image decoding and limits: camera frames as uint8 BGR that fit a frame ring slot, and image files.
 
-cv2 is imported with the first picture, so that modules that only refer to pictures start fast.
+cv2 is imported with the first image, so that modules that only refer to images start fast.
 """
 
 from typing import Any
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 MAX_FRAME_PIXELS = 1920 * 1080
 LEAST_SIDE_PX = 8
-"""No video can be made of less, and nobody can be seen in it."""
+"""Smaller images make no video, and show no person."""
 MOST_PIXELS = 64_000_000
-"""Larger ones would take the memory that a session needs: 8K has 33 million."""
+"""Larger images would take memory that a session needs: 8K has 33 million."""
 
 
 class PictureError(ValueError):
-    """Picture that cannot be shown; the text completes the sentence "The picture ..."."""
+    """Image that cannot be shown; the text completes the sentence "The picture ..."."""
 
 
 def fitting_size(width_px: int, height_px: int) -> tuple[int, int]:
@@ -101,7 +101,7 @@ def _chunks_fit(content: bytes) -> bool:
 def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
     """JPEG or PNG as ``cv2.imdecode`` gives it (BGR, or by ``flag``). Raises PictureError.
 
-    The only decoder for pictures from other sources: it checks format and size first.
+    The only decoder for images from other sources: it checks format and size first.
     """
     import cv2
 
@@ -116,7 +116,7 @@ def decoded(content: bytes, flag: int | None = None) -> NDArray[Any]:
 
 
 def jpeg_of(image_bgr: NDArray[np.uint8], *, quality: int, most_px: int | None = None) -> bytes:
-    """JPEG of the picture, reduced if it is wider than ``most_px``."""
+    """JPEG of the image, reduced if it is wider than ``most_px``."""
     import cv2
 
     height_px, width_px = image_bgr.shape[:2]

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 RECORD_NICENESS = 5
-"""Of what writes the record: behind the window and the links, before whatever only shows something."""
+"""Niceness of recording processes: behind the window and the links, before mere displays."""
 
 _SESSION = Path("/proc/self/autogroup")
 # Linux accepts one write in a tenth of a second from all processes without root.
@@ -18,7 +18,7 @@ _TRIES = 50
 def step_back(niceness: int) -> None:
     """Lower the priority of this process permanently in favour of window and links.
 
-    A process in a session of its own, as the console's children are, must lower its session too: Linux divides the
+    A process in a separate session, such as the console's children, must lower its session too. Linux divides the
     processor among sessions first (autogroup), and niceness counts within one only. The session gets half the niceness,
     since every other session, of any busy program, counts in full.
     """

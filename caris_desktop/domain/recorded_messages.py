@@ -9,7 +9,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import LocalizedText, joined, parse_localized, speaks_english
 
 _LONGEST = 500
-"""What is longer was written by somebody, and would take its time to look through."""
+"""A longer text was written by a person, and would be slow to search."""
 
 TEXTS_PATH = resources_dir() / "recorded-texts.json"
 EARLIER_PATH = resources_dir() / "earlier-texts.json"

@@ -11,7 +11,7 @@ from caris_desktop.domain.recorded_messages import TEXTS_PATH
 
 _ROOMS = ("domain", "live", "robot", "perception", "people", "conversation", "recording", "study")
 _LEAST_LETTERS = 4
-"""A text that is hardly more than its values would be found in any sentence."""
+"""A text with fewer letters besides its values would match any sentence."""
 
 
 def reference_files() -> dict[Path, str]:

@@ -1,7 +1,7 @@
 """JSON form of the domain dataclasses, and their JSON Schema.
 
 Arrays of numbers become lists, and grids (integer arrays) an object with their deflated bytes: a building's map would
-be tens of megabytes of digits. Values that JSON lacks become null, which in arrays stands for ``inf`` (in scans: no
+be tens of megabytes of digits. Values that JSON lacks become null, which in arrays means ``inf`` (in scans: no
 return); ``nan`` in an array (in scans: invalid) is the text "nan".
 
 msgspec writes an odometry value in 1 µs where this takes 25 and reads it in 1 where this takes 15, a scan in a third
@@ -32,7 +32,7 @@ _NAN = "nan"
 Base64 = NewType("Base64", str)
 """Bytes as base64."""
 PLAIN_BYTES = "base64"
-"""The encoding of a grid whose bytes are not deflated."""
+"""Encoding of a grid whose bytes are not deflated."""
 
 
 def to_jsonable(value: Any) -> Any:

@@ -23,7 +23,7 @@ from caris_desktop.domain.value_class import dataclass
 
 Known = Literal["gestures", "expressions", "robots", "faces"]
 External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "variable"]
-"""How a value names something outside of its file, which the user confirms before it is used."""
+"""How a value refers to something outside its file, which the user confirms before use."""
 
 # A frozen dataclass of the keys in one group.
 Group: TypeAlias = Any
@@ -31,22 +31,21 @@ Group: TypeAlias = Any
 
 @dataclass(frozen=True, slots=True)
 class FieldSpec:
-    """What holds at one place of a file beside its type, and what people are told of it.
+    """Constraints of one place of a file in addition to its type, and its texts for people.
 
-    ``noun`` is what one of these is called in messages. Numbers are bounded by ``at_least``, ``more_than`` and
+    ``noun`` is the name of one such value in messages. Numbers are bounded by ``at_least``, ``more_than`` and
     ``at_most``; text (in characters) and lists (in entries) by ``shortest`` and ``longest``. ``allowed`` says in words
-    what ``pattern`` means. An entry of a ``unique`` list stands there once. A ``quiet`` value is not written while it
-    is the default; a ``wanted`` one must be given though it has one. Keys are written by ``order``, then as declared,
-    and called ``key`` where the file has another word than the program. Forms call it by its ``title`` (else by its
-    key), among the others of its ``section``; ``prose`` may have paragraphs, what is ``pressed`` is a combination of
-    keys, and what ``refers`` is one of the names that a list of the file has: its keys, and that of the name; or one of
-    the words ``else_one_of``. What ``knows`` names something that the program knows of elsewhere, and offers; what is
-    ``external`` names something outside of the file.
+    what ``pattern`` means. An entry of a ``unique`` list occurs once. A ``quiet`` value is not written while it is the
+    default; a ``wanted`` one must be given despite its default. Keys are written by ``order``, then as declared, and
+    called ``key`` if the file has another word than the program. Forms use its ``title`` (else its key), in its
+    ``section``. ``prose`` may have paragraphs; a ``pressed`` value is a combination of keys. A value that ``refers`` is
+    a name in a list of the file (its keys, and that of the name), or one of the words ``else_one_of``. A value that
+    ``knows`` names something the program knows from elsewhere, and offers; an ``external`` one names something outside
+    the file.
 
-    Of keys of one group: this one stands only ``beside`` another, it is ``needed`` where another stands (``(key,)``, or
-    ``(key, *words)``: where that is one of these words), it stands ``instead_of`` others, which are then not needed
-    either. A group must have ``some_of`` its keys. ``needs`` says in words what is missing there, or in one of several
-    groups.
+    Keys of one group: this one is allowed only ``beside`` another. It is ``needed`` if another is present (``(key,)``,
+    or ``(key, *words)``: with one of these words). It is used ``instead_of`` others, which are then not needed either.
+    A group must have ``some_of`` its keys. ``needs`` says in words what is missing there, or in one of several groups.
     """
 
     text: str = ""
@@ -81,7 +80,7 @@ class FieldSpec:
 
 @dataclass(frozen=True, slots=True)
 class Flattened:
-    """A value that stands in the file as the ``keys`` of another declaration, among those of its group."""
+    """Value stored in the file as the ``keys`` of another declaration, among those of its group."""
 
     keys: Group
     read: Callable[[Any], Any]
@@ -90,7 +89,7 @@ class Flattened:
 
 @dataclass(frozen=True, slots=True)
 class StoredAs:
-    """A value that stands in the file as ``kind``, which is another declaration."""
+    """Value stored in the file as ``kind``, which is another declaration."""
 
     kind: Any
     read: Callable[[Any], Any]
@@ -99,7 +98,7 @@ class StoredAs:
 
 @dataclass(frozen=True, slots=True)
 class ExternalSchema:
-    """What stands here is explained elsewhere, because several files have it: in a schema and on a page."""
+    """Value explained elsewhere, because several files have it: in a schema and on a page."""
 
     schema: str
     page: str
@@ -111,7 +110,7 @@ class Excluded:
 
 @dataclass(frozen=True, slots=True)
 class ValueForm:
-    """What stands at one place: its type without annotations, the rules that hold there, and how it is written."""
+    """Form of one place: its type without annotations, the rules that apply there, and how it is written."""
 
     kind: Any
     rule: FieldSpec = FieldSpec()
@@ -123,7 +122,7 @@ class ValueForm:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of a group, which the program has as ``attribute``; ``default`` may be ``dataclasses.MISSING``."""
+    """One key of a group, ``attribute`` in the program; ``default`` may be ``dataclasses.MISSING``."""
 
     name: str
     attribute: str
@@ -180,7 +179,7 @@ def is_group(kind: Any) -> bool:
 
 
 def groups_of(kind: Any) -> tuple[Group, ...]:
-    """Alternative groups, alone or beside :func:`text_of`; empty if there is no choice."""
+    """Alternative groups, alone or with :func:`text_of`; empty if there is no choice."""
     members = [form_of(member).kind for member in union_members(kind)]
     groups = tuple(member for member in members if is_group(member))
     return groups if len(groups) == len([member for member in members if member is not str]) else ()

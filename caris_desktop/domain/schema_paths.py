@@ -29,13 +29,13 @@ from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.value_class import dataclass
 
 ABSENT = MISSING
-"""Stands for what a file does not say."""
+"""Marker of a missing value."""
 _NAMING_KEYS = ("title", "name", "group", "say", "id", "source", "text")
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What two files say otherwise at one place; ``ABSENT`` where one says nothing."""
+    """Difference of two files at one place; ``ABSENT`` if one has no value."""
 
     path: KeyPath
     before: Any
@@ -55,7 +55,7 @@ def group_at(form: ValueForm, data: Any) -> Group | None:
 
 
 def text_key(group: Group) -> str:
-    """Key of the group that a text in its place stands for: the first."""
+    """Key that a text in place of the group represents: the first."""
     return keys_of(group)[0].name
 
 
@@ -180,7 +180,7 @@ def _differences(form: ValueForm, before: Any, after: Any, path: KeyPath) -> Ite
 
 
 def _as_group(form: ValueForm, data: Any) -> Any:
-    """Group that a text in its place stands for."""
+    """Group form of a text in its place."""
     group = group_at(form, data)
     return {text_key(group): data} if isinstance(data, str) and group is not None else data
 

@@ -18,8 +18,8 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.value_class import dataclass
 
 MOST_LIDAR_TILT_RAD = math.radians(5.0)
-"""Up to here a plane that is not level still measures walls to 4 mm in 1 m, and meets the floor 3 m away at the least
-(mounted 0.25 m high). Beyond it floor and ceiling become obstacles.
+"""Up to this tilt a LIDAR measures walls to 4 mm in 1 m. It meets the floor at least 3 m away (mounted 0.25 m high).
+Beyond it floor and ceiling become obstacles.
 """
 _LEAST_RANGE_M = 1e-3  # drivers write 0 for a beam without a return, even if their range_min is 0
 
@@ -35,12 +35,11 @@ def lidar_mounting(robot_from_laser: Pose3D) -> LidarMounting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
-    """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: nothing returned, ``nan``: invalid.
+    """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: no return, ``nan``: invalid.
 
-    ``robot_from_laser`` is None where nobody told how it is mounted: its points are nowhere then, and not shown.
-    ``map_from_laser`` is where the laser was in the map when it measured, which a turning robot has left meanwhile;
-    None where that is not known. ``intensities`` are float32, one for each beam in the device's own unit; empty where
-    it tells none.
+    ``robot_from_laser`` is None if the mounting is unknown; the scan then has no position and is not shown.
+    ``map_from_laser`` is the pose of the laser in the map when it measured, since left by a turning robot; None if
+    unknown. ``intensities`` are float32, one per beam in the device's own unit; empty if it sends none.
     """
 
     stamp_ns: int
@@ -99,7 +98,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class RobotPose:
-    """Where the robot believes it is in the map."""
+    """Robot's estimated pose in the map."""
 
     stamp_ns: int
     robot_stamp_ns: int | None
@@ -138,7 +137,7 @@ def _inflated_grid(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """Where the navigation means to drive. ``points_in_map`` is float32, shape (points, 2), metres; may be empty."""
+    """Planned path of the navigation. ``points_in_map`` is float32, shape (points, 2), metres; may be empty."""
 
     stamp_ns: int
     robot_stamp_ns: int | None
@@ -147,7 +146,7 @@ class PlannedPath:
 
 @dataclass(frozen=True, slots=True)
 class HeadState:
-    """How the head is turned: pan left positive, tilt down positive, both from straight ahead."""
+    """Head angles: pan left positive, tilt down positive, both from straight ahead."""
 
     stamp_ns: int
     robot_stamp_ns: int | None
@@ -157,7 +156,7 @@ class HeadState:
 
 @dataclass(frozen=True, slots=True)
 class ControlReadings:
-    """What the robot tells of the controls in the Robot panel, by control id: the newest value of each."""
+    """Newest value of each control in the Robot panel that the robot reports, by control id."""
 
     stamp_ns: int
     values: dict[str, ControlValue]
@@ -165,7 +164,7 @@ class ControlReadings:
 
 @dataclass(frozen=True, slots=True)
 class BatteryState:
-    """``charge_fraction`` is 0..1, or None where the robot does not tell."""
+    """Battery charge: ``charge_fraction`` is 0..1, None if not reported."""
 
     stamp_ns: int
     charge_fraction: float | None
@@ -173,11 +172,11 @@ class BatteryState:
 
 @dataclass(frozen=True, slots=True)
 class FrameRef:
-    """A camera frame whose pixels lie in the shared frame ring named ``ring``.
+    """A camera frame whose pixels are in the shared frame ring named ``ring``.
 
-    The pixels are uint8 BGR, shape (height_px, width_px, 3). They are overwritten after a while: who reads them
-    learns from the ring whether they still were the ones meant. ``taken_ns`` is when the camera took it, on the
-    session clock, by the robot's stamp and clock, to within ``taken_uncertainty_ns``; None where that is not known.
+    The pixels are uint8 BGR, shape (height_px, width_px, 3). They are overwritten after a while; the ring shows a
+    reader whether they were still the ones meant. ``taken_ns`` is when the camera took the frame: on the session clock,
+    by the robot's timestamp and clock, to within ``taken_uncertainty_ns``; None if unknown.
     """
 
     stamp_ns: int
@@ -199,9 +198,9 @@ class FrameRef:
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """Whether a camera of this computer delivers. ``detail`` and ``advice`` say to the wizard why it does not.
+    """Connection of a camera of this computer. ``detail`` and ``advice`` explain a failure to the wizard.
 
-    ``ended``: a video was played to its end, or the camera is not used any more. ``fps`` is None where nobody tells it.
+    ``ended``: a video was played to its end, or the camera is no longer used. ``fps`` is None if not reported.
     """
 
     stamp_ns: int
@@ -216,9 +215,9 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthGrid:
-    """How far in front of a camera is what it sees, along its axis.
+    """Depth in front of a camera, along its axis.
 
-    ``depths_mm`` is uint16, shape (rows, columns): the picture in that many parts; 0 where it is not known.
+    ``depths_mm`` is uint16, shape (rows, columns): the frame in that many parts; 0 if unknown.
     """
 
     stamp_ns: int
@@ -226,9 +225,7 @@ class DepthGrid:
     depths_mm: NDArray[np.uint16] = field(metadata={"shape": (-1, -1)})
 
     def median_m(self, left: float, top: float, right: float, bottom: float) -> float | None:
-        """Median depth within a region, given in fractions of the picture (0 to 1); None if too few
-        pixels are known.
-        """
+        """Median depth within a region, given in fractions of the frame (0 to 1); None if too few pixels are known."""
         rows, columns = self.depths_mm.shape
         across = slice(max(0, math.floor(left * columns)), max(0, math.ceil(right * columns)))
         down = slice(max(0, math.floor(top * rows)), max(0, math.ceil(bottom * rows)))
@@ -239,10 +236,10 @@ class DepthGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AudioChunk:
-    """Sound of one source, on its way to the recorder, which writes it to a file and notes an :class:`AudioBlock`.
+    """Sound of one source for the recorder, which writes it to a file and records an :class:`AudioBlock`.
 
-    ``samples`` is int16, shape (samples, channels); ``stamp_ns`` is the moment of the first. ``source`` is a plain
-    name such as microphone or robot voice.
+    ``samples`` is int16, shape (samples, channels); ``stamp_ns`` is the time of the first. ``source`` is a plain name
+    such as microphone or robot voice.
     """
 
     stamp_ns: int
@@ -253,9 +250,9 @@ class AudioChunk:
 
 @dataclass(frozen=True, slots=True)
 class AudioBlock:
-    """Sound that was recorded: ``sample_count`` samples of ``file_name`` from ``first_sample`` on.
+    """Recorded sound: ``sample_count`` samples of ``file_name`` from ``first_sample`` on.
 
-    ``stamp_ns`` is the moment of the first of them on the session clock.
+    ``stamp_ns`` is the time of the first of them on the session clock.
     """
 
     stamp_ns: int
@@ -268,9 +265,9 @@ class AudioBlock:
 
 @dataclass(frozen=True, slots=True)
 class StatusShown:
-    """What the console told of itself in its panels from this moment on, so that a replay shows the same.
+    """Status that the console's panels show from this time on, so that a replay shows the same.
 
-    ``name`` is that of the value in LiveState, ``content`` its plain JSON form.
+    ``name`` is the value's name in LiveState, ``content`` its plain JSON form.
     """
 
     stamp_ns: int
@@ -280,7 +277,7 @@ class StatusShown:
 
 @dataclass(frozen=True, slots=True)
 class CameraLens:
-    """What a camera itself tells of its lens. ``model`` has that in place of what the robot profile says of it."""
+    """Lens data that a camera sends. ``model`` contains them in place of the robot profile's."""
 
     stamp_ns: int
     robot_stamp_ns: int | None
@@ -290,10 +287,10 @@ class CameraLens:
 
 @dataclass(frozen=True, slots=True)
 class PersonBox:
-    """One person in one frame. ``track`` is the tracker's number, ``person_id`` the opaque identity.
+    """A person detected in a frame. ``track`` is the tracker's number, ``person_id`` the opaque identity.
 
-    ``posture`` is empty, and ``hand_raised`` and ``facing`` (whether they look towards the camera) are None, where
-    that cannot be seen, or is not looked for.
+    ``posture`` is empty, and ``hand_raised`` and ``facing`` (towards the camera) are None, if not visible or not
+    evaluated.
     """
 
     track: int
@@ -310,7 +307,7 @@ class PersonBox:
 
 @dataclass(frozen=True, slots=True)
 class ThingBox:
-    """One thing in one frame that is no person. ``label`` is the detector's name for such things: chair, dog."""
+    """A thing detected in a frame, other than a person. ``label`` is the detector's name: chair, dog."""
 
     label: str
     left_px: float
@@ -322,11 +319,11 @@ class ThingBox:
 
 @dataclass(frozen=True, slots=True)
 class People:
-    """Everybody who is seen in one frame; ``stamp_ns`` is the stamp of that frame.
+    """All people detected in one frame; ``stamp_ns`` is the timestamp of that frame.
 
-    ``things`` are those of the kinds that the scenario lists, which are not followed from frame to frame.
-    ``unfollowed`` are boxes of whom may be a person, too, seen too briefly or too poorly to be told of as one; only
-    where people have to be covered in pictures. Their ``track`` is 0.
+    ``things`` are of the kinds that the scenario lists, and not tracked. ``unfollowed`` are boxes of possible people,
+    detected too briefly or too poorly to be reported. They occur only if people must be blurred in images. Their
+    ``track`` is 0.
     """
 
     stamp_ns: int
@@ -342,8 +339,8 @@ class People:
 
 @dataclass(frozen=True, slots=True)
 class PersonPlace:
-    """Where one person stands. ``source`` says what measured the distance, ``floor`` where their feet are in the
-    picture; ``spread_m`` is one standard deviation. ``track`` is that of their box, -1 in older recordings.
+    """Position of one person. ``source`` is what measured the distance, ``floor`` by the feet in the frame.
+    ``spread_m`` is one standard deviation. ``track`` is that of the box, -1 in older recordings.
     """
 
     person_id: str
@@ -356,9 +353,9 @@ class PersonPlace:
 
 @dataclass(frozen=True, slots=True)
 class PeopleInMap:
-    """Everybody whose place in the map could be measured; ``stamp_ns`` is the stamp of the camera frame.
+    """People with a measured position in the map; ``stamp_ns`` is the timestamp of the camera frame.
 
-    ``camera`` is empty for those of several cameras together.
+    ``camera`` is empty for the combined people of several cameras.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Folders of shipped files: beside the package in a checkout, inside it in a wheel."""
+"""Folders of shipped files: next to the package in a checkout, inside it in a wheel."""
 
 from pathlib import Path
 

@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 from caris_desktop.domain.value_class import dataclass
 
 MICROPHONE = "microphone"
-"""A microphone of this computer that hears the participant, as in a laboratory with the wizard behind the wall."""
+"""A microphone of this computer for the participant, as in a laboratory with the wizard behind the wall."""
 ROBOT_MICROPHONE = "robot microphone"
 WIZARD_MICROPHONE = "wizard microphone"
 ROBOT_VOICE = "robot voice"
 PARTICIPANT_SOURCES = (ROBOT_MICROPHONE, MICROPHONE)
 Role = Literal["participant", "wizard"]
-"""Whom a microphone is there to hear."""
+"""Person for whom a microphone is used."""
 TalkTo = Literal["robot", "dictation"]
-"""Where the wizard's voice goes: out of the robot, or into the Speak field as text."""
+"""Target of the wizard's voice: the robot, or the Speak field as text."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedSound:
-    """What a loudspeaker plays, told as soon as it is known: the reference of the echo canceller. Never recorded.
+    """Sound that a loudspeaker plays, sent as soon as known: the echo canceller's reference. Never recorded.
 
-    ``samples`` is int16, shape (samples, channels); the first of them is heard at ``stamp_ns``, which may lie ahead.
-    An utterance that is heard while it is still being made is told in several pieces, in their order.
-    ``utterance_id`` and ``text`` are empty where it is no utterance of the console's.
+    ``samples`` is int16, shape (samples, channels); the first is heard at ``stamp_ns``, which may be in the future. An
+    utterance that is played during its synthesis is sent in several pieces, in order. ``utterance_id`` and ``text`` are
+    empty for sound other than the console's utterances.
     """
 
     stamp_ns: int
@@ -45,7 +45,7 @@ def joined(before: PlayedSound, piece: PlayedSound) -> PlayedSound:
 
 @dataclass(frozen=True, slots=True)
 class PlayedSoundEnded:
-    """Nothing of that utterance is heard any more from ``stamp_ns`` on, whatever was to be played. Never recorded."""
+    """End of an utterance at ``stamp_ns``, whatever was still to be played. Never recorded."""
 
     stamp_ns: int
     utterance_id: str
@@ -53,12 +53,12 @@ class PlayedSoundEnded:
 
 @dataclass(frozen=True, slots=True)
 class Hearing:
-    """What is heard now at one microphone.
+    """Current speech at one microphone.
 
-    ``utterance_id`` is the turn under way, empty between turns. ``committed`` words stay as they are, ``tentative``
-    ones may still change. ``speech_started_ns`` is when its voice began, ``silent_since_ns`` since when there is none,
-    None while somebody speaks. ``turn_over`` is how likely the turn is over, 0 to 1, None where that is not known.
-    ``revision`` grows whenever the words of the turn change or somebody speaks on.
+    ``utterance_id`` is the current turn, empty between turns. ``committed`` words are final, ``tentative`` words may
+    still change. ``speech_started_ns`` is the start of the voice, ``silent_since_ns`` the start of the silence, None
+    during speech. ``turn_over`` is the probability that the turn is over, 0 to 1, None if unknown. ``revision`` grows
+    when the words of the turn change or speech continues.
     """
 
     stamp_ns: int

@@ -23,17 +23,17 @@ class Delivery(Enum):
 
 Freshness = Literal["none", "fresh", "stale", "lost"]
 ShownAs = Literal["panels", "picture"]
-"""What a busy machine shows less often: first all panels, the map among them, and only then the picture."""
+"""What a busy machine updates less often: first all panels, including the map, and only then the image."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamSpec:
-    """One stream. ``expected_period_s`` is None where silence means nothing (latched values, events).
+    """One stream. ``expected_period_s`` is None if silence means nothing (latched values, events).
 
-    ``keyed_by`` names the field that parts the stream into values that stand beside one another: the newest of each
-    counts. ``source`` does the same where all of them share one topic of the recording. ``record_every_s`` keeps large
-    values out of the recording that are replaced sooner than that. ``well_known`` is the schema of other programs as
-    which the stream is recorded, where there is one.
+    ``keyed_by`` names the field that divides the stream into separate values: the newest of each counts. ``source``
+    does the same if all of them share one topic of the recording. ``record_every_s`` keeps large values out of the
+    recording if they are replaced sooner than that. ``well_known`` is the schema of other programs as which the stream
+    is recorded, if there is one.
     """
 
     name: str
@@ -121,7 +121,7 @@ STREAMS_OF_LINK = {
     "control": ("scan", "odometry", "pose", "battery", "people_in_map", "path", "head", "readings"),
     "media": ("frame", "map"),
 }
-"""What stands only as long as the link does that brings it."""
+"""Streams that are valid only while their link is up."""
 _GONE = ("lost", "closed")
 
 

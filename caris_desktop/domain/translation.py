@@ -20,7 +20,7 @@ _NUMBER = "%n"
 _PLACE = re.compile(rf"\{{(\w+)\}}|{_NUMBER}")
 
 Translator = Callable[[str, str, int], str]
-"""Given a text, a word on how it is meant where that is needed, and the number for ``%n`` (-1: none)."""
+"""Given a text, a word on its meaning if needed, and the number for ``%n`` (-1: none)."""
 
 
 def _as_written(text: str, _meant: str, number: int) -> str:

@@ -27,7 +27,7 @@ else:
 
 
 class _Factory:
-    """Placeholder in a signature for a default that is made anew each time."""
+    """Placeholder in a signature for a default made for each instance."""
 
     def __repr__(self) -> str:
         return "<factory>"

@@ -15,12 +15,12 @@ LlmOutcome = Literal["answered", "cancelled", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class UtteranceChanged:
-    """Something is said. The same ``utterance_id`` returns with each new state.
+    """State of an utterance. The same ``utterance_id`` returns with each new state.
 
-    ``actor`` had the robot say it, and where it is interrupted, silenced it. ``person_id`` is to whom it is said, or
-    who says it; empty where that is not known. ``{p-...}`` in ``text`` stands for the name of the person with that id.
-    ``source`` is the microphone that heard it. ``estimated``: nobody told when exactly this was, so it is reckoned.
-    ``confidence`` is the recogniser's, 0 to 1, and ``language`` what it took it for. ``gesture`` goes along with it.
+    ``actor`` requested the utterance or, if it is interrupted, silenced it. ``person_id`` is the person addressed, or
+    the speaker; empty if unknown. ``{p-...}`` in ``text`` replaces the name of the person with that id. ``source`` is
+    the microphone that picked it up. ``estimated``: the time is an estimate. ``confidence`` (0 to 1) and ``language``
+    come from the speech recogniser. ``gesture`` accompanies the utterance.
     """
 
     stamp_ns: int
@@ -42,11 +42,11 @@ class UtteranceChanged:
 
 @dataclass(frozen=True, slots=True)
 class UtteranceCorrected:
-    """What was made out of an utterance, or who is said to have said it, is different: None is left as it is.
+    """Correction of an utterance: its text, speaker, person, tags or times. None: not changed.
 
-    ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is how likely it is that person,
-    0 to 1, where the console took them for the speaker. ``start_ns`` and ``end_ns`` are when its voice began and ended
-    in the samples of a microphone.
+    ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is the likelihood of that person, 0
+    to 1, if the console identified the speaker. ``start_ns`` and ``end_ns`` are the start and end of the voice in the
+    samples of a microphone.
     """
 
     stamp_ns: int
@@ -68,11 +68,11 @@ ReplyMeans = Literal[
 
 @dataclass(frozen=True, slots=True)
 class ResponseTimed:
-    """How the robot came to answer a turn of the participant. Moments on the session clock, None where there was none.
+    """Times of the robot's response to a turn of the participant, on the session clock; None: did not occur.
 
-    ``turn_id`` and ``reply_id`` are the utterances; ``voice_ended_ns`` the acoustic end of the turn (later than the
-    first sound where the robot spoke over it), ``text_ns`` when its text was final, ``suggested_ns`` when suggestions
-    were shown, ``asked_ns`` when the wizard pressed the key, ``first_sound_ns`` when the robot was heard.
+    ``turn_id`` and ``reply_id`` are the utterances. ``voice_ended_ns``: acoustic end of the turn, later than the first
+    sound if the robot spoke over it. ``text_ns``: final transcript. ``suggested_ns``: suggestions shown. ``asked_ns``:
+    key pressed by the wizard. ``first_sound_ns``: first sound of the robot.
     """
 
     stamp_ns: int
@@ -92,11 +92,11 @@ SuggestionState = Literal["displayed", "taken", "edited", "dismissed", "supersed
 
 @dataclass(frozen=True, slots=True)
 class SuggestionChanged:
-    """A suggested reply was shown, or met its one fate. The same ``suggestion_id`` returns once.
+    """A suggested reply was shown, or its outcome is known. The same ``suggestion_id`` returns once.
 
-    ``turn_id`` and ``revision`` say to what it is a reply, ``rank`` is its place and the number of its key (1 to 3).
+    ``turn_id`` and ``revision`` identify the turn. ``rank`` is its position and the number of its key (1 to 3).
     ``latency_ms`` is from the end of the participant's voice until it was shown. ``edit_distance`` counts the
-    characters that the wizard changed, ``utterance_id`` is what was said of it.
+    characters that the wizard changed. ``utterance_id`` is what was said of it.
     """
 
     stamp_ns: int
@@ -118,10 +118,10 @@ ProposalState = Literal["displayed", "counting", "confirmed", "vetoed", "lapsed"
 
 @dataclass(frozen=True, slots=True)
 class ProposalChanged:
-    """A language model proposed that something be done, and what became of that.
+    """State of an action that a language model proposed.
 
-    ``intent`` is the name of its type in the table of intents, ``arguments`` its fields. ``refused``: by the gate or as
-    it was outside the list or the bounds; ``detail`` says why.
+    ``intent`` is its type name in the table of intents, ``arguments`` its fields. ``refused``: by the gate, or because
+    it was outside the list or the bounds; ``detail`` gives the reason.
     """
 
     stamp_ns: int
@@ -142,7 +142,7 @@ AssistanceLevel = Literal["off", "suggest", "act"]
 
 @dataclass(frozen=True, slots=True)
 class LevelChanged:
-    """How much the language model may do by itself."""
+    """Degree of automation of the language model."""
 
     stamp_ns: int
     function: AssistedFunction
@@ -155,7 +155,7 @@ VoiceOutput = Literal["robot", "computer", "both"]
 
 @dataclass(frozen=True, slots=True)
 class VoiceChanged:
-    """Who speaks from now on, and how this computer does: as in the scenario file, by its voice, rate and volume."""
+    """Speech output changed: who speaks, and this computer's voice, rate and volume as in the scenario file."""
 
     stamp_ns: int
     output: VoiceOutput
@@ -168,9 +168,9 @@ class VoiceChanged:
 
 @dataclass(frozen=True, slots=True)
 class FaceChanged:
-    """What the robot's face shows from now on, on ``screens`` windows and pages.
+    """The robot's face changed, on ``screens`` windows and pages.
 
-    ``image`` is the file name of a picture, ``live`` whether the robot's own picture is shown.
+    ``image`` is the file name of an image, ``live`` whether the robot's camera image is shown.
     """
 
     stamp_ns: int
@@ -194,12 +194,12 @@ class ChatMessage:
 class LlmExchange:
     """One finished exchange with a language model.
 
-    ``server`` is the host that was asked, with its port and without credentials; ``seed`` what its choice of words
-    began with, None where the server was not told one. ``actor`` asked the question. ``photo`` is the file name of the
-    picture that went with it, as in PhotoTaken, or ``camera NAME`` for what one showed then; of several, with commas.
-    ``purpose`` is what for: the wizard's question, suggested replies or proposed actions; ``turn_id`` and ``revision``
-    say to what of the conversation. ``cut``: the answer ends before its end, at its limit of length or by the server's
-    filter; ``detail`` says so in words. ``parameters`` are those that the server took.
+    ``server`` is its host and port, without credentials. ``seed`` is the random seed, None if none was sent. ``actor``
+    asked the question. ``photo`` is the file name of the attached image, as in PhotoTaken, or ``camera NAME`` for its
+    frame at that time. Several are separated by commas. ``purpose``: the wizard's question, suggested replies or
+    proposed actions. ``turn_id`` and ``revision`` identify the turn that it refers to. ``cut``: the answer is
+    incomplete because of its length limit or the server's filter; ``detail`` says so in words. ``parameters`` are those
+    that the server accepted.
     """
 
     stamp_ns: int
@@ -226,9 +226,9 @@ class LlmExchange:
 
 @dataclass(frozen=True, slots=True)
 class AssistantChanged:
-    """The wizard asks differently from now on: another model, role or style, or other words of a prompt or the notes.
+    """The assistant's settings changed: model, role, style, a prompt or the notes.
 
-    ``name`` is what was chosen, or which text was changed; ``text`` the new one. ``reset``: all is as in the scenario.
+    ``name`` is the selection, or names the changed text; ``text`` is the new one. ``reset``: all is as in the scenario.
     """
 
     stamp_ns: int
@@ -240,7 +240,7 @@ class AssistantChanged:
 
 @dataclass(frozen=True, slots=True)
 class AnswerUsed:
-    """What was done with a language model's answer. ``utterance_id`` is as what the robot was to say it."""
+    """Use of a language model's answer. ``utterance_id`` is the robot's utterance made from it."""
 
     stamp_ns: int
     exchange_id: str

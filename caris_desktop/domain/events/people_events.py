@@ -13,7 +13,7 @@ PeopleDecision = Literal["named", "group", "tags", "note", "identified", "reject
 
 @dataclass(frozen=True, slots=True)
 class PersonAppeared:
-    """A track became a person for the wizard; ``number`` is that of "Person 3", 0 where it is not known."""
+    """A track was confirmed as a person; ``number`` is that of "Person 3", 0 if unknown."""
 
     stamp_ns: int
     person_id: str
@@ -23,7 +23,7 @@ class PersonAppeared:
 
 @dataclass(frozen=True, slots=True)
 class PersonLeft:
-    """A person has not been seen for a while: since ``last_seen_ns``, None in older recordings."""
+    """A person counts as gone. ``last_seen_ns`` is the last detection; None in old recordings."""
 
     stamp_ns: int
     person_id: str
@@ -42,9 +42,9 @@ class PersonRenamed:
 
 @dataclass(frozen=True, slots=True)
 class PersonSuggested:
-    """Who is here looks like somebody known; nothing is decided. ``confidence`` is how often such a look is right.
+    """A person resembles a known one; nothing is decided. ``confidence`` is how often such a match is right.
 
-    ``runner_up_id`` is who comes next, empty where nobody does. ``kind`` is what told: clothing or face.
+    ``runner_up_id`` is the next best match, empty if none. ``kind`` is the evidence: clothing or face.
     """
 
     stamp_ns: int
@@ -58,10 +58,9 @@ class PersonSuggested:
 
 @dataclass(frozen=True, slots=True)
 class PersonIdentified:
-    """Who was ``person_id`` so far in this visit is ``is_person_id``, whose id rows and boxes bear from now on.
+    """``person_id`` of this visit was identified as ``is_person_id``, the id in rows and boxes from now on.
 
-    ``runner_up`` is the confidence of whom it was next likely to be. ``actor`` confirmed it; the console, where it was
-    sure by itself.
+    ``runner_up`` is the confidence of the next best match. ``actor`` confirmed it; the console if it was certain.
     """
 
     stamp_ns: int
@@ -75,7 +74,7 @@ class PersonIdentified:
 
 @dataclass(frozen=True, slots=True)
 class PersonRejected:
-    """Who is here is not ``is_person_id``. Where that was taken for granted, the visit is ``person_id``'s again."""
+    """A person is not ``is_person_id``. If already identified as such, the visit is ``person_id``'s again."""
 
     stamp_ns: int
     person_id: str
@@ -85,7 +84,7 @@ class PersonRejected:
 
 @dataclass(frozen=True, slots=True)
 class PersonDescribed:
-    """A person's group, tags or note changed. What they are now is only in the study's database."""
+    """A person's group, tags or note changed. The new values are only in the study's database."""
 
     stamp_ns: int
     person_id: str
@@ -95,7 +94,7 @@ class PersonDescribed:
 
 @dataclass(frozen=True, slots=True)
 class PeopleMerged:
-    """``person_id`` is ``into_person_id`` from now on, in the past too."""
+    """``person_id`` was merged into ``into_person_id``, in the past too."""
 
     stamp_ns: int
     person_id: str
@@ -105,7 +104,7 @@ class PeopleMerged:
 
 @dataclass(frozen=True, slots=True)
 class PersonSplit:
-    """A visit that was ``from_person_id``'s belongs to ``person_id``."""
+    """A visit was moved from ``from_person_id`` to ``person_id``."""
 
     stamp_ns: int
     person_id: str
@@ -115,7 +114,7 @@ class PersonSplit:
 
 @dataclass(frozen=True, slots=True)
 class ConsentNoted:
-    """A person gave consent of this kind, or took it back."""
+    """A person gave or withdrew consent of this kind."""
 
     stamp_ns: int
     person_id: str
@@ -126,7 +125,7 @@ class ConsentNoted:
 
 @dataclass(frozen=True, slots=True)
 class PersonAttended:
-    """Whom the wizard deals with from now on; empty: whoever is nearest."""
+    """Person that the wizard attends to from now on; empty: the nearest."""
 
     stamp_ns: int
     person_id: str
@@ -135,7 +134,7 @@ class PersonAttended:
 
 @dataclass(frozen=True, slots=True)
 class PeopleUndone:
-    """The last decision about people was taken back: ``person_id`` is as before it."""
+    """The last decision about people was undone: ``person_id`` is as before."""
 
     stamp_ns: int
     person_id: str
@@ -146,7 +145,7 @@ class PeopleUndone:
 
 @dataclass(frozen=True, slots=True)
 class PersonForgotten:
-    """Everything that the study's database knew of a person was erased."""
+    """All data about a person were erased from the study's database."""
 
     stamp_ns: int
     person_id: str

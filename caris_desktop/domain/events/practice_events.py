@@ -6,7 +6,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PracticeStepEnded:
-    """A step came about (``done``) or was skipped, ``took_s`` after it was begun."""
+    """A step was completed (``done``) or skipped, ``took_s`` after its start."""
 
     stamp_ns: int
     step_id: str
@@ -18,7 +18,7 @@ class PracticeStepEnded:
 
 @dataclass(frozen=True, slots=True)
 class PracticeEnded:
-    """The exercise is over: ``done`` of ``steps`` came about, in ``minutes``. ``score`` is of 100."""
+    """The exercise ended: ``done`` of ``steps`` completed, in ``minutes``. ``score`` is out of 100."""
 
     stamp_ns: int
     done: int

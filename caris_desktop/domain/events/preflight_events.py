@@ -6,15 +6,15 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass
 
 PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
-"""``pending`` is under way; with ``minor`` a recording lacks something, with ``major`` it should not begin."""
+"""``pending``: in progress. ``minor``: a recording lacks something. ``major``: it should not start."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreflightChecked:
-    """How one check stands: all of them head a recording (``at_start``), and a tick by hand may follow.
+    """State of one check. A recording starts with all of them (``at_start``); manual ticks may follow.
 
-    ``checked_ns`` is when a ``manual`` one was ticked by ``actor``, which may be before the recording; None where
-    nobody did. ``accepted``: the wizard was asked about it and began nevertheless.
+    ``checked_ns`` is when ``actor`` ticked a ``manual`` check, possibly before the recording; None if not ticked.
+    ``accepted``: the wizard was asked about it and started anyway.
     """
 
     stamp_ns: int

@@ -6,15 +6,15 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass
 
 LATE_FROM_S = 1.0
-"""A step that takes longer than expected by less is called in time."""
+"""Least overrun of a late step; a shorter one counts as in time."""
 StepHow = Literal["started", "next", "skipped", "back", "branch", "chosen"]
-"""How somebody came to a step: it was the first, the next, the next as the one before was skipped, back from another,
-by a branch, or out of the list."""
+"""How a step was entered: as the first or the next, after skipping one, back from another, by a branch, or from the
+list."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """A step as the scenario has it; ``expected_s`` is zero where nothing is expected, ``tick`` what to tick off."""
+    """A step of the scenario. ``expected_s`` is zero if no time is expected; ``tick`` is its checklist."""
 
     step_id: str
     title: str
@@ -24,7 +24,7 @@ class PlannedStep:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolOpened:
-    """This protocol holds from now on; without steps: none does."""
+    """A protocol is in force from now on; without steps: none."""
 
     stamp_ns: int
     steps: tuple[PlannedStep, ...] = ()
@@ -32,8 +32,8 @@ class ProtocolOpened:
 
 @dataclass(frozen=True, slots=True)
 class StepEntered:
-    """A step began. ``left_step_id`` is the one before, which ``how`` says was skipped where it was; empty where there
-    was none. ``branch`` is what the participant did, where it was that.
+    """A step started. ``left_step_id`` is the step before, skipped if ``how`` says so; empty if there was none.
+    ``branch`` is what the participant did, if a branch led here.
     """
 
     stamp_ns: int
@@ -48,7 +48,7 @@ class StepEntered:
 
 @dataclass(frozen=True, slots=True)
 class StepTicked:
-    """Something that belongs to a step was ticked off, or is not done after all (not ``on``)."""
+    """A checklist item of a step was ticked off, or unticked (not ``on``)."""
 
     stamp_ns: int
     step_id: str
@@ -59,7 +59,7 @@ class StepTicked:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolEnded:
-    """The wizard went on from the last step, or ``skipped`` it."""
+    """The wizard finished the last step, or ``skipped`` it."""
 
     stamp_ns: int
     left_step_id: str

@@ -20,7 +20,7 @@ RequestState = Literal["requested", "succeeded", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class LinkChanged:
-    """The robot link changed its state; ``detail`` says why, in words for the wizard."""
+    """The robot link changed state; ``detail`` gives the reason in words."""
 
     stamp_ns: int
     link: str
@@ -31,7 +31,7 @@ class LinkChanged:
 
 @dataclass(frozen=True, slots=True)
 class LinkQuality:
-    """Measured by ping: round trip time, and robot clock minus session clock with its uncertainty."""
+    """Ping result: round trip time, and robot clock minus session clock with its uncertainty."""
 
     stamp_ns: int
     round_trip_ms: float
@@ -41,7 +41,7 @@ class LinkQuality:
 
 @dataclass(frozen=True, slots=True)
 class CommandSent:
-    """One velocity command that was handed to the socket, exactly as sent. ``actor`` held it, let go, or stopped."""
+    """One velocity command exactly as handed to the socket. ``actor`` held or released it, or stopped."""
 
     stamp_ns: int
     sequence: int
@@ -52,9 +52,9 @@ class CommandSent:
 
 @dataclass(frozen=True, slots=True)
 class DriveEnded:
-    """Direct driving ended by itself rather than by the wizard letting go, or as ``actor`` set a goal.
+    """Manual driving ended without a release by the wizard, or because ``actor`` set a goal.
 
-    ``drive_id`` is that of the drive that ended; 0 in recordings from before drives had one.
+    ``drive_id`` is the id of the drive that ended; 0 in recordings before drives had ids.
     """
 
     stamp_ns: int
@@ -83,7 +83,7 @@ class EmergencyStopChanged:
 
 @dataclass(frozen=True, slots=True)
 class GoalChanged:
-    """A navigation goal changed its state. ``actor`` set it, and where it is cancelled, cancelled it."""
+    """A navigation goal changed state. ``actor`` set it, or cancelled it if it is cancelled."""
 
     stamp_ns: int
     goal_id: str
@@ -97,7 +97,7 @@ class GoalChanged:
 
 @dataclass(frozen=True, slots=True)
 class NavigationSpeedChanged:
-    """What the robot's navigation keeps to on its way to goals; None: it drives as fast as it is set up to."""
+    """Speed limit of the robot's navigation to goals; None: as configured on the robot."""
 
     stamp_ns: int
     limit_mps: float | None
@@ -106,11 +106,11 @@ class NavigationSpeedChanged:
 
 @dataclass(frozen=True, slots=True)
 class GuardChanged:
-    """The obstacle guard limits motion differently from now on.
+    """The obstacle guard changed its limits on motion.
 
-    ``absent``: the profile names no LIDAR; ``blind``: no fresh scan, so the speed is capped; ``overridden``: the
-    wizard switched it off. ``distance_m`` is the free way between footprint and obstacle in the direction of motion.
-    ``detail`` says in words why it is blind. ``actor`` is who switched it, else the console.
+    ``absent``: the profile names no LIDAR. ``blind``: no fresh scan, so the speed is capped; ``detail`` gives the
+    reason. ``overridden``: the wizard turned it off. ``distance_m`` is the clearance between footprint and obstacle in
+    the direction of motion. ``actor`` turned it on or off, else the console.
     """
 
     stamp_ns: int
@@ -122,12 +122,12 @@ class GuardChanged:
 
 @dataclass(frozen=True, slots=True)
 class MovementChanged:
-    """The robot's odometry agrees differently with what this console commands from now on.
+    """The agreement of the robot's odometry with this console's commands changed.
 
-    ``unknown``: it has no odometry, or none has come yet; ``silent``: none comes any more; ``standing``; ``moving``, as
-    commanded from here; ``not_following``: it does not do what is commanded; ``uncommanded``: it moves though nothing
-    here tells it to; ``commanded_elsewhere``: somebody else sends it velocities. ``stopped``: under a stop or the
-    emergency stop. ``publishers`` are the nodes that publish velocities, where the robot tells them.
+    ``unknown``: no odometry, or none yet. ``silent``: odometry no longer arrives. ``standing``: at rest. ``moving``: as
+    commanded from here. ``not_following``: not as commanded. ``uncommanded``: moving without a command from here.
+    ``commanded_elsewhere``: another source sends velocities. ``stopped``: under a stop or the emergency stop.
+    ``publishers`` are the nodes that publish velocities, if the robot reports them.
     """
 
     stamp_ns: int
@@ -138,7 +138,7 @@ class MovementChanged:
 
 @dataclass(frozen=True, slots=True)
 class InitialPoseSet:
-    """The wizard told the localization where the robot is."""
+    """The wizard set the robot's pose for localization."""
 
     stamp_ns: int
     pose_in_map: Pose2D
@@ -147,7 +147,7 @@ class InitialPoseSet:
 
 @dataclass(frozen=True, slots=True)
 class MapRequestChanged:
-    """A map was to be saved or loaded, or mapping to be switched. The same ``request_id`` returns with each state."""
+    """State of a request to save or load a map, or switch mapping. ``request_id`` is the same in each state."""
 
     stamp_ns: int
     request_id: str
@@ -160,9 +160,9 @@ class MapRequestChanged:
 
 @dataclass(frozen=True, slots=True)
 class MappingChanged:
-    """Whether the robot builds its map (True) or only finds its place in it; None: it does not tell.
+    """Mapping state: the robot builds its map (True) or only localizes in it; None: not reported.
 
-    Comes with each connection too, and says which operations the robot offers.
+    Also sent with each connection; includes the operations that the robot offers.
     """
 
     stamp_ns: int
@@ -184,7 +184,7 @@ class PlacesChanged:
 
 @dataclass(frozen=True, slots=True)
 class HeadMoved:
-    """The wizard turned the head: where it was asked to look, pan left and tilt down positive."""
+    """The wizard turned the head to these angles, pan left and tilt down positive."""
 
     stamp_ns: int
     pan_rad: float
@@ -207,8 +207,8 @@ class ControlUsed:
 
 @dataclass(frozen=True, slots=True)
 class TopicTraffic:
-    """How one topic fared in the last second. ``age_ms`` is how old its newest message was on arrival by the robot's
-    own stamp and the estimated clock offset; None where it carries no stamp. ``encoding`` is empty while nothing came.
+    """Traffic of one topic in the last second. ``age_ms`` is the age of its newest message on arrival, from the robot's
+    timestamp and the estimated clock offset; None without a timestamp. ``encoding`` is empty before the first message.
     """
 
     topic: str
@@ -223,7 +223,7 @@ class TopicTraffic:
 
 @dataclass(frozen=True, slots=True)
 class TrafficMeasured:
-    """The topics of one link, once a second. ``refused`` counts all messages that could not be used so far."""
+    """The topics of one link, once a second. ``refused`` counts all unusable messages so far."""
 
     stamp_ns: int
     link: str
@@ -234,7 +234,7 @@ class TrafficMeasured:
 
 @dataclass(frozen=True, slots=True)
 class GamepadChanged:
-    """A gamepad was plugged in or out; ``device`` is its hardware id."""
+    """A gamepad was connected or removed; ``device`` is its hardware id."""
 
     stamp_ns: int
     device: str

@@ -23,25 +23,25 @@ ProblemEnd = Literal[
     "pose",
     "quiet",
 ]
-"""What shows that a problem is over: the robot is connected, its emergency stop released, a picture comes, another
-recording runs, ... quiet: it is told again as long as it goes on. Empty where nothing shows it."""
+"""Evidence that a problem is over: the robot is connected, its emergency stop released, a frame arrives, another
+recording runs, ... ``quiet``: it is reported again while it lasts. Empty if nothing shows it."""
 ANSWER = "answer"
-"""The cause of a problem that answers what was asked: it was not done, and nothing lasts of it."""
+"""Cause of a problem that answers a request: it was not carried out, without lasting effect."""
 AlarmState = Literal["raised", "ended"]
 MarkKind = Literal["mark", "wizard_error", "note"]
 MarkState = Literal["done", "open", "withdrawn"]
 OVERTAKEN = "more came at once than could be taken"
-"""The reason of a gap that the link leaves where newer values replace older ones."""
+"""Reason of a gap that the link leaves when newer values replace older ones."""
 LOST_ON_THE_WAY = "lost between the robot's sensor and this computer"
-"""The reason of a gap that shows in the robot's stamps alone."""
+"""Reason of a gap that shows in the robot's timestamps alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoTaken:
-    """``file_name`` is relative to the session folder, and without a recording to the study's.
+    """A photo. ``file_name`` is relative to the session folder, or to the study's without a recording.
 
-    ``person_id`` is whom the wizard attended to, or who was nearest; empty where nobody was. ``person_ids`` are all who
-    were seen then, ``pose_in_map`` is where the robot was, None where that was not known.
+    ``person_id`` is the person attended to, or the nearest; empty if none. ``person_ids`` are all people detected then.
+    ``pose_in_map`` is the pose of the robot; None if unknown.
     """
 
     stamp_ns: int
@@ -56,7 +56,7 @@ class PhotoTaken:
 
 @dataclass(frozen=True, slots=True)
 class PhotoTagged:
-    """From now on a photo has these tags and no others."""
+    """New tags of a photo; they replace all earlier ones."""
 
     stamp_ns: int
     file_name: str
@@ -66,7 +66,7 @@ class PhotoTagged:
 
 @dataclass(frozen=True, slots=True)
 class PhotoDeleted:
-    """A photo was taken out of the folder, or brought back (``restored``), which can be done until the session ends."""
+    """A photo was deleted, or ``restored``, which is possible until the session ends."""
 
     stamp_ns: int
     file_name: str
@@ -76,11 +76,11 @@ class PhotoDeleted:
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """The wizard marked a moment, or a stretch of the session.
+    """The wizard marked a moment or an interval of the session.
 
-    The same ``mark_id`` returns whenever the mark changes: a stretch ends, the moment was a little earlier, a note is
-    added. The newest one counts. ``start_ns`` is the moment meant (None: ``stamp_ns``), ``end_ns`` where a stretch
-    ends. ``state`` is open while a stretch goes on, and withdrawn for a mark that was a slip itself.
+    The same ``mark_id`` returns whenever the mark changes: an interval ends, the moment is moved back, a note is added.
+    The newest one counts. ``start_ns`` is the moment meant (None: ``stamp_ns``), ``end_ns`` the end of an interval.
+    ``state`` is open during an interval, and withdrawn for a mark made by mistake.
     """
 
     stamp_ns: int
@@ -96,7 +96,7 @@ class Marked:
 
 @dataclass(frozen=True, slots=True)
 class RecordingPaused:
-    """The wizard paused the recording, or went on with it. In between nothing is recorded."""
+    """The wizard paused or resumed the recording. Nothing is recorded in between."""
 
     stamp_ns: int
     paused: bool
@@ -105,7 +105,7 @@ class RecordingPaused:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioOpened:
-    """A scenario became the current one. ``content`` is the text of its file."""
+    """A scenario was opened. ``content`` is the text of its file."""
 
     stamp_ns: int
     file_name: str
@@ -129,7 +129,7 @@ class RobotChosen:
 
 @dataclass(frozen=True, slots=True)
 class LayoutChanged:
-    """The wizard arranged the panels. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
+    """The panel layout changed. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
 
     stamp_ns: int
     layout: str
@@ -148,10 +148,10 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something went wrong: what happened, what it means for the session, what to do. ``until`` says what ends it.
+    """A problem: what happened, what it means for the session, what to do. ``until`` says what ends it.
 
-    ``info`` needs nothing to be done. Problems of one ``cause`` are one alarm; empty: what they wait for, or what
-    happened. ANSWER is no alarm at all.
+    ``info`` requires no action. Problems of one ``cause`` are one alarm; if empty, of one ``until`` or ``what``. The
+    cause ``answer`` raises no alarm.
     """
 
     stamp_ns: int
@@ -165,11 +165,10 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class AlarmChanged:
-    """Something came to be wrong that needs somebody, or is over: by itself (as the console found), or as ``actor``
-    saw to it.
+    """An alarm was raised, or ended: automatically by the console, or resolved by ``actor``.
 
-    What came back soon after its end is the same alarm, and ``times`` tells how often it was raised. ``told``: a
-    Problem told of it before. What is wrong when a recording begins is raised there again, by the same id.
+    An alarm that returns soon after its end is the same one; ``times`` counts how often it was raised. ``told``: a
+    Problem reported it before. Alarms active when a recording starts are raised there again with their id.
     """
 
     stamp_ns: int
@@ -187,7 +186,7 @@ class AlarmChanged:
 
 @dataclass(frozen=True, slots=True)
 class SessionStarted:
-    """Recording began. ``folder`` is the session folder's name, not its path."""
+    """Recording started. ``folder`` is the session folder's name, not its path."""
 
     stamp_ns: int
     folder: str
@@ -196,9 +195,7 @@ class SessionStarted:
 
 @dataclass(frozen=True, slots=True)
 class TrialResumed:
-    """The program ended in the midst of a recording, and its trial goes on. ``folder`` is the name of that session's
-    folder.
-    """
+    """A trial continues after the program ended during its recording. ``folder`` is that session's folder name."""
 
     stamp_ns: int
     folder: str
@@ -207,9 +204,9 @@ class TrialResumed:
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedAsBefore:
-    """After that somebody looked: the ``map`` shows where the robot is, ``people`` are who the list says, what is
-    recorded and what a model may do (``permissions``) is as wanted, and the participant gave ``consent`` once more.
-    With ``person_id`` only this one of the people was looked at.
+    """Confirmation by a person: the ``map`` shows where the robot is; the ``people`` are who the list says; recording
+    and model ``permissions`` are as wanted; the participant gave ``consent`` again. With ``person_id``, only this one
+    of the people was confirmed.
     """
 
     stamp_ns: int

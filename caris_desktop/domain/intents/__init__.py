@@ -167,4 +167,4 @@ INTENTS: IntentTable = {
     **PROTOCOL,
     **PRACTICE,
 }
-"""The table, each subject's part beside its intents."""
+"""Table of all intents, from one part per subject."""

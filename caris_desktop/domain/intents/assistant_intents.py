@@ -7,15 +7,15 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 
 PromptPart = Literal["conversation", "step", "people", "history", "things", "notes"]
-"""What goes along with a question unless it is left out: what was said, the present step of the protocol, who is here,
-what is known of them, what else is in view, and the notes."""
+"""Context of a question unless left out: the conversation, the current step of the protocol, the people present, their
+history, other things in view, and the notes."""
 CAMERA_PICTURE = "camera "
-"""Before the name of a camera among the pictures of a question: what it shows now."""
+"""Prefix of a camera name among the images of a question: its current frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ask(Intent):
-    """Ask the language model, beside what else it is asked; the answer streams into ``state.assistant``.
+    """Ask the language model, in parallel to other questions; the answer streams into ``state.assistant``.
 
     ``pictures`` are file names of photos, or CAMERA_PICTURE and the name of a camera.
     """
@@ -27,14 +27,14 @@ class Ask(Intent):
 
 @dataclass(frozen=True, slots=True)
 class CancelAnswer(Intent):
-    """Let the language model end its answer; all that are under way where none is named."""
+    """Cancel an answer of the language model; all answers in progress if none is named."""
 
     exchange_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class SayAnswer(Intent):
-    """Say an answer of the language model, possibly edited by the wizard; the newest where none is named."""
+    """Say an answer of the language model, possibly edited by the wizard; the newest if none is named."""
 
     text: str
     exchange_id: str = ""
@@ -42,14 +42,14 @@ class SayAnswer(Intent):
 
 @dataclass(frozen=True, slots=True)
 class DismissAnswer(Intent):
-    """Put a question and its answer away, unsaid; one under way is cancelled."""
+    """Dismiss a question and its answer, unsaid; cancel it if in progress."""
 
     exchange_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class AskAboutPhoto(Intent):
-    """Ask the language model about a photo, which it gets with the question."""
+    """Ask the language model about a photo, which is sent with the question."""
 
     file_name: str
     question: str
@@ -64,7 +64,7 @@ class ChooseModel(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ChoosePrompt(Intent):
-    """Use this role or style of the scenario from now on; none where the name is empty."""
+    """Use this role or style of the scenario from now on; none if the name is empty."""
 
     kind: Literal["role", "style"]
     name: str
@@ -72,7 +72,7 @@ class ChoosePrompt(Intent):
 
 @dataclass(frozen=True, slots=True)
 class EditPrompt(Intent):
-    """Other words for this session: of the system prompt, the notes, or the role or style of that name."""
+    """Change a text for this session: the system prompt, the notes, or the role or style of that name."""
 
     kind: Literal["system_prompt", "notes", "role", "style"]
     text: str
@@ -81,7 +81,7 @@ class EditPrompt(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ResetPrompts(Intent):
-    """All texts, and model, role and style, as the scenario has them."""
+    """Restore all texts, model, role and style of the scenario."""
 
 
 ASSISTANT: IntentTable = {

@@ -1,4 +1,4 @@
-"""Base class of intents, and their table's line."""
+"""Base class of intents, and their table line."""
 
 from collections.abc import Mapping
 from dataclasses import field
@@ -22,17 +22,17 @@ Permission = Literal[
     "speech",
     "notes",
 ]
-"""What a scenario can switch off."""
+"""Functions a scenario can disable."""
 
 AsBefore = Literal["map", "people", "permissions", "consent"]
-"""What holds as before only once somebody has looked: where the robot is, who is there, what is recorded and what a
-language model may do, and that they agree to it.
+"""Conditions that a person must confirm before a trial resumes: the robot's position, who is there, what is recorded
+and what a language model may do, and the consent.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intent:
-    """Something that somebody asks the console for."""
+    """Request to the console from an actor."""
 
     actor: Actor = WIZARD
 
@@ -55,14 +55,13 @@ Moves = Literal["base", "head"]
 class IntentSpec:
     """One line of the table.
 
-    ``words`` say what is asked for, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is
-    what the scenario must allow, and ``also`` another one that it must allow too. ``moves`` is what of the robot may
-    move of it, so the emergency stop refuses it; while somebody drives by hand, what moves its base is refused to
-    others. ``needs_link``: it is for the robot, so nothing waits for one that is not there. ``in_replay``: a replay
-    does it too. ``quiet``: it is refused so often, as while a key is held, that nobody is told each time; the window
-    shows the reason all the while. ``proposable``: a language model may propose it. ``bounds`` are the least and the
-    greatest value of numbers among its fields. ``confirmed`` is what has to be confirmed before, where a trial goes on
-    that broke off with the program.
+    ``words`` name the request, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is what
+    the scenario must allow, and ``also`` another one that it must allow too. ``moves`` is the part of the robot that it
+    may move, so the emergency stop refuses it. While somebody drives by hand, intents that move the base are refused to
+    others. ``needs_link``: it is for the robot and never waits for a missing one. ``in_replay``: a replay does it too.
+    ``quiet``: refusals are frequent, as while a key is held, and not reported each time; the window shows the reason.
+    ``proposable``: a language model may propose it. ``bounds`` are the least and the greatest value of its numeric
+    fields. ``confirmed``: conditions to confirm first when a trial resumes after the program ended.
     """
 
     words: str

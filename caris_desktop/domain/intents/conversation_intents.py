@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class CorrectUtterance(Intent):
-    """What was made out of an utterance, or who said it, is wrong, or it gets tags: None stays as it is.
+    """Correct an utterance's text or speaker, or set its tags; None leaves a value as it is.
 
     ``speaker`` and ``person_id`` may be empty for "not sure".
     """

@@ -10,7 +10,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Drive(Intent):
-    """Hold to drive: each of -1..1 of the speed setting, all zero releases. Asked on each change only."""
+    """Hold to drive: each of -1..1 of the speed setting, all zero releases. Sent on each change only."""
 
     forward: float
     left: float
@@ -24,7 +24,7 @@ class Drive(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ReleaseDrive(Intent):
-    """Nothing is held any more: zero at once."""
+    """Release all controls: zero at once."""
 
     reason: str = ""
 
@@ -35,7 +35,7 @@ class ReleaseDrive(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SetSpeed(Intent):
-    """Speed setting, 0.1..1 of the scenario's limits."""
+    """Set the speed, 0.1..1 of the scenario's limits."""
 
     fraction: float
 
@@ -65,7 +65,7 @@ class ReleaseEmergencyStop(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SetGuard(Intent):
-    """Switch the obstacle guard; off lasts until the link is lost, the scenario changes, or it is switched on."""
+    """Turn the obstacle guard on or off; off lasts until link loss, a change of scenario, or turning it on."""
 
     on: bool
 
@@ -76,7 +76,7 @@ class SetGuard(Intent):
 
 @dataclass(frozen=True, slots=True)
 class LookAt(Intent):
-    """Turn the head there: pan left positive, tilt down positive."""
+    """Point the head: pan left positive, tilt down positive."""
 
     pan_rad: float
     tilt_rad: float
@@ -84,7 +84,7 @@ class LookAt(Intent):
 
 @dataclass(frozen=True, slots=True)
 class TurnHead(Intent):
-    """Turn the head while something is held: each of -1..1 of its speed, zero stops. Asked on each change only."""
+    """Turn the head while a control is held: each of -1..1 of its speed, zero stops. Sent on each change only."""
 
     pan: float
     tilt: float
@@ -96,7 +96,7 @@ class TurnHead(Intent):
 
 @dataclass(frozen=True, slots=True)
 class Nod(Intent):
-    """Nod once: yes, in passing, while somebody speaks."""
+    """Nod once: a brief yes while somebody speaks."""
 
 
 _SHARE: Bounds = (-1.0, 1.0)

@@ -9,14 +9,14 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class UseFace(Intent):
-    """Another face, by its name."""
+    """Use another face, by name."""
 
     face: str
 
 
 @dataclass(frozen=True, slots=True)
 class KeepFace(Intent):
-    """Keep the face that ``content`` describes, as the text of a face file, under this name, and use it."""
+    """Save the face that ``content`` describes, as the text of a face file, under this name, and use it."""
 
     name: str
     content: str
@@ -24,14 +24,14 @@ class KeepFace(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ShowExpression(Intent):
-    """The face looks like that from now on; an expression of the face in use, by its name."""
+    """Show an expression of the current face, by its name, from now on."""
 
     expression: str
 
 
 @dataclass(frozen=True, slots=True)
 class ShowOnFace(Intent):
-    """In place of the face: a text, a photo by its file name, what the robot sees now, or the face again."""
+    """Replace the face: by a text, a photo by its file name, the robot's camera; or show the face again."""
 
     what: Literal["face", "text", "photo", "live"]
     text: str = ""
@@ -39,14 +39,14 @@ class ShowOnFace(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ShowFaceWindow(Intent):
-    """Open the face's own window, or close it."""
+    """Open or close the face window."""
 
     on: bool
 
 
 @dataclass(frozen=True, slots=True)
 class ServeFace(Intent):
-    """Let a phone or tablet on the robot show the face as a page, or no longer."""
+    """Serve the face as a page for a phone or tablet on the robot, or stop."""
 
     on: bool
 

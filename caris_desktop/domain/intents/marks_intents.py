@@ -26,7 +26,7 @@ class Mark(Intent):
 
 @dataclass(frozen=True, slots=True)
 class BeginMark(Intent):
-    """Mark a stretch that begins now, or ``earlier_s`` ago, and goes on until it is ended."""
+    """Mark an interval that starts now, or ``earlier_s`` ago, and lasts until it is ended."""
 
     label: str
     kind: MarkKind = "mark"
@@ -36,21 +36,21 @@ class BeginMark(Intent):
 
 @dataclass(frozen=True, slots=True)
 class StretchMark(Intent):
-    """The moment that was marked becomes a stretch, which goes on until it is ended."""
+    """Extend a marked moment to an interval, which lasts until it is ended."""
 
     mark_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class EndMark(Intent):
-    """The stretch ends now."""
+    """End the interval now."""
 
     mark_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class ChangeMark(Intent):
-    """Change a mark of this session: another label, or an earlier beginning."""
+    """Change a mark of this session: its label, or an earlier start."""
 
     mark_id: str
     label: str | None = None
@@ -59,7 +59,7 @@ class ChangeMark(Intent):
 
 @dataclass(frozen=True, slots=True)
 class WithdrawMark(Intent):
-    """The mark was a slip."""
+    """Withdraw a mark."""
 
     mark_id: str
 
@@ -75,7 +75,7 @@ class AddNote(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ChangeNote(Intent):
-    """Another text for a note of this session, or a note for a mark."""
+    """Change a note of this session, or the note of a mark."""
 
     note_id: str
     text: str
@@ -83,14 +83,14 @@ class ChangeNote(Intent):
 
 @dataclass(frozen=True, slots=True)
 class RemoveNote(Intent):
-    """The note goes; of a mark only its note does."""
+    """Remove a note; a mark itself remains."""
 
     note_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class RestoreNote(Intent):
-    """Bring a removed note back as it was."""
+    """Restore a removed note."""
 
     note_id: str
 

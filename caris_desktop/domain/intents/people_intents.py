@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NamePerson(Intent):
-    """Give somebody a name, or take it back with an empty one. The name goes into the study's database alone."""
+    """Name a person, or remove the name with an empty one. Only the study's database stores the name."""
 
     person_id: str
     name: str
@@ -16,14 +16,14 @@ class NamePerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class AttendPerson(Intent):
-    """What is said from now on is said to this person; empty: to whoever is nearest."""
+    """Address this person from now on; empty: the nearest one."""
 
     person_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmPerson(Intent):
-    """Who is here is somebody known: ``is_person_id``."""
+    """Identify a person as a known one: ``is_person_id``."""
 
     person_id: str
     is_person_id: str
@@ -31,7 +31,7 @@ class ConfirmPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class RejectPerson(Intent):
-    """Who is here is not ``is_person_id``, whether that was suggested or taken for granted already. Remembered."""
+    """Record that a person is not ``is_person_id``, whether suggested or already identified. Permanent."""
 
     person_id: str
     is_person_id: str
@@ -39,7 +39,7 @@ class RejectPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SetPersonGroup(Intent):
-    """Somebody belongs to this group, or with an empty one to none."""
+    """Assign a person to this group; empty: to none."""
 
     person_id: str
     group: str
@@ -47,7 +47,7 @@ class SetPersonGroup(Intent):
 
 @dataclass(frozen=True, slots=True)
 class TagPerson(Intent):
-    """Somebody has these tags and no others."""
+    """Set a person's tags, and no others."""
 
     person_id: str
     tags: tuple[str, ...]
@@ -55,7 +55,7 @@ class TagPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class NotePerson(Intent):
-    """What the wizard wants to remember about somebody, instead of what was noted before."""
+    """Set the wizard's note about a person, which replaces the earlier one."""
 
     person_id: str
     note: str
@@ -63,7 +63,7 @@ class NotePerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class MergePeople(Intent):
-    """Two who were taken for different people are one: ``into_person_id``."""
+    """Merge two identities of one person into ``into_person_id``."""
 
     person_id: str
     into_person_id: str
@@ -71,7 +71,7 @@ class MergePeople(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SplitPerson(Intent):
-    """Who is here now is somebody else: of this visit, or of the one named, nothing belongs to ``person_id``."""
+    """Split off the person present: nothing of this visit, or of the named one, belongs to ``person_id``."""
 
     person_id: str
     visit_id: str = ""
@@ -79,7 +79,7 @@ class SplitPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class NoteConsent(Intent):
-    """Somebody gave their consent, or took it back."""
+    """Record a person's consent, or its end."""
 
     person_id: str
     kind: ConsentKind
@@ -88,12 +88,12 @@ class NoteConsent(Intent):
 
 @dataclass(frozen=True, slots=True)
 class UndoPeople(Intent):
-    """Take back the last decision about people; forgetting cannot be."""
+    """Undo the last decision about people, except erasing."""
 
 
 @dataclass(frozen=True, slots=True)
 class LookUpPerson(Intent):
-    """Find what there was with somebody over all sessions: entries with all these words, or with none everything."""
+    """Search all sessions with a person: entries with all these words, or everything without words."""
 
     person_id: str
     text: str = ""
@@ -101,7 +101,7 @@ class LookUpPerson(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ForgetPerson(Intent):
-    """Erase everything that the study's database knows of somebody, and cover them in its recordings, for good."""
+    """Erase all data about a person from the study's database, and blur them in its recordings, for good."""
 
     person_id: str
 

@@ -22,7 +22,7 @@ class GoToPoint(Intent):
 
 @dataclass(frozen=True, slots=True)
 class CancelGoal(Intent):
-    """Go no further towards the goal."""
+    """Cancel the navigation goal."""
 
     @property
     def reduces_motion(self) -> bool:
@@ -31,7 +31,7 @@ class CancelGoal(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SetInitialPose(Intent):
-    """Tell the localization where the robot is."""
+    """Set the robot's pose for localization."""
 
     pose_in_map: Pose2D
 
@@ -46,28 +46,28 @@ class SavePlace(Intent):
 
 @dataclass(frozen=True, slots=True)
 class RemovePlace(Intent):
-    """Forget a place."""
+    """Remove a place."""
 
     place: str
 
 
 @dataclass(frozen=True, slots=True)
 class SaveMap(Intent):
-    """Let the robot keep its map under a name."""
+    """Save the map on the robot, by name."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class LoadMap(Intent):
-    """Let the robot use a map that it has."""
+    """Load a map saved on the robot."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class SetMapping(Intent):
-    """Build the map on, or only find the place in it."""
+    """Continue mapping, or only localize in the map."""
 
     mapping: bool
 

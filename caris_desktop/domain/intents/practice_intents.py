@@ -7,19 +7,19 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BeginPractice(Intent):
-    """Begin the exercise on the simulated robot. ``wizard`` is whose training it is."""
+    """Start the exercise on the simulated robot. ``wizard`` is the trainee."""
 
     wizard: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class SkipPracticeStep(Intent):
-    """Go on with the next step, though this one did not come about."""
+    """Continue with the next step without completing this one."""
 
 
 @dataclass(frozen=True, slots=True)
 class EndPractice(Intent):
-    """End the exercise, or put its result away."""
+    """End the exercise, or dismiss its result."""
 
 
 PRACTICE: IntentTable = {

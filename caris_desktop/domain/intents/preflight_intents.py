@@ -7,7 +7,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class TickCheck(Intent):
-    """Somebody has looked after one of the scenario's own checks, or takes that back."""
+    """Tick or untick one of the scenario's own checks."""
 
     check_id: str
     done: bool = True
@@ -15,7 +15,7 @@ class TickCheck(Intent):
 
 @dataclass(frozen=True, slots=True)
 class TryMicrophone(Intent):
-    """Listen at the participant's microphone for a little while, to see whether it hears; nothing is recorded."""
+    """Test the participant's microphone for a short time; nothing is recorded."""
 
     on: bool = True
 

@@ -7,36 +7,36 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NextStep(Intent):
-    """Go on to the next step of the list: to the first where none has begun, to the end from the last."""
+    """Continue with the next step: the first if none has started, the end after the last."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreviousStep(Intent):
-    """Go back to the step before this one, as after a slip: its time and ticks go on where they were."""
+    """Return to the step before this one, as after a mistake: its time and ticks continue."""
 
 
 @dataclass(frozen=True, slots=True)
 class SkipStep(Intent):
-    """Go on to the next step; this one was left out."""
+    """Skip this step and start the next one."""
 
 
 @dataclass(frozen=True, slots=True)
 class TakeBranch(Intent):
-    """The participant did what this branch of the present step says: go on to its step."""
+    """Follow this branch of the current step, as the participant did, to its step."""
 
     branch: str
 
 
 @dataclass(frozen=True, slots=True)
 class GoToStep(Intent):
-    """Begin this step, by its id; the present one anew where it is that."""
+    """Start this step, by its id; restart it if current."""
 
     step_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class TickItem(Intent):
-    """Something that belongs to the present step is done, or is not after all."""
+    """Tick or untick a checklist item of the current step."""
 
     item: str
     on: bool = True

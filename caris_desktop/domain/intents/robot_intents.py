@@ -1,4 +1,4 @@
-"""Intents of the robot's choice and its controls."""
+"""Intents to select a robot and use its controls."""
 
 from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.intents.base_intents import Intent, IntentSpec, IntentTable
@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class UseControl(Intent):
-    """A control of the Robot panel; a button's value is True."""
+    """Use a Robot panel control; a button's value is True."""
 
     control: str
     value: ControlValue
@@ -16,14 +16,14 @@ class UseControl(Intent):
 
 @dataclass(frozen=True, slots=True)
 class UseRobot(Intent):
-    """Connect to another robot instead of the present one."""
+    """Connect to another robot instead of the current one."""
 
     robot: str
 
 
 @dataclass(frozen=True, slots=True)
 class UseSimulatedRobot(Intent):
-    """Connect to the simulated robot of this computer, which is started where there is none."""
+    """Connect to the simulated robot of this computer; start it if needed."""
 
 
 ROBOT: IntentTable = {

@@ -11,9 +11,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class StartRecording(Intent):
-    """Begin a session. ``anyway``: the wizard was asked about what is not as it should be, and begins nevertheless.
+    """Start a session. ``anyway``: the wizard was asked about open problems and starts nevertheless.
 
-    Without it a recording is refused while a required check is open, whoever asks.
+    Without it a recording is refused while a required check is open, for every actor.
     """
 
     details: TrialDetails
@@ -27,19 +27,19 @@ class StopRecording(Intent):
 
 @dataclass(frozen=True, slots=True)
 class PauseRecording(Intent):
-    """Record nothing for a while, or go on."""
+    """Pause or resume the recording."""
 
     paused: bool
 
 
 @dataclass(frozen=True, slots=True)
 class TakePhoto(Intent):
-    """Keep the picture on show."""
+    """Save the current frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class TagPhoto(Intent):
-    """Give a photo these tags and no others. Photos go by their file names, as in PhotoTaken."""
+    """Set a photo's tags, and no others. Photos are named by their file, as in PhotoTaken."""
 
     file_name: str
     tags: tuple[str, ...]
@@ -47,33 +47,33 @@ class TagPhoto(Intent):
 
 @dataclass(frozen=True, slots=True)
 class DeletePhoto(Intent):
-    """Take a photo away. It can be brought back until the session ends."""
+    """Delete a photo. It can be restored until the session ends."""
 
     file_name: str
 
 
 @dataclass(frozen=True, slots=True)
 class RestorePhoto(Intent):
-    """Bring a photo back that was deleted."""
+    """Restore a deleted photo."""
 
     file_name: str
 
 
 @dataclass(frozen=True, slots=True)
 class KeepLayout(Intent):
-    """The wizard arranged the panels: for the record. ``layout`` is an arrangement as in scenario files, as JSON."""
+    """Record the panel layout that the wizard made. ``layout`` is a layout as in scenario files, as JSON."""
 
     layout: str
 
 
 SizeClass = Literal["compact", "usual", "large"]
-"""For which screens an arrangement of the panels is."""
+"""Screen size for which a panel layout is made."""
 
 
 @dataclass(frozen=True, slots=True)
 class SaveLayout(Intent):
-    """The arrangement (as in KeepLayout) is the scenario's from now on, for screens of that size; with a ``title`` it
-    is that of another scenario of this name, which is opened.
+    """Save the layout (as in KeepLayout) in the scenario, for screens of that size. With a ``title`` it is saved in
+    another scenario of this name, which is opened.
     """
 
     layout: str
@@ -83,22 +83,22 @@ class SaveLayout(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ResetLayout(Intent):
-    """The scenario has its own arrangement again, where another one was saved in its place."""
+    """Restore the scenario's own layout, where another one was saved in its place."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenScenario(Intent):
-    """Switch the scenario; the link and a running recording stay."""
+    """Open a scenario; the link and a running recording stay."""
 
     path: Path
 
 
 @dataclass(frozen=True, slots=True)
 class SaveScenario(Intent):
-    """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on; but a
-    recording goes on with the one that it has where this one is kept beside it.
+    """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on. A
+    recording continues with its own scenario if this one is saved as a separate file.
 
-    ``replaces`` is the checksum of the file that may be replaced; empty where none may be there.
+    ``replaces`` is the checksum of the file that may be replaced; empty if none may exist.
     """
 
     text: str
@@ -109,8 +109,8 @@ class SaveScenario(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SameName:
-    """What becomes of a part (``kind`` scenario, robot or face) whose ``name`` something else has already: it is kept
-    as ``new_name`` beside that, or, where that is empty, takes its place. What it replaces is put aside, not deleted.
+    """Decision about a part (``kind`` scenario, robot or face) whose ``name`` is taken: it is saved as ``new_name``. If
+    that is empty, it replaces the other, which is moved aside, not deleted.
     """
 
     kind: str
@@ -120,8 +120,8 @@ class SameName:
 
 @dataclass(frozen=True, slots=True)
 class ImportScenario(Intent):
-    """Unpack a scenario that came as one file among the user's own, and open it. Where its names are taken by something
-    else, that is asked first, and nothing is done until it comes again with everything ``decided``.
+    """Unpack a scenario from one file into the user's own, and open it. On name conflicts the user is asked first;
+    nothing is done until the intent is sent again with everything ``decided``.
     """
 
     path: Path
@@ -130,7 +130,7 @@ class ImportScenario(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ConfirmFile(Intent):
-    """The user's answer to what a file names, which was asked: with a yes the file of this checksum may use it."""
+    """The user's answer about the references of a file: if accepted, the file of this checksum may use them."""
 
     sha256: str
     accepted: bool
@@ -138,31 +138,31 @@ class ConfirmFile(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ShareScenario(Intent):
-    """Write the scenario in force, with what of the user's own it refers to, as one file."""
+    """Write the scenario in force, with the user's files that it refers to, as one file."""
 
     path: Path
 
 
 @dataclass(frozen=True, slots=True)
 class DismissAlarm(Intent):
-    """Somebody has seen to what is wrong, where nothing else would show that it is over."""
+    """Mark a problem as resolved, where nothing else would show that it is over."""
 
     alarm_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class GoOnWithTrial(Intent):
-    """Go on with the trial that an end nobody wanted has broken off."""
+    """Resume the trial that an unexpected end interrupted."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaveTrial(Intent):
-    """Do not go on with it."""
+    """Do not resume the trial."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmAsBefore(Intent):
-    """It was looked at, and holds as before; with a ``person_id`` of ``people`` that this one is who the list says."""
+    """Confirm a condition as unchanged; with a ``person_id`` of ``people``, that this one is who the list says."""
 
     what: AsBefore
     person_id: str = ""

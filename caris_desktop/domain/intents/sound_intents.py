@@ -8,9 +8,9 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class UseMicrophone(Intent):
-    """Hear the participant, or the wizard, with this input of this computer; None: with none. Kept for the next time.
+    """Use this input of this computer for the participant, or the wizard; None: none. Saved for the next time.
 
-    Which microphone hears the participant where that is none of this computer's, the scenario says.
+    The scenario selects a participant microphone that is not of this computer.
     """
 
     microphone: str | None
@@ -19,7 +19,7 @@ class UseMicrophone(Intent):
 
 @dataclass(frozen=True, slots=True)
 class PushToTalk(Intent):
-    """What the wizard says goes out through the robot, or becomes text in the Speak field, until it is off."""
+    """Send the wizard's speech to the robot, or as text to the Speak field, until it is off."""
 
     on: bool
     to: TalkTo = "robot"
@@ -36,7 +36,7 @@ class PushToTalk(Intent):
 
 @dataclass(frozen=True, slots=True)
 class HearRobot(Intent):
-    """Play to the wizard what the participant's microphone hears, as loud as that, or no longer."""
+    """Start or stop playing the participant's microphone to the wizard, at this volume."""
 
     on: bool
     volume: float = 1.0

@@ -8,35 +8,35 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Say(Intent):
-    """Speak after whatever is waiting. ``{name}`` and ``{place}`` in it are filled in."""
+    """Speak after the queued utterances. ``{name}`` and ``{place}`` are filled in."""
 
     text: str
     origin: UtteranceOrigin
     person_id: str = ""
-    """To whom; empty: to whom the wizard attends, or else to whoever is nearest."""
+    """Person addressed; empty: the attended person, or else the nearest."""
     gesture: str = ""
-    """What the robot does as it begins: a control, ``nod`` or ``look``."""
+    """Gesture at the start: a control, ``nod`` or ``look``."""
     face: str = ""
-    """The expression that its face takes as it begins."""
+    """Expression of the face at the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class DraftSpeech(Intent):
-    """This is being typed and may be said any moment: let its sound be made ahead of time. Recorded nowhere."""
+    """Synthesise a text in advance that is being typed and may be said at any moment. Never recorded."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class FillGap(Intent):
-    """What stands in the gap that is asked for; empty: that is not said after all."""
+    """Fill the placeholder that was asked for; empty: do not say it."""
 
     words: str
 
 
 @dataclass(frozen=True, slots=True)
 class MoveQueued(Intent):
-    """Let what waits be said at another place of the queue, 0 for the next."""
+    """Move a queued utterance to another place, 0 for the next."""
 
     utterance_id: str
     place: int
@@ -44,7 +44,7 @@ class MoveQueued(Intent):
 
 @dataclass(frozen=True, slots=True)
 class EditQueued(Intent):
-    """Say something else in the place of what waits."""
+    """Replace the text of a queued utterance."""
 
     utterance_id: str
     text: str
@@ -52,19 +52,19 @@ class EditQueued(Intent):
 
 @dataclass(frozen=True, slots=True)
 class CancelQueued(Intent):
-    """Do not say what waits."""
+    """Drop a queued utterance."""
 
     utterance_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class Silence(Intent):
-    """Interrupt speech at once and drop what is waiting."""
+    """Interrupt speech at once and drop the queue."""
 
 
 @dataclass(frozen=True, slots=True)
 class SetVoice(Intent):
-    """Who speaks from the next utterance on, and how this computer does, as in the scenario file."""
+    """Set who speaks from the next utterance on, and this computer's voice, as in the scenario."""
 
     output: VoiceOutput
     name: str = ""

@@ -8,7 +8,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SaySuggestion(Intent):
-    """Say this suggested reply, which was read at that place."""
+    """Say this suggested reply, which was read at that rank."""
 
     rank: int
     suggestion_id: str
@@ -16,7 +16,7 @@ class SaySuggestion(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SayEditedSuggestion(Intent):
-    """Say what the wizard made of a suggested reply."""
+    """Say an edited suggested reply."""
 
     suggestion_id: str
     text: str
@@ -24,7 +24,7 @@ class SayEditedSuggestion(Intent):
 
 @dataclass(frozen=True, slots=True)
 class DismissSuggestions(Intent):
-    """None of the replies is wanted, nor the filler that was to be said by itself."""
+    """Dismiss all suggested replies, and the filler to be said automatically."""
 
     @property
     def reduces_motion(self) -> bool:
@@ -33,14 +33,14 @@ class DismissSuggestions(Intent):
 
 @dataclass(frozen=True, slots=True)
 class ConfirmProposal(Intent):
-    """Do what the language model proposed."""
+    """Carry out a proposal of the model."""
 
     proposal_id: str
 
 
 @dataclass(frozen=True, slots=True)
 class VetoProposal(Intent):
-    """Do not do what the language model proposed."""
+    """Reject a proposal of the language model."""
 
     proposal_id: str
 
@@ -51,7 +51,7 @@ class VetoProposal(Intent):
 
 @dataclass(frozen=True, slots=True)
 class SetLevel(Intent):
-    """How much the language model does by itself, up to what the scenario allows."""
+    """Set the automation of the language model, up to what the scenario allows."""
 
     function: AssistedFunction
     level: AssistanceLevel

@@ -90,6 +90,42 @@ _MEANINGS = {
         "Actor: wizard (of this computer), wizard:NAME (another wizard), console, model or script. Empty: "
         "another actor, or not recorded, as before version 3."
     ),
+    "bytes_per_s": "Bytes per second.",
+    "cut": "Why the answer is incomplete; empty if it is complete.",
+    "edit_distance": "Number of characters that the wizard changed.",
+    "expected_s": "Expected time.",
+    "fps": "Frames per second.",
+    "from_person_id": "Id of the person to whom the visit belonged before.",
+    "gap_s": "Time from the end of the participant's voice to the robot's first sound.",
+    "heard_text": "Transcript before a correction.",
+    "how": "How the step was entered.",
+    "inference_ms": "Time of the detection.",
+    "into_person_id": "Id of the person into whom the other was merged.",
+    "is_person_id": "Id of the known person.",
+    "late_s": "Time beyond the expected time.",
+    "left": "How the step was left.",
+    "left_step_id": "Id of the step that was left.",
+    "means": "How the reply was made.",
+    "number": "Number of the person or step.",
+    "on": "True: ticked off; false: unticked.",
+    "open_at_end": "The interval was not ended before the end of the session.",
+    "person_by": "Who identified the person.",
+    "rewritten": "The note was changed.",
+    "runner_up": "Confidence of the next best match.",
+    "runner_up_id": "Id of the next best match.",
+    "seen_s": "Time from the start of the visit to the last detection.",
+    "seen_to_by": "Actor who resolved the alarm.",
+    "sha256": "SHA-256 checksum of the file.",
+    "stood_s": "Time for which the alarm was active, without pauses.",
+    "tick": "Checklist items.",
+    "ticked": "Number of checklist items that were ticked off.",
+    "times": "How often the alarm was raised.",
+    "to_tick": "Number of checklist items.",
+    "told": "A problem was reported before.",
+    "took_s": "Time that the step took.",
+    "turn_over": "Probability that the turn is over.",
+    "until": "What ends the problem.",
+    "use": "What became of the answer.",
 }
 # Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
@@ -273,7 +309,7 @@ def plain_text(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Fact:
-    """One line on the session as a whole."""
+    """One line about the session as a whole."""
 
     key: str
     value: str
@@ -281,12 +317,12 @@ class _Fact:
 
 @dataclass(frozen=True, slots=True)
 class _UtteranceRow:
-    """One utterance with the moments at which it was asked for, began and ended. The time columns tell when it began,
-    or was asked for where it was never said. ``said``: anybody heard at least a part of it. Text, speaker and person
-    are as they were corrected, if they were: ``heard_text`` is what was made out before, empty where it was not
-    corrected. An empty speaker: nobody was sure. ``estimated``: nobody told exactly when it began or ended.
-    ``person_by`` said who of the participants it was: a wizard, the console, or ``record``, where the record shows that
-    nobody else was there; ``person_confidence`` is how likely that is, 0 to 1, empty where a wizard said.
+    """One utterance with the times of its request, start and end. The time columns give its start, or its request if it
+    was never spoken. ``said``: at least a part was audible. Text, speaker and person include corrections.
+    ``heard_text`` is the transcript before a correction, else empty. An empty speaker: not sure. ``estimated``: start
+    or end is inexact. ``person_by`` identified the participant: a wizard, the console, or ``record``, if the record
+    shows that nobody else was present. ``person_confidence`` is the likelihood, 0 to 1, empty if a wizard identified
+    them.
     """
 
     stamp_ns: int
@@ -344,9 +380,9 @@ class _UtteranceRow:
 
 @dataclass(frozen=True, slots=True)
 class _ResponseRow:
-    """How one turn of the participant was answered. The time columns tell when the robot was first heard. ``gap_s`` is
-    from the end of the participant's voice, negative where the robot spoke over it; ``first``: nothing came before it,
-    as a filler may.
+    """One response to a turn of the participant. The time columns give the robot's first sound. ``gap_s`` is from the
+    end of the participant's voice, negative if the robot spoke over it. ``first``: nothing preceded it, such as a
+    filler.
     """
 
     stamp_ns: int
@@ -373,9 +409,9 @@ class _ResponseRow:
 
 @dataclass(frozen=True, slots=True)
 class _MarkRow:
-    """One mark as the wizard left it; withdrawn ones are only in event_marked. The time columns tell the moment meant.
-    ``open_at_end``: a stretch that nobody ended, so that it ends with the session. ``tags`` are the words of the note
-    that begin with #; ``rewritten``: the note had other words before, which are in event_marked.
+    """One mark in its final state; withdrawn ones are only in event_marked. The time columns give the moment meant.
+    ``open_at_end``: an interval without an end, which ends with the session. ``tags`` are the words of the note that
+    begin with #. ``rewritten``: the note was changed; earlier texts are in event_marked.
     """
 
     stamp_ns: int
@@ -402,8 +438,8 @@ class _MarkRow:
 
 @dataclass(frozen=True, slots=True)
 class _GoalRow:
-    """One navigation goal of the recording. The time columns tell when it was asked for; ``end_ns`` is empty where it
-    was under way still, ``state`` is the last one.
+    """One navigation goal of the recording. The time columns give its request. ``end_ns`` is empty if it was still
+    active; ``state`` is the last one.
     """
 
     stamp_ns: int
@@ -418,10 +454,9 @@ class _GoalRow:
 
 @dataclass(frozen=True, slots=True)
 class _AlarmRow:
-    """One alarm: something that was wrong and needed somebody. The time columns tell when it was first raised, or when
-    the recording began; ``end_ns`` when it was last over, empty where it stood to the end. ``stood_s`` is for how long
-    it was there, without pauses, ``times`` how often it was raised, ``seen_to_by`` who saw to it, empty where it ended
-    by itself.
+    """One alarm: a problem that needed attention. The time columns give when it was first raised, or the start of the
+    recording. ``end_ns`` is its last end, empty if it was active to the end. ``stood_s`` is its active time without
+    pauses, ``times`` how often it was raised. ``seen_to_by`` resolved it, empty if it ended automatically.
     """
 
     stamp_ns: int
@@ -437,9 +472,9 @@ class _AlarmRow:
 
 @dataclass(frozen=True, slots=True)
 class _AnswerRow:
-    """What became of one question to a language model. The time columns tell when the exchange was over. ``use`` is
-    said, edited (and said), dismissed or unused; what was silenced before anybody heard it is unused. ``cut``: the
-    answer ends before its end, at its limit of length or by the server's filter.
+    """Use of the answer to one question to a language model. The time columns give the end of the exchange. ``use`` is
+    said, edited (and said), dismissed or unused; an answer silenced before it was audible is unused. ``cut``: the
+    answer is incomplete: length limit, or the server's filter.
     """
 
     stamp_ns: int
@@ -457,9 +492,9 @@ class _AnswerRow:
 
 @dataclass(frozen=True, slots=True)
 class _VisitRow:
-    """A time for which somebody was there. The time columns tell when it began; ``person_number`` is that of
-    "Person 3" on the screen. One person who was lost and found again may have several ids. ``end_ns`` is when they
-    counted as gone, some seconds after they were seen last (``last_seen_ns``; empty where the record does not tell it).
+    """Interval during which a person was present. The time columns give its start. ``person_number`` is that of "Person
+    3" on the screen. One person who was lost and found again may have several ids. ``end_ns`` is when the person
+    counted as gone, some seconds after the last detection (``last_seen_ns``; empty if not recorded).
     """
 
     stamp_ns: int
@@ -473,10 +508,10 @@ class _VisitRow:
 
 @dataclass(frozen=True, slots=True)
 class _StepRow:
-    """One step of the protocol, planned against actual. The time columns tell when it was first begun, or when the
-    session was where it never was. ``visits`` counts how often it was begun, going back to it not among them;
-    ``expected_s`` is what was planned for each, 0 for nothing; ``time_s`` is what all took together, without pauses,
-    and ``late_s`` by how much they were over. ``skipped`` counts, too. ``ticked`` of ``to_tick`` items were ticked off.
+    """One step of the protocol, planned against actual. The time columns give its first start, or that of the session
+    if it never started. ``visits`` counts its starts, without returns to it. ``expected_s`` is the planned time of
+    each, 0 if none. ``time_s`` is the total time without pauses, ``late_s`` the total overrun. ``skipped`` is a count,
+    too. ``ticked`` of ``to_tick`` items were ticked off.
     """
 
     stamp_ns: int
@@ -494,9 +529,9 @@ class _StepRow:
 
 @dataclass(frozen=True, slots=True)
 class _StepVisitRow:
-    """One stretch in a step of the protocol. The time columns tell when it began; ``how`` it was entered and ``left``,
-    which is empty where the session ended in it. ``time_s`` is without pauses, ``late_s`` by how much it was over what
-    was expected, with what the step had taken before where the wizard came back to it.
+    """One interval in a step of the protocol. The time columns give its start. ``how`` it was entered and ``left``,
+    which is empty if the session ended in it. ``time_s`` excludes pauses. ``late_s`` is the time beyond what was
+    expected, with the earlier time in the step if the wizard came back to it.
     """
 
     stamp_ns: int
@@ -574,7 +609,7 @@ def _pauses(session: Session) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class _AnnotationRow:
-    """One label that a coder gave to a stretch of the session. The time columns tell when it begins."""
+    """One label that a coder gave to an interval of the session. The time columns give its start."""
 
     stamp_ns: int
     coder: str
@@ -764,10 +799,10 @@ def _record_list(hint: Any) -> type[Any] | None:
 def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
     """Table of a list field; its rows are (number, item)."""
     columns = [_of_item(column) for column in _columns(item_type, item=True)]
-    index = Column("number", "", "integer", f"Number among the {field} at this time, from 1.", lambda row, _: row[0])
+    index = Column("number", "", "integer", f"Position among the {field} at this time, from 1.", lambda row, _: row[0])
     return Table(
         f"{parent}_{field}",
-        f"The {field} of {parent}, one row each. {_doc(item_type)}".strip(),
+        f"One row per entry of {field} in {parent}. {_doc(item_type)}".strip(),
         (index, *columns),
         lambda value: enumerate(getattr(value, field) or (), start=1),
         STREAM_TIME_COLUMNS,
