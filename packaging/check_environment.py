@@ -1,11 +1,11 @@
-"""Imports what the console cannot do without; compares the models' checksums; finds an OpenCV with a Qt of its own."""
+"""Check the set-up: import required packages, compare the models' checksums, find an OpenCV with its own Qt."""
 
 import importlib
 import importlib.metadata
 import os
 import sys
 
-# Else onnxruntime keeps an id of this computer and tells its maker's server what is run.
+# Otherwise onnxruntime stores an id of this computer and reports to its maker's server what is run.
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"
 
 NEEDED = ("PySide6.QtWidgets", "cv2", "av", "onnxruntime", "sounddevice", "mcap", "roslibpy", "setproctitle", "yaml")

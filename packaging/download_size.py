@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def size_bytes(url: str, tls: ssl.SSLContext) -> int | None:
-    """The size of the file behind `url` as its server tells it; 0 for a local file, None where it does not tell."""
+    """Size of the file at `url` as its server reports it; 0 for a local file, None if the server does not."""
     if not url.startswith("https://"):
         return 0
     # Only https gets here, which is what S310 asks to make sure of.

@@ -1,6 +1,6 @@
 """Takes the pictures of the guide's pages: ``python packaging/guide_pictures.py FOLDER [THEME]``.
 
-The console runs on a simulated robot of its own; each picture is the part of the window that its page is about.
+The console runs on its own simulated robot; each picture is the part of the window that its page is about.
 """
 
 import sys
@@ -25,7 +25,7 @@ _Wait = Callable[[], object]
 
 
 class Pictures:
-    """Goes from picture to picture, each once the window has come round to what it shows."""
+    """Takes one picture after another, each once the window shows its content."""
 
     def __init__(self, run: ConsoleRun, folder: Path) -> None:
         self._run = run
@@ -34,7 +34,7 @@ class Pictures:
         self.done = False
 
     def next(self) -> None:
-        """Do the next step; the one after it follows once what it waits for is so, and has stood for a while."""
+        """Do the next step; the following one starts once its condition has been true for a while."""
         ready = next(self._steps, None)
         if ready is None:
             self.done = True
@@ -153,7 +153,7 @@ class Pictures:
             field.setProperty("text", text)
 
     def _away(self) -> bool:
-        """Puts what is open away, and tells when nothing is."""
+        """Close what is open; True once nothing is open."""
         for overlay in self._run.window.findChildren(Overlay):
             overlay.close_overlay()
         return self._card() is None

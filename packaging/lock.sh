@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the lock files anew, with the newest versions that pyproject.toml permits, and runs the suite on them.
+# Regenerates the lock files with the newest versions that pyproject.toml permits, and runs the suite on them.
 #
 #   bash packaging/lock.sh             the lock files, then packaging/test.sh
 #   bash packaging/lock.sh --no-test   the lock files alone, in a minute

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Takes the pictures of README.md and the guide anew: rehearses both scenarios on a virtual screen and keeps one picture of
-# each, one of the tour in replay, one of the window in which a scenario is edited, and those of the guide's pages.
+# Retakes the pictures of README.md and the guide: rehearses both scenarios on a virtual screen and saves one picture of
+# each, one of the tour in replay, one of the scenario editor, and those of the guide's pages.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -13,7 +13,7 @@ start_virtual_screen
 output=$(mktemp -d -t caris-screenshots.XXXXXX)
 mkdir -p resources/screenshots
 
-# keep SCENARIO THEME STEP: rehearse, and keep the picture of that step as SCENARIO-THEME.png.
+# keep SCENARIO THEME STEP: rehearse, and save the picture of that step as SCENARIO-THEME.png.
 keep() {
   .venv/bin/caris-desktop rehearse "layouts/$1.yaml" --theme "$2" --out "$output/$1"
   cp -- "$output/$1/screenshots/"*"-$3.png" "resources/screenshots/$1-$2.png"

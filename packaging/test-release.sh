@@ -3,11 +3,11 @@
 #
 #   bash packaging/test-release.sh            with the versions of packaging/lock.txt
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
-#   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and of the suite what pytest is told to run
+#   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and pytest with these arguments
 #
 # All tests run, soak tests included. Needs root, debootstrap, some 12 GB and several hours. The package sources,
 # certificates and proxies are this machine's. The system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the
-# next run; --fresh makes it anew.
+# next run; --fresh builds it again.
 set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
@@ -33,7 +33,7 @@ if ((${#of_suite[@]} == 0)); then of_suite=(--long); fi
 [[ $(id -u) == 0 ]] || { echo "test-release.sh: only root can make a system of its own. Start it with sudo." >&2; exit 2; }
 command -v debootstrap >/dev/null || { echo "test-release.sh: debootstrap is not installed (apt-get install debootstrap)." >&2; exit 2; }
 
-# Everything from here on has mounts of its own: they are gone with this process, whatever ends it.
+# Everything from here on has its own mounts, which end with this process, whatever ends it.
 if [[ ${CARIS_OWN_MOUNTS:-} != yes ]]; then
   CARIS_OWN_MOUNTS=yes exec unshare --mount --propagation private bash "${BASH_SOURCE[0]}" "$@"
 fi
@@ -59,7 +59,7 @@ mount --bind "$root" "$root"
 mount -t proc proc "$root/proc"
 mount --rbind /dev "$root/dev"
 mount --rbind /sys "$root/sys"
-# Folders of packages that pip looks into, and what tests find beside the checkout.
+# Folders of packages that pip looks into, and what tests find next to the checkout.
 while read -r folder; do
   mkdir -p "$root$folder" && mount --bind -o ro "$folder" "$root$folder"
 done < <(python3 -m pip config list 2>/dev/null | grep -o "/[^ ':]*" | sed 's|^//*|/|; s|/simple$||' | sort -u |
@@ -79,7 +79,7 @@ if [[ $newest == yes ]]; then
   sed -i -E '/^dependencies = \[/,/^\[project.scripts\]/s/,<[0-9.]+"/"/' "$root$checkout/pyproject.toml"
 fi
 
-# What pip is told by the environment here is told there too; what is installed from an earlier run is brought up to date.
+# pip there gets the settings of the environment here; packages from an earlier run are updated.
 mapfile -t environment < <(env | grep -iE '^(PIP_|SSL_CERT|REQUESTS_CA_BUNDLE|CARIS_TORCH|CARIS_LOCKED|(https?|no)_proxy)' || true)
 inside() {
   env -i HOME=/root USER=root LANG=C.UTF-8 TERM=dumb PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \

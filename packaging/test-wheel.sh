@@ -14,7 +14,7 @@ trap 'rm -rf -- "$folder"' EXIT
 
 .venv/bin/python -m hatchling build -d "$folder/dist"
 .venv/bin/python -m venv "$folder/environment"
-# The version of torch that packaging/setup.sh takes: pip prefers a CPU build of it where one is at hand.
+# The version of torch that packaging/setup.sh takes: pip prefers a CPU build of it where one is available.
 torch=$(grep -o -m 1 'torch==[0-9.]*' packaging/setup.sh)
 PIP_ONLY_BINARY=:all: "$folder/environment/bin/pip" --no-input install --quiet "$folder"/dist/caris_desktop-*.whl "$torch"
 

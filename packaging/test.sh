@@ -8,7 +8,7 @@ set -euo pipefail
 
 repository=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd -- "$repository"
-# The tests start this program some hundred times; compiled anew each time it would cost minutes.
+# The tests start this program some hundred times; compiling it again each time would take minutes.
 unset PYTHONDONTWRITEBYTECODE
 bash packaging/setup.sh --test
 
@@ -32,7 +32,7 @@ keep() {
     failed=yes
   fi
 }
-# check NAME COMMAND...: runs it and keeps its outcome.
+# check NAME COMMAND...: runs it and saves its outcome.
 check() {
   local name=$1 started=$SECONDS status=0
   shift
@@ -48,11 +48,11 @@ find_tests() {
 if (($# == 0)); then
   check "lint (ruff)" .venv/bin/ruff check .
   check "format (ruff)" .venv/bin/ruff format --check .
-  # It keeps a core busy for a minute or two, and tests that do not watch the clock can run beside it.
+  # It occupies a core for a minute or two; tests that do not measure time can run meanwhile.
   of_types=$(mktemp)
   .venv/bin/mypy >"$of_types" 2>&1 &
   types=$!
-  # Each of several workers would compile anew what all of them import; after a first run it is there but for a little.
+  # Each of several workers would compile again what all of them import; after a first run, most of it is there.
   compgen -G "tests/__pycache__/conftest.*-pytest-*.pyc" >/dev/null || check "tests are found" find_tests
 fi
 
@@ -72,8 +72,8 @@ run_tests() {
   local -a first
   local status=0
   rm -f -- "$failures"
-  # Files in the order of tests/conftest.py, which knows the long ones; by itself xdist begins with those of most tests.
-  # A run that hangs is stopped as by Ctrl+C, which names what was under way.
+  # Files in the order of tests/conftest.py, which knows the long ones; xdist would start with those of most tests.
+  # A run that hangs is stopped as by Ctrl+C, which names what was running.
   timeout --foreground --signal INT --kill-after 60 "$longest_run" \
     .venv/bin/python -m pytest --dist loadfile --no-loadscope-reorder --durations 25 "${long[@]}" "$@" || status=$?
   # 1 means that tests failed; anything else is no verdict on them, and is not mended by another try.

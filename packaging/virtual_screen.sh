@@ -1,7 +1,7 @@
 # shellcheck shell=bash
-# A screen that nobody sees, with a window manager (focus and dialogs behave like a desktop only with one). To be sourced:
+# A virtual screen with a window manager (focus and dialogs behave like a desktop only with one). To be sourced:
 # `start_virtual_screen` sets DISPLAY and returns when both are up; they end with the shell that started them.
-# `has_display` tells whether one is needed at all.
+# `has_display` checks whether one is needed at all.
 
 # A DISPLAY that outlived its server (a stale variable) is none; one of another machine is taken at its word.
 has_display() {

@@ -1,4 +1,4 @@
-"""Simulated robot of the console: started beside it, connected once ready, ended with it."""
+"""Simulated robot of the console: started with it, connected once ready, ended with it."""
 
 import sys
 

@@ -20,7 +20,7 @@ _of_qt = logging.getLogger("qt")
 # sleeps, so that a termination signal is logged.
 _TOLD_WITHIN_S = 1.0
 _SAYS_SO = ("The X11 connection broke", "The Wayland connection broke")
-# A screen reader keeps querying parts that are already gone, and answers late on a busy machine.
+# A screen reader keeps querying parts that are already deleted, and answers late on a busy machine.
 _OF_SCREEN_READERS = (
     "Could not find accessible on path", "Received text event for invalid interface", "Subscription string",
     "QSpiApplication::", "AtSpiAdaptor::",

@@ -286,7 +286,7 @@ class Rehearsal(QObject):
             if self._held and not state.drive.value.allowed:
                 raise RehearsalError(f"driving was refused: {state.drive.value.reason}")
             if self._held and not self._driving_is_on():
-                self._hold(set())  # it stopped by itself, as after a stall: a wizard releases the key and presses again
+                self._hold(set())  # automatic stop, as after a stall: a wizard releases the key and presses again
             else:
                 self._hold(self._keys_towards(pose, target))
             yield None

@@ -24,7 +24,7 @@ _KINDS: tuple[SizeClass, ...] = ("usual", "compact", "large")
 
 
 class SavedLayouts:
-    """Previous layouts, kept in the user's settings per scenario file and size class."""
+    """Previous layouts in the user's settings, per scenario file and size class."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings

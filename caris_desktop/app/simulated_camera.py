@@ -1,4 +1,4 @@
-"""Simulated camera in the simulated rooms, beside real ones: for practice with several cameras, or without any."""
+"""Simulated camera in the simulated rooms, alongside real ones: practice with several cameras, or without any."""
 
 import time
 
@@ -15,7 +15,7 @@ def open_any_camera(chosen: ChosenCamera) -> CameraSource:
 
 
 class SimulatedCamera:
-    """Camera at the simulated robot's start position, in rooms of its own, without a moving robot."""
+    """Camera at the simulated robot's start position, in its own rooms, without a moving robot."""
 
     def __init__(self) -> None:
         from caris_desktop.simulator.camera_model import HEIGHT_PX, RATE_HZ, WIDTH_PX

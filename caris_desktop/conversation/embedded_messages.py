@@ -4,12 +4,12 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.value_class import dataclass
 
 SLOTS = 3
-"""So many are answered beside one another, and each finds what it began with last time still read: of 350 tokens read
-anew the first word came after 1.9 s, of those read before after 0.1 s. All share one memory: they cost what one costs.
+"""Parallel requests. Each finds the beginning of its last prompt still cached: the first word came after 0.1 s, but
+after 1.9 s with 350 tokens read again. All slots share one memory and cost what one costs.
 """
 REPLIES_SLOT = 0
-"""Of those who ask about what a participant said. Each of these questions goes on where the one before it was, and that
-only this slot has read; one that is not wanted any more is out of it with its first word.
+"""Slot of questions about what a participant said. Each question continues the previous one, which only this slot has
+read. A cancelled question leaves the slot at its first word.
 """
 
 

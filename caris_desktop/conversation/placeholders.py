@@ -7,7 +7,7 @@ from caris_desktop.domain import person_marks
 from caris_desktop.domain.value_class import dataclass
 
 NAME, PLACE = "name", "place"
-"""What the console can fill in by itself."""
+"""Placeholders the console can fill."""
 _GAP = re.compile(r"\{([a-z][a-z ]{0,38})\}")
 
 

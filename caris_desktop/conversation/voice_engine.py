@@ -101,7 +101,7 @@ class _Engine:
                     self._commands.put((command["text"], command["number"]))
         # Usually the parent removes it; if the parent was killed, nothing else would.
         shutil.rmtree(folder, ignore_errors=True)
-        # The main thread may hang, and nobody is left to hear it.
+        # The main thread may hang, and no listener is left.
         os._exit(0)
 
     def _say(self, sound: StreamingBuffer, rendering: Rendering, loudspeaker: Loudspeaker) -> None:
@@ -179,7 +179,7 @@ class _Engine:
 
     def _notify(self, event: str, *, sound: bytes = b"", **values: Any) -> None:
         line = json.dumps({"event": event, "bytes": len(sound), **values}).encode() + b"\n"
-        # If the parent is gone, the command thread cleans up and exits.
+        # If the parent has ended, the command thread cleans up and exits.
         with self._telling, contextlib.suppress(BrokenPipeError):
             self._events.write(line + sound)
             self._events.flush()

@@ -75,7 +75,7 @@ class AnnotationSession(QObject):
         self._history = EditHistory(document)
         self._saved = document
         self.coding.set(document)
-        # In a process of its own: up to a minute of Python, which would make the replay stutter.
+        # In a separate process: up to a minute of Python, which would make the replay stutter.
         self._overview_maker = ChildProcess(
             ProcessSpec("overview", run_overview, (self._session,)),
             on_message=lambda overview, _raw: self._overview_made.emit(overview),

@@ -99,7 +99,7 @@ class ChildProcess:
         self._reader.start()
 
     def send(self, message: Any) -> bool:
-        """Send ``message`` without waiting; False if the child is gone or does not read."""
+        """Send ``message`` without waiting; False if the child ended or does not read."""
         return self.send_raw(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
 
     def send_raw(self, raw: bytes) -> bool:
@@ -209,7 +209,7 @@ def _run_body(body: ProcessSpec, connection: Connection) -> None:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     title_process(body.name)
     if hasattr(os, "setsid"):
-        # Linux shares CPU time among sessions first: a session of its own keeps this child's load from taking the
+        # Linux shares CPU time among sessions first: a separate session prevents this child's load from taking the
         # window's share.
         with contextlib.suppress(OSError):
             os.setsid()

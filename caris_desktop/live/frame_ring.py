@@ -1,7 +1,7 @@
 """Ring buffer of camera frames in shared memory: one writer, any number of readers in any process.
 
 Each slot has a sequence number that is odd during a write (a seqlock): a reader that was overtaken by the writer
-detects it and reports the frame as gone instead of torn.
+detects it and reports the frame as lost instead of torn.
 """
 
 import struct

@@ -164,7 +164,7 @@ class PerceptionWorker(QObject):
         self._inputs.put(_AskConsents(again))
 
     def practise(self, on: bool) -> None:
-        """Switch practice mode: people seen and named there are kept apart from the study and discarded afterwards."""
+        """Switch practice mode: people seen and named there stay separate from the study and discarded afterwards."""
         self._inputs.put(_Practise(on))
 
     def note(self, event: HistoryEvent) -> None:

@@ -141,9 +141,7 @@ class ProtocolRun:
             self._paused_ns = None
 
     def follow(self, steps: Sequence[ProtocolStep]) -> None:
-        """Adopt an edited protocol: the current step stays, by id, or by position if only ids changed; ticked items are
-        kept.
-        """
+        """Adopt an edited protocol: ticks stay, and the current step by id, or by position if only ids changed."""
         before, self.steps = self._ids, tuple(steps)
         self._ids = [step.step_id for step in self.steps]
         other = [(old, new) for old, new in zip(before, self._ids, strict=False) if old != new]

@@ -157,7 +157,7 @@ class RecorderFeed:
                 self._append_all(*events)
 
     def forget_streams(self, names: Iterable[str]) -> None:
-        """Drop latched values of these streams, whose link or robot is gone."""
+        """Drop latched values of these streams of a lost link or robot."""
         with self._changed:
             gone = {f"/{name}" for name in names}
             self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in gone}

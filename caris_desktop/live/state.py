@@ -478,6 +478,6 @@ class LiveState(QObject):
                 self.frame.clear()
 
     def clear_robot_streams(self) -> None:
-        """Clear all values of the robot, which is gone or replaced."""
+        """Clear all values of the lost or replaced robot."""
         for name in STREAMS_OF_LINK["control"]:
             self._streams[name].clear()

@@ -109,7 +109,7 @@ class _Watch(QObject):
 
 
 def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
-    """Restore a recorded status. ``name_of``: names kept out of the recording, if known."""
+    """Restore a recorded status. ``name_of``: names not in the recording, if known."""
     kind = STATUS_TYPES.get(shown.name)
     if kind is None:
         return

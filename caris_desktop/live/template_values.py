@@ -31,7 +31,7 @@ def words_now(state: LiveState, person_id: str, *, naming: bool) -> dict[str, Wo
 
 
 def given_words(gap: str, said: str, person_id: str) -> Words:
-    """Template value typed by the wizard. A name is kept out of the record even if it belongs to no known person."""
+    """Template value typed by the wizard. A name is not recorded, even if it belongs to no known person."""
     if gap != NAME:
         return Words(said, said)
     return Words(said, mark_of(person_id) if person_id else f"{{{NAME}}}")

@@ -176,7 +176,7 @@ class SessionLibrary(Protocol):
         """Update the index and search; ``found`` changes with results."""
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
-        """Open the replay of a session in a window of its own."""
+        """Open the replay of a session in a separate window."""
 
     def choose_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None

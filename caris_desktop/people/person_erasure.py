@@ -56,8 +56,8 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
     try:
         with closing(PeopleStore(database)) as store:
             for number, person_id in enumerate(person_ids):
-                # The first id includes all linked ids; repeat it even if it is gone, since a kill may have left pages
-                # that hold them.
+                # The first id includes all linked ids. Repeat it even if it was deleted: a kill may have left pages
+                # that contain them.
                 if number == 0 or store.get(person_id) is not None:
                     store.forget(person_id)
     except PeopleStoreError as error:

@@ -126,11 +126,11 @@ PortraitsOf = Literal["everybody", "consenting", "nobody"]
 
 @dataclass(frozen=True, slots=True)
 class RecognitionSettings:
-    """Whom the console recognises: nobody, people by their clothes within a day, or by their faces too.
+    """Recognition of people: none, by their clothes within a day, or by their faces too.
 
-    It asks the wizard from a confidence of ``ask_at`` on, about people of whom something is written down. It decides by
-    itself from ``confirm_at`` on; at 1 it never does. ``portraits`` are those of whom a
-    picture may be kept: ``consenting`` are those whose consent to photos is noted.
+    The console asks the wizard from a confidence of ``ask_at``, about people with notes. From ``confirm_at`` it decides
+    without asking; at 1 it never does. ``portraits``: people of whom a photo may be saved; ``consenting`` are those
+    whose consent to photos is noted.
     """
 
     recognise: Recognise = "clothing"

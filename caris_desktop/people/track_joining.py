@@ -12,7 +12,7 @@ from caris_desktop.people.gallery import GOOD_QUALITY
 from caris_desktop.people.visit_log import Spot, Visit
 
 JOINED_WITHIN_NS = 30_000_000_000
-"""Whoever was lost for longer is recognised anew."""
+"""A person lost for longer is identified again."""
 SHORT_GAP_NS = 3_000_000_000
 """For so long a tracker or a turn of the camera loses somebody; then appearance or place alone is enough."""
 DECIDED_WITHIN_NS = 1_500_000_000
@@ -57,7 +57,7 @@ def same_visit(
 ) -> Visit | None:
     """The ``lost`` visit that the track continues: the only possible one, by appearance or position.
 
-    ``is_known`` tells whether there are notes on a person.
+    ``is_known``: whether there are notes on a person.
     """
     possible: list[tuple[float, Visit]] = []
     for visit in lost:

@@ -1,4 +1,4 @@
-"""Visits of people present and gone, each with its tracks."""
+"""Current and past visits of people, each with its tracks."""
 
 from collections.abc import Iterator
 from dataclasses import field
@@ -7,7 +7,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.identities import UNDECIDED, Judgement
 
 MOST_LEFT = 200
-"""So many visits that are over are kept in memory, the newest ones."""
+"""Number of ended visits in memory, the newest ones."""
 
 Track = tuple[str, int]  # camera and track number
 Spot = tuple[float, float]  # x_m, y_m in the map

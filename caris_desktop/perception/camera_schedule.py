@@ -11,7 +11,7 @@ TO_COVER_EVERY_NS = 150_000_000
 """The same where people have to be covered in what every camera records: looks further apart say too little."""
 
 SILENT_AFTER_NS = 600_000_000
-"""Nobody waits longer than this for the camera on show."""
+"""Longest wait for the displayed camera."""
 
 
 _RATE_OVER_NS = 4_000_000_000
@@ -19,7 +19,7 @@ _LOOKS_COUNTED = 400
 
 
 class CameraRotation:
-    """Newest frame per camera. The displayed camera leads: a detection on another one replaces one of its own, so that
+    """Newest frame per camera. The displayed camera leads: a detection on another one replaces one on it, so that
     more cameras add no load. For one thread, or under a lock.
     """
 

@@ -1,4 +1,4 @@
-"""Messages between the console and the inference process, besides values of the stream table."""
+"""Messages between console and inference process, in addition to values of the stream table."""
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.person_values import LooksKind

@@ -12,7 +12,7 @@ Device = Literal["auto", "cpu", "cuda", "mps"]
 TrackerName = Literal["own", "deepsort", "bytetrack", "botsort"]
 TRACKERS: tuple[TrackerName, ...] = get_args(TrackerName)
 LEAST_CONFIDENCE = 0.1
-"""Below it nobody is told of; who is followed may be hardly seen for a while, who is new may not."""
+"""Minimum for a report. A tracked person may be hardly visible for a while, a new one may not."""
 
 
 def default_threads() -> int:
@@ -27,7 +27,7 @@ def default_threads() -> int:
 class DetectorSettings:
     """Detector settings of a scenario; picklable.
 
-    ``things`` are the reported classes besides people. ``server`` is the address of a remote detector, empty for none;
+    ``things``: reported classes other than people. ``server`` is the address of a remote detector, empty for none;
     without ``other_computers`` it must be on this computer.
     """
 

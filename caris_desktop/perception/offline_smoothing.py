@@ -14,7 +14,7 @@ from caris_desktop.perception.tracker import TrackedBox
 _LOOKS_SAME, _LOOKS_LIKELY = 0.25, 0.4
 _GOOD_VIEW = 0.4
 _NEAR_S = 1.5
-"""How long somebody may have been gone who goes on where their way led."""
+"""Longest gap for joining track segments by extrapolation."""
 _WAY_OF_S = 0.5
 _NEAR_OF_HEIGHT = 0.5
 _FILLED_S = 2.0

@@ -42,7 +42,7 @@ class CsvStyle:
 
 
 SHOWN = CsvStyle()
-"""For spreadsheets, as long as nobody asks for another one."""
+"""Default style, for spreadsheets."""
 
 
 class CsvWriter:

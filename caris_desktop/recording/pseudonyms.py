@@ -31,7 +31,7 @@ _MAX_BYTES = 1024 * 1024
 _WIZARD, _CODER = "W", "C"
 _ROBOT = "robot"
 # Hosts that do not identify a location.
-_OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - told apart, not bound
+_OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - compared, not bound
 _ACTOR_BEGINS = f'"{OTHER_WIZARD}'.encode()
 _ACTOR = re.compile(rb'("actor"\s*:\s*)(' + _ACTOR_BEGINS + rb'(?:[^"\\]|\\.)*")')
 _ANOTHER = "another"
@@ -226,7 +226,7 @@ def _stored(path: Path) -> Pseudonyms:
         with path.open("rb") as file:
             data: Any = json.loads(file.read(_MAX_BYTES))
         if data["format"] != _FORMAT:
-            raise ValueError("a file of something else")  # noqa: TRY301 - told below, as all else that is wrong with it
+            raise ValueError("a file of something else")  # noqa: TRY301 - reported below, like its other errors
         wizards, coders = (
             {str(name): str(pseudonym) for name, pseudonym in data[part].items()} for part in ("wizards", "coders")
         )

@@ -424,7 +424,7 @@ def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out
     except (SessionError, ExportError) as error:
         raise ExportError(str(error)) from error
     except (BrokenPipeError, EOFError):
-        # The receiver of the progress is gone.
+        # The receiver of the progress has ended.
         raise
     except OSError as error:
         _log.info("export of %s as %s", what, fmt, exc_info=True)

@@ -54,7 +54,7 @@ _ENDED_WITHOUT_REASON: dict[Ending, str] = {
 class GoalListener(Protocol):
     """Receiver of an action server's reports. ``wire_id`` identifies the goal; goals of other clients are reported too.
 
-    A lost link ends no goal. Its outcome in the meantime is reported after reconnection, if the robot still tells it.
+    A lost link ends no goal. An outcome in the meantime is reported after reconnection, if the robot still has it.
     """
 
     def goal_pending(self, wire_id: str) -> None: ...
@@ -79,7 +79,7 @@ class ActionClient(Protocol):
         """Cancel one goal without any response, and expect none."""
 
     def cancel_all(self) -> None:
-        """Cancel all goals of the action server, whoever sent them."""
+        """Cancel all goals of the action server, from any client."""
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -254,7 +254,7 @@ class BridgedActionClient:
             asyncio.get_running_loop().call_later(_PROVEN_WITHIN_S, self._cancel_without_proof, wire_id)
 
     def _cancel_without_proof(self, wire_id: str) -> None:
-        """A server without feedback, behind a rosbridge that does not cancel by itself: whatever moves it must end."""
+        """For a server without feedback, behind a rosbridge that does not cancel: end whatever moves the robot."""
         unproven = self._uuid_without_proof is not None and self._uuid_without_proof[0] == wire_id
         if unproven and self._ros.is_connected and self._ros.factory.has_goal(wire_id):
             self.cancel_all()

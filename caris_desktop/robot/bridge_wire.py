@@ -461,7 +461,7 @@ class Wire(asyncio.Protocol):
 
 
 class TlsLayer:
-    """TLS between websocket and socket, without I/O of its own.
+    """TLS between websocket and socket, without its own I/O.
 
     asyncio's TLS transport hides how much the operating system has not accepted yet, and incomplete incoming messages.
     """

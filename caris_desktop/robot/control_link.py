@@ -93,7 +93,7 @@ class ControlLink:
         self._guard_news = GuardChangeDetector()
         self._movement = MovementCheck(profile)
         self._movement_told = MovementChanged(0, "unknown")
-        # From Stop until the robot stands still, or is driven from here again.
+        # From Stop until the robot is stationary, or is driven from here again.
         self._stopping = False
         self._stop_ns = 0
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)

@@ -1,6 +1,6 @@
 """Robot discovery: what an unknown robot offers, which profile fits, and whether a profile's streams arrive.
 
-Everything is asyncio with connections of its own; ``*_blocking`` functions are for callers without a loop.
+Everything is asyncio with its own connections; ``*_blocking`` functions are for callers without a loop.
 
 Long because inventory and stream checks share their connections.
 """
@@ -60,8 +60,8 @@ _MOST_ASKED = 60
 _INVENTORY_WITHIN_S = 8.0
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
+_BRIDGE = "rosbridge"  # default prefix of its node name
 # In ROS 2 a new publisher becomes visible with a delay.
-_BRIDGE = "rosbridge"  # its node's name begins so wherever nobody has renamed it
 _ADVERTISED_WITHIN, _ADVERTISED_AGAIN_S = 8, 0.25
 _RESEMBLES = 0.7
 _OF_INTEREST = (
@@ -813,5 +813,5 @@ def value_at(message: Any, path: str) -> bool | float | str:
         except (LookupError, TypeError) as error:
             raise ValueError(localized(QT_TR_NOOP("the message has no {path}"), path=path)) from error
     if not isinstance(found, (bool, int, float, str)):
-        raise ValueError(localized(QT_TR_NOOP("{path} is not a single value"), path=path))  # noqa: TRY004 - one kind of error for whoever shows it
+        raise ValueError(localized(QT_TR_NOOP("{path} is not a single value"), path=path))  # noqa: TRY004 - one kind of error for display
     return found

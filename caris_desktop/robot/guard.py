@@ -19,9 +19,9 @@ from caris_desktop.robot.footprint import Array, Footprint, transformed
 from caris_desktop.robot.profile import RobotProfile
 
 SIDE_MARGIN_M = 0.05
-"""Room kept all around for the LIDAR's noise and for what sticks out above its plane."""
+"""Margin all around for the LIDAR's noise and for what sticks out above its plane."""
 LEGS_MARGIN_M, LEGS_STOP_M = 0.05, 0.08
-"""More room beside and before what may be somebody's legs: feet, hips and bags reach beyond them."""
+"""Extra margin at the sides and front of possible legs: feet, hips and bags reach beyond them."""
 TURNING_STOP_M = 0.03
 """The stop distance of a part of the footprint that only turns towards something."""
 BLIND_FRACTION = 0.3
@@ -98,9 +98,9 @@ class ObstacleGuard:
     an obstacle is always permitted. Obstacles that leave the view by rotation are remembered in the odometry frame for
     10 s; outside of the coverage the robot crawls.
 
-    Points inside the footprint belong to the robot's own body once they kept their position relative to it for 1 s (if
-    deeper inside than an obstacle can be) or over 0.3 m of motion (near the outline). Until then they block motion that
-    goes deeper. Beams that end on the robot's body do not count as coverage.
+    Points inside the footprint belong to the robot's own body once they were fixed relative to it for 1 s (if deeper
+    inside than an obstacle can be) or over 0.3 m of motion (near the outline). Until then they block motion that goes
+    deeper. Beams that end on the robot's body do not count as coverage.
 
     Motion since a scan is compensated with odometry, or without it with the velocities sent. Times are seconds on the
     session clock.

@@ -71,9 +71,9 @@ class LinkMeasurement:
     link
         Which link it is. Only the control link sends LinkQuality; both send TrafficMeasured.
     streams
-        Of which stream of the record the messages of a topic are, where one that is left out is to be told.
+        Recorded stream of each topic whose missing messages are to be reported.
     simulation_time
-        The robot's stamps come from a simulated clock, told with :meth:`take_simulation_time`.
+        The robot's stamps come from a simulated clock, set with :meth:`take_simulation_time`.
     """
 
     def __init__(

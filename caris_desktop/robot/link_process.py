@@ -101,7 +101,7 @@ class CommandReader:
         Raises
         ------
         EOFError, OSError, pickle.UnpicklingError
-            When the other end is gone, or sends something else.
+            If the other end has ended, or sends something else.
         """
         while self._connection.poll(0):
             piece = os.read(self._connection.fileno(), _READ_BYTES)

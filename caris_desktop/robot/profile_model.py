@@ -69,7 +69,7 @@ class TopicSource:
 
 @dataclass(frozen=True, slots=True)
 class _LatchedKeys(TopicSource):
-    """A topic whose last message is kept, unless the file says otherwise."""
+    """A latched topic, unless the file says otherwise."""
 
     latched: Annotated[bool, FieldSpec("As for other topics, but `true` if not given.", quiet=True)] = True
 
@@ -155,7 +155,7 @@ class CameraTopic:
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimitInterface:
-    """How the navigation is told its top speed."""
+    """Interface for the navigation's top speed."""
 
     topic: Annotated[
         RosName | None,

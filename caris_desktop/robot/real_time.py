@@ -60,7 +60,7 @@ def drop_realtime_priority() -> None:
         return
     for thread in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # one that has just ended
-            # The flag that RealtimeKit sets may be kept by anybody, and taken away by few.
+            # Any process may leave the flag that RealtimeKit sets, but few may clear it.
             flag = os.sched_getscheduler(int(thread.name)) & os.SCHED_RESET_ON_FORK
             os.sched_setscheduler(int(thread.name), os.SCHED_OTHER | flag, os.sched_param(0))
 

@@ -146,7 +146,7 @@ class ActionVoice:
             # A short word may end before its start was reported.
             self.goal_active(wire_id)
         states: dict[Ending, UtteranceState] = {"reached": "finished", "cancelled": "interrupted", "failed": "failed"}
-        # Silenced utterances are gone from here: the robot itself cancelled this one.
+        # Silenced utterances were removed before: the robot itself cancelled this one.
         self._finish(states[ending], detail, "" if ending == "cancelled" else None)
 
     def _send_next(self) -> None:

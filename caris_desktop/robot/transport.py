@@ -21,16 +21,16 @@ and what holds here instead:
    remembered by id and not in the Topic.
 6. A blocking call inside a callback freezes the transport. Here it raises RuntimeError; use
    :meth:`RosbridgeClient.ask`.
-7. Calls under way are never failed. Here they fail in the moment of disconnection, and after a timeout.
+7. Pending calls never fail. Here they fail in the moment of disconnection, and after a timeout.
    ``roslibpy.actionlib.ActionClient`` still blocks in its constructor, so goals are sent through topics
    (:mod:`caris_desktop.robot.navigation_client`). A ``roslibpy.ActionClient`` (ROS 2) does not, and is used.
 8. Its reactor cannot be restarted. Here the loop is the caller's.
 9. It has one websocket. rosbridge 2.0 and 2.1 handle the operations of one websocket one after another by default
    (``send_action_goals_in_new_thread`` and ``call_services_in_new_thread`` false): a goal holds everything behind it
    until it ends, and one that is refused holds it for good, while pings are still answered. Where there are motion
-   topics (``RosbridgeTopic(..., motion=True)``) they have a websocket of their own here, which carries nothing that can
-   wait. Goals and service calls then have one for each that is under way, questions to rosapi another, and
-   subscriptions and everything else the main one.
+   topics (``RosbridgeTopic(..., motion=True)``) they have a separate websocket here, which carries nothing that can
+   wait. Goals and service calls then have one for each in progress, questions to rosapi another, and subscriptions and
+   everything else the main one.
 
 Beyond that: ``wss://`` and rosauth as the profile's security settings say; every arrival is counted per topic
 (:mod:`caris_desktop.robot.traffic`); a message that is malformed, unknown or too large is refused and reported, and

@@ -28,7 +28,7 @@ MOST_PARTS = 12
 MAX_BUNDLE_BYTES = MOST_PARTS * MAX_FILE_BYTES
 PartKind = Literal["scenario", "robot", "face"]
 REPLACED = "replaced"
-"""The folder, beside the user's own files, of those that an imported one took the place of."""
+"""Folder next to the user's own files, for those that an imported one replaced."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _THERE_ALREADY: dict[PartKind, str] = {
     "scenario": QT_TR_NOOP("A scenario named '{name}' already exists. Choose another name."),

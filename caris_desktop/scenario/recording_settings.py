@@ -7,7 +7,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 
 ERROR_KEYS = "FGHRUX"
-"""They lie beside the hand that drives, or do nothing else: a digit that comes too late would send the robot to a
+"""Keys near the driving hand, or without another function: a digit that comes too late would send the robot to a
 place."""
 
 _ErrorName = Annotated[str, FieldSpec(shortest=1, longest=40)]

@@ -59,7 +59,7 @@ def _paragraphs(lines: list[str]) -> list[list[str]]:
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """Wrap at single spaces only: a line break stands for one."""
+    """Wrap at single spaces only: a line break replaces one."""
     lines = [""]
     for word in re.split(r"(?<! ) (?! )", text):
         if lines[-1] and len(lines[-1]) + 1 + len(word) > width:

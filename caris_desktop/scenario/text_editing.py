@@ -198,7 +198,7 @@ class _Editor:
         ]
 
     def _span(self, parent: SequenceNode, number: int) -> tuple[int, int]:
-        """Span of an entry to move: its lines with its own comments, if it has lines of its own."""
+        """Span of an entry to move: its lines with its own comments, if it has its own lines."""
         node = parent.value[number]
         if parent.flow_style:
             return node.start_mark.index, self._end(node)
@@ -289,7 +289,7 @@ class _Editor:
         return any(start < node.start_mark.index < end for start, end in self._brackets)
 
     def _starts_line(self, key: Node) -> bool:
-        """True if a key is in a block: text inside brackets has no lines of its own."""
+        """True if a key is in a block: text inside brackets has no separate lines."""
         before = self._text[self._line_start(key.start_mark.index) : key.start_mark.index]
         return not before.strip(" -")
 

@@ -20,9 +20,9 @@ class ActionlibServer:
     name, package, kind
         Such as ``/tts``, ``pal_interaction_msgs``, ``Tts``.
     on_goal
-        Told the id and the goal; it calls :meth:`accept`, and :meth:`finish` when it is over.
+        Receives id and goal; it calls :meth:`accept`, and :meth:`finish` at the end.
     on_cancel
-        Told the id to cancel, empty for every goal.
+        Receives the id to cancel, empty for all goals.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Outgoing queue of one client: bounded, newest value wins, so that slow clients block nobody."""
+"""Outgoing queue of one client: bounded, newest value wins, so slow clients block no others."""
 
 import asyncio
 import base64

@@ -20,7 +20,7 @@ class Socket(Protocol):
 
 
 Delivered = Callable[[Published, int], None]
-"""Told each message of a topic, and its size in bytes, when the last piece of it has been sent."""
+"""Receives each message of a topic and its size in bytes, once its last piece has been sent."""
 
 
 class ClientWire:

@@ -1,4 +1,4 @@
-"""Network camera on the reception desk, besides the robot's own: MJPEG over HTTP."""
+"""Network camera on the reception desk, not on the robot: MJPEG over HTTP."""
 
 import asyncio
 import contextlib

@@ -33,7 +33,7 @@ def entry_and_exit(
     entry, exit
         Distances, shape (boxes, rays); ``entry`` is ``inf`` where the ray misses.
     through_x
-        Whether the ray enters through a side that stands across the x axis.
+        Whether the ray enters through a side perpendicular to the x axis.
     """
     inverse_x = 1.0 / np.where(np.abs(cos) < _TINY, _TINY, cos)
     inverse_y = 1.0 / np.where(np.abs(sin) < _TINY, _TINY, sin)

@@ -108,7 +108,7 @@ class Client:
 
 
 class _Connection(ServerConnection):
-    """Reads its socket to the end even if the peer is gone.
+    """Reads its socket to the end even after the peer left.
 
     A suspended server may write before it reads on resuming; the failed write would otherwise discard received data
     that its system has acknowledged.
@@ -138,9 +138,9 @@ class BridgeServer:
     now_s
         The robot's clock, by which an introduction is of this moment.
     log
-        Is told of each message that was delivered.
+        Receives each message that was delivered.
     obeyed_log
-        Is told of each client, and of each message that the robot took from one and obeyed.
+        Receives each client, and each message that the robot accepted from one and obeyed.
     goals_in_new_threads, services_in_new_threads
         rosbridge's ``send_action_goals_in_new_thread`` and ``call_services_in_new_thread``, false by default as
         they are in rosbridge 2.0 and 2.1: a goal or a call holds everything behind it that came over the same

@@ -1,4 +1,4 @@
-"""Reading files in the background for widgets; the result is dropped if the widget is gone."""
+"""Background reading of files for widgets; the result is dropped if the widget was deleted."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -53,7 +53,7 @@ class Remembered(QObject):
         return self._known
 
     def renew(self) -> None:
-        """Read again, unless a read is under way: an unresponsive disk is queried once."""
+        """Read again, unless already reading: an unresponsive disk is queried once."""
         if not self._reading:
             self._reading = True
             read_for(self, self._console, self._read, self._on_read, self._on_failed)

@@ -89,7 +89,7 @@ class EmergencyBanner(Banner):
 
 
 class GuardBanner(Banner):
-    """Banner while the wizard has switched off the obstacle guard, so that it is not forgotten."""
+    """Banner that reminds the wizard while the obstacle guard is switched off."""
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")

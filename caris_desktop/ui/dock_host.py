@@ -327,7 +327,7 @@ class DockHost(DockArea):
             self._on_tab_chosen(name)
 
     def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
-        """Float the panel in a window of its own: at ``place``, or near its current position."""
+        """Float the panel in a separate window: at ``place``, or near its current position."""
         if self._arrangement is None or name not in self._arrangement.panels:
             return
         if place is None:

@@ -61,8 +61,8 @@ NOWHERE_MS = 3000
 HELD_TO_TALK_MS = 300
 
 KeyOwner = Literal["driving", "typing", "window", "nowhere", "dialog", "menu", "elsewhere", "off"]
-"""Recipient of a key press: driving (bare keys drive), typing or another part of the window (Alt drives), nobody
-because a command was refused, a dialog, a menu, another program, or nobody because the scenario does not drive.
+"""Recipient of a key press: driving (bare keys drive), typing or another part of the window (Alt drives), none
+because a command was refused, a dialog, a menu, another program, or none because the scenario does not drive.
 """
 
 _MODIFIER_KEYS = (

@@ -137,7 +137,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._show_state()
 
     def _propose_folder(self, chosen: Path | None = None) -> None:
-        """Propose a destination folder; text typed before the disk responds is kept."""
+        """Propose a destination folder; text typed before the disk responds stays."""
         sessions, before = self._sessions, self._folder.text()
 
         def on_folder(folder: Path) -> None:

@@ -51,7 +51,7 @@ def main_of(window: QWidget) -> QWidget:
 
 
 def window_of(widget: QWidget) -> QWidget:
-    """Like ``widget.window()``, after which PySide would treat the widget as deleted once a floating panel is gone."""
+    """Like ``widget.window()``, after which PySide would treat the widget as deleted once a floating panel closes."""
     parent = None if widget.isWindow() else widget.parentWidget()
     return widget if parent is None else window_of(parent)
 

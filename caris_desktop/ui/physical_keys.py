@@ -1,8 +1,8 @@
-"""Physical key state: tells auto-repeat from real presses, where Qt alone cannot.
+"""Physical key state: distinguishes auto-repeat from real presses, where Qt alone cannot.
 
-On X11 a held key arrives as release and press pairs. Qt recognises a repeat only if both are already in its queue,
-which fails on a busy machine and always after a modifier was released: the robot would stutter, and letters would be
-typed. Detectable auto-repeat of the X server reports only real releases.
+On X11 a held key arrives as release-press pairs. Qt recognises a repeat only if both are already in its queue, which
+fails on a busy machine and always after a modifier release: the robot would stutter, and letters would be typed.
+Detectable auto-repeat of the X server reports only real releases.
 """
 
 import ctypes
@@ -54,7 +54,7 @@ class KeyboardGrabs(QAbstractNativeEventFilter):
 
 
 class PhysicalKeys:
-    """Tells auto-repeat from real presses. Pass each key event in order, once or several times."""
+    """Detector of auto-repeat. Pass each key event in order, once or several times."""
 
     def __init__(self) -> None:
         self._x11: ctypes.CDLL | None = None

@@ -72,7 +72,7 @@ class SessionWindows(QObject):
             self.recent_changed.emit()
 
     def open_replay(self, folder: Path) -> None:
-        """Open the replay in a window of its own."""
+        """Open the replay in a separate window."""
         if self._library is not None:
             self._library.open_replay(folder)
 
@@ -133,7 +133,7 @@ class SessionWindows(QObject):
         self._start = None
 
     def open_sessions(self) -> None:
-        """Open the session list in a window of its own."""
+        """Open the session list in a separate window."""
         if self._library is None:
             return
         from caris_desktop.ui.sessions_window import SessionsWindow
@@ -145,7 +145,7 @@ class SessionWindows(QObject):
         bring_up(self._sessions)
 
     def open_export(self, sessions: Sequence[Path]) -> None:
-        """Open the export dialog for these sessions in a window of its own."""
+        """Open the export dialog for these sessions in a separate window."""
         if self._library is None:
             return
         from caris_desktop.ui.export_dialog import ExportDialog

@@ -359,7 +359,7 @@ def camera_in_text(name: str) -> str:
 
 
 def camera_name(name: str) -> str:
-    """The part of a camera's name that tells it from others: "Front" for front_camera."""
+    """Distinctive part of a camera's name: "Front" for front_camera."""
     words = _camera_words(name).removesuffix(" camera")
     return words[:1].upper() + words[1:]
 
@@ -383,7 +383,7 @@ def person_state(box: PersonBox) -> str:
 
 
 def no_picture(age_s: float | None, told: CameraState | None) -> str:
-    """Placeholder text for a lost camera's picture; ``told``: the camera's reported state."""
+    """Placeholder text for a lost camera's image; ``told``: the camera's reported state."""
     if told is not None and told.state == "ended":
         return tr(told.detail) or tr("The camera stream has ended. A recording continues without it.")
     if age_s is None:

@@ -45,7 +45,7 @@ class Theme(QObject):
         self.family = _pick_family()
         self._fonts: dict[tuple[int, int], QFont] = {}
         self.painted = PixmapCache(at_most=_MOST_PAINTED)
-        """What looks the same wherever it stands: a button of the next scenario that says what one of the last said."""
+        """Cache of reusable drawings, such as a button with the same text in the next scenario."""
         self.colors: Colors = DARK
         app.setStyle("Fusion")
         self._system_scheme = QGuiApplication.styleHints().colorScheme()

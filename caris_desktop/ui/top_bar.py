@@ -321,7 +321,7 @@ class TopBar(Bar, QWidget):
         self.stretch_button.setChecked(True)
 
     def _show_interval(self) -> None:
-        """Show the newest open interval, so that none is forgotten."""
+        """Show the newest open interval as a reminder to close it."""
         status: MarksStatus = self._console.state.marks.value
         if self.stretch_button.isHidden() == bool(status.open):
             self.stretch_button.setVisible(bool(status.open) and not self._in_replay)

@@ -1,4 +1,4 @@
-"""Asks the accessibility interface for what a screen reader would tell of a window, and finds what it could not."""
+"""Asks the accessibility interface for what a screen reader would say of a window, and finds what it could not."""
 
 from collections import defaultdict
 from collections.abc import Iterator

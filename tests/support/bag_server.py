@@ -1,4 +1,4 @@
-"""A ROS 1 recording served over rosbridge with its own stamps, at its own pace; run as a program of its own.
+"""A ROS 1 recording served over rosbridge with its own stamps, at its own pace; run as a separate program.
 
 ``python -m tests.support.bag_server BAG [--from SECONDS] [--pace FACTOR]``: prints its address when it is ready, plays
 all topics from there to the end, and again from there. It ends when its standard input does.

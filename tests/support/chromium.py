@@ -1,4 +1,4 @@
-"""A real browser without a window, told what to do over its own protocol."""
+"""A real browser without a window, controlled over its own protocol."""
 
 import base64
 import contextlib

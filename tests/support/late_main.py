@@ -1,7 +1,7 @@
 """Runs another module as a program: ``python -m tests.support.late_main MODULE ARGUMENTS...``.
 
-Each child process of multiprocessing imports the main module of its parent anew. Were that one of ours which imports
-the console, its eight children would import the console too, 1.6 s of computing each; this one imports nothing.
+Each child process of multiprocessing imports the main module of its parent again. If that module imported the console,
+its eight children would import the console too, 1.6 s of computing each; this module imports nothing.
 """
 
 import runpy

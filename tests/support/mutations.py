@@ -1,4 +1,4 @@
-"""Files of others with mistakes and malice in them, by a seed that a failure tells; what must not happen meanwhile."""
+"""Foreign files with mistakes and malice in them, by a seed that a failure reports; what must not happen meanwhile."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""A robot that tells everything once: its map, its camera's lens, its odometry, its place. All of it is latched.
+"""A robot that sends everything once: its map, its camera's lens, its odometry, its pose. All of it is latched.
 
 ``python -m tests.support.once_told_robot`` prints where it listens, and ends with its standard input.
 """

@@ -1,4 +1,4 @@
-"""The simulated robot as a program of its own, and a plain rosbridge client to talk to it without roslibpy."""
+"""The simulated robot as a separate program, and a plain rosbridge client to talk to it without roslibpy."""
 
 import contextlib
 import itertools

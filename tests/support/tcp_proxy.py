@@ -1,4 +1,4 @@
-"""A TCP proxy in a process of its own that does to a connection what networks do: delay, slowness, silence, cuts.
+"""A TCP proxy in a separate process that does to a connection what networks do: delay, slowness, silence, cuts.
 
 ``TcpProxy(port)`` in a test; ``python -m tests.support.tcp_proxy PORT`` is what runs. It takes one JSON object a line
 on standard input, such as ``{"delay_s": 0.3}``, and answers ``ok``.

@@ -1,4 +1,4 @@
-"""A window in a process of its own that does what the lines on stdin say; for tests that press its keys or kill it."""
+"""A window in a separate process that does what the lines on stdin say; for tests that press its keys or kill it."""
 
 import json
 import sys

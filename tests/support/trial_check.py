@@ -1,8 +1,7 @@
-"""Looks over a window in the trial language for texts that do not bear its marks: brackets and accents.
+"""Check of a window in the trial language for texts without its marks: brackets and accents.
 
-What widgets say of themselves is gone through by their properties, and what they paint by themselves is taken from a
-drawing of them. Told is where it belongs: the file below ``caris_desktop`` in which the widget, or what holds it, is
-made.
+Texts of widgets are read from their properties, and painted texts from a drawing of the widget. The report names the
+file below ``caris_desktop`` in which the widget, or its container, is made.
 """
 
 import ast

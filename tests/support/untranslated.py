@@ -1,4 +1,4 @@
-"""Texts in the window's source that nobody could translate: what people read, and does not go through ``tr``.
+"""Untranslatable texts in the window's source: what people read, and does not go through ``tr``.
 
 ``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated
 ui/text_formatting.py`` shows those of the files whose path begins so, and with ``--write`` the list of what is left

@@ -1,7 +1,7 @@
-"""Looks over a window as a critical eye would: text that is cut off, and text that lies on other text.
+"""Check of a window for text that is cut off, and for text that lies on other text.
 
-What widgets say of themselves tells of labels and buttons; what they paint, also those that paint by themselves, is
-taken from a drawing of the window that keeps text as text.
+Texts of labels and buttons are read from their properties. Painted texts, also of self-painting widgets, are taken from
+a drawing of the window that preserves text as text.
 """
 
 import re

@@ -1,6 +1,6 @@
 """Web page of the robot's face for phones and tablets, updated over a websocket.
 
-It runs in a process of its own, since strangers can reach it if the scenario opens it to a network.
+It runs in a separate process, since strangers can reach it if the scenario opens it to a network.
 """
 
 import asyncio
@@ -65,7 +65,7 @@ def run_face_page(connection: Connection, network: bool) -> None:
 
 async def _serve_what_comes(connection: Connection, network: bool) -> None:
     def send(message: PageOpened | PageFailed | PagesOpen) -> None:
-        with contextlib.suppress(OSError):  # the console is gone, which ends this, too
+        with contextlib.suppress(OSError):  # the console has ended, which ends this process too
             connection.send(message)
 
     page = FacePage(lambda pages: send(PagesOpen(pages)))

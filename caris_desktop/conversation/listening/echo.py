@@ -33,14 +33,14 @@ _SHORT_HOLE_NS = 1_000_000_000
 _KEPT = 6 * RATE_HZ
 _HINDSIGHT = 30 * RATE_HZ
 _EARLY = 256
-"""The moment that is told of a sound may be late by so many samples: 16 ms."""
+"""Samples by which the reported time of a sound may be late: 16 ms."""
 _USUALLY_LATEST, _LATEST = 9_600, 48_000
-"""A robot that is sent its sound may play it so many samples later: 0.6 s, on a busy machine 3 s."""
+"""Samples by which a robot may play sound late after receiving it: 0.6 s, on a busy machine 3 s."""
 _WELL_PLACED = range(1_600)
-"""Where in the room filter the robot may begin to be heard."""
+"""Room filter positions at which robot sound may start."""
 _MEASURED_AFTER_FRAMES = (10, 16, 24, 34, 46, 60)
 _AHEAD = 3_200
-"""And so many samples earlier than it was told: 0.2 s."""
+"""Samples by which it may be early: 0.2 s."""
 _SURE_PEAK = 16.0
 """Before the robot is heard peaks of chance go up to 15; its own are 20 and more."""
 _SURE_PEAK_ELSEWHERE = 20.0
@@ -53,13 +53,13 @@ _NEW_PLACE = 40
 """The same place is found again within so many samples."""
 _HEARD_AGAIN = 0.3
 _LEARNT_ANEW, _LEARNT_ANEW_FROM = 2, 48 * HOP
-"""So often, and from so little before, the room is learnt anew where the robot was found but is not explained."""
+"""Times, and samples back, that the room is relearned where the robot was found but is not explained."""
 _EXPLAINED, _EXPLAINED_FRAMES = 0.5, 8
 """Where the robot speaks alone it explains more of what is heard than this."""
 _RESOUNDS_FRAMES = 16
-"""For so long a room goes on after what the room filter holds: 0.26 s."""
+"""Frames for which a room resounds beyond the room filter: 0.26 s."""
 _CATCHES_UP_EVERY = 8 * HOP
-"""Who speaks through the robot is played in pieces of some milliseconds, each of which may be told late."""
+"""Push-to-talk sound is played in pieces of some milliseconds, each of which may be reported late."""
 _PIECE, _LEAD = 24_000, 8_000
 """1.5 s; what was played 0.5 s before still resounds in it."""
 _BANDS = np.unique(np.geomspace(5, 225, 25).astype(int))
@@ -68,7 +68,7 @@ _GOES_ON, _LOUDER = 0.58, 4.0
 _BREATH_NS = 150_000_000
 """Between two words of one sentence."""
 _SAME_ROOM_FOR = RATE_HZ // 2
-"""After so short a silence it still stands where it stood; samples."""
+"""Longest silence after which the robot has not moved; samples."""
 _USUAL_LOUDNESS = 1.0
 _MARGIN = 4.0
 """Who expects too little of the robot takes it for somebody else."""
@@ -102,7 +102,7 @@ class EchoCanceller:
         self._loudness = _USUAL_LOUDNESS
         """As energy, of the robot at the microphone over what is played."""
         self._late = -_EARLY
-        """How much later than told the robot is heard, but for what the room filter itself covers; samples."""
+        """Delay from reported to heard robot sound, without what the room filter covers; samples."""
         self._resampler: Resampler | None = None
         self._rate_hz = 0
         # Sample positions count from ``_base_ns``.
@@ -121,7 +121,7 @@ class EchoCanceller:
         self._may_sound_from: int | None = None
         """The first frame in which what was played may be heard, however late; None while nothing may."""
         self._found: int | None = None
-        """How much later than told the robot was found in the sound since then; samples."""
+        """Delay from reported to found robot sound since then; samples."""
         self._looked_at = -_HINDSIGHT
         self._learns_anew = 0
         self._lost: list[tuple[int, int]] = []
@@ -449,8 +449,8 @@ class EchoCanceller:
 
 @dataclass(frozen=True, slots=True)
 class RobotHeard:
-    """``late_s`` later than told it is heard; ``beyond`` is how much of the energy its loudness in time and pitch does
-    not explain, also where it was not learnt how the room changes it: 0 is nothing but the robot.
+    """Robot sound in a turn. ``late_s``: delay from its reported time. ``beyond``: share of the energy that its
+    loudness in time and pitch does not explain, even before the room is learnt; 0 is the robot alone.
     """
 
     late_s: float
@@ -458,14 +458,14 @@ class RobotHeard:
 
 
 def _spectral_energies(sound: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Energies, shape (frames, bands): as finely as an ear tells tones apart."""
+    """Energies, shape (frames, bands), at the pitch resolution of an ear."""
     frames = np.lib.stride_tricks.sliding_window_view(sound, FRAME // 2)[::HOP]
     energies = np.abs(np.fft.rfft(frames * np.hanning(FRAME // 2).astype(np.float32))) ** 2
     return np.add.reduceat(energies, _BANDS, axis=1).astype(np.float32)
 
 
 def _resounding(energies: NDArray[np.float32]) -> NDArray[np.float32]:
-    """As a usual room goes on with them."""
+    """Add the decay of a usual room."""
     sounding = energies.copy()
     for at in range(1, len(sounding)):
         sounding[at] += _GOES_ON * sounding[at - 1]

@@ -68,7 +68,7 @@ class HeardTurn:
         self.revision = 0
         self.over = False
         self.told = False
-        """Whether anybody was told of it: not while it may be the robot's own voice."""
+        """Whether it was reported: not while it may be the robot's own voice."""
         self.told_began_ns = 0
         self.robots_words = 0
         """So many of its first words are the robot's, whose sentence somebody took up at once."""

@@ -74,7 +74,7 @@ class _Recogniser:
         self._away = ""
 
     def run(self) -> None:
-        """Run until the console is gone."""
+        """Run until the console ends."""
         self._words.start()
         no_text = QT_TR_NOOP("Speech is not transcribed.")
         try:

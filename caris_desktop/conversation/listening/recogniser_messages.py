@@ -1,4 +1,4 @@
-"""Messages between the console and the recogniser process, besides values of the stream table.
+"""Messages between console and recogniser process, in addition to values of the stream table.
 
 The console sends AudioChunk, PlayedSound, PlayedSoundEnded and the robot's UtteranceChanged as they are; the process
 answers with Hearing, UtteranceChanged and Problem.

@@ -39,12 +39,13 @@ _SECONDS_A_LETTER = 0.07
 _LEAST_ALIKE = 0.6
 _STARTS_AFTER_NS = 300_000_000
 _RINGS_NS, _RINGS_ABOUT_NS = 600_000_000, 2_500_000_000
+"""How long after its end the robot's last word may be recognised: for a reported end, and for an estimated one."""
 _WHOLE_LATE_S, _PART_LATE_S, _EARLY_S = 4.0, 1.5, 1.5
-"""So much later than told the robot may be heard on a busy machine: a whole sentence, and some words of one. And
-earlier, where it is told late."""
+"""Longest delay from reported to heard robot speech on a busy machine: a whole sentence, some words. Last: how early,
+if reported late."""
 _WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
 _TOLD_LATE_S, _TOLD_LATE_ALIKE = 3.0, 0.72
-"""So long after the end of its sentence a robot that speaks unasked may tell of it."""
+"""How late after its end a robot may report an unprompted sentence."""
 _SOUNDS_ALIKE, _SOUNDS_ALIKE_COUNT = 0.45, 0.6
 """Of consonants in order: 288 pairs of other sentences have 0.2 in common, 0.41 at most. So much counts as enough."""
 _SOUNDS_WITHIN_NS, _LEAST_SOUNDS = 700_000_000, 6
@@ -54,12 +55,11 @@ _BREATH_NS = 150_000_000
 """Between two words of one sentence."""
 _LATE_BY_SHARE = 0.3
 """Where the canceller found less of the robot than this, some words of its sentence are somebody else's."""
-"""So long after its end the robot's last word may be made out: where the end is told, and where it is reckoned."""
 _BEGINNING_IS_ROBOTS, _ALL_OF_IT, _NEAR_ITS_END = 0.8, 0.95, 0.7
 _GAP = re.compile(r"\{[^}]*\}")
 _WORD = re.compile(r"[^\W_]+(?:['’][^\W_]+)*")
 _NAME = "{"
-"""Stands where a name is said, which is in no record: it may be any word."""
+"""Placeholder for a spoken name: not recorded, so it may be any word."""
 _NUMBERS = dict(
     zip(
         map(str, range(13)),
@@ -97,7 +97,7 @@ class RobotSpeechFilter:
     def __init__(self) -> None:
         self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
         self._late_s = 0.0
-        """How much later than told it was heard last."""
+        """Last delay from reported to heard."""
         self._heard_until_ns = 0
         """When the robot was heard last; 0 where it never was."""
 

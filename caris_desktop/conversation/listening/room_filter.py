@@ -20,7 +20,7 @@ BINS = FRAME // 2 + 1
 _WINDOW = np.sqrt(np.hanning(FRAME + 1)[:FRAME]).astype(np.float32)
 _SYNTHESIS = (_WINDOW / (_WINDOW**2).reshape(-1, HOP).sum(axis=0)[0]).astype(np.float32)
 _EXPECTED = np.exp(-np.maximum(np.arange(TAPS) - 2.0, 0.0) / 3.75)
-"""How the energy of an echo is spread over the frames, as far as is known of any room: two thirds gone in 60 ms."""
+"""Decay of an echo's energy over the frames, assumed for any room: by two thirds in 60 ms."""
 _EXPECTED /= _EXPECTED.sum()
 _KEPT = 0.5
 """Of what was learnt of a room, while it may be another."""

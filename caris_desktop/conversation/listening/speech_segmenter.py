@@ -34,9 +34,9 @@ _LONGEST_HOLE_NS = 12_000_000_000
 _SETTLED_NS = 500_000_000
 """After so long a silence the words before it are not going to be others."""
 _ROBOT_RINGS_NS = 200_000_000
-"""For so long a room repeats what the robot has said; until then its words tell whose voice it is."""
+"""How long a room repeats what the robot has said; until then its words show whose voice it is."""
 _LOOKED_BACK_TURNS = 4
-"""A sentence of the robot with pauses in it may have been told as so many turns."""
+"""Number of turns as which a robot sentence with pauses may be reported."""
 _ONLY_ROBOT = 0.9
 _ROBOTS_WORDS = 0.6
 _NOTHING_BEYOND = 0.1

@@ -9,7 +9,7 @@ _FRAME = RATE_HZ // 100
 _ABOVE_NOISE, _BELOW_TOP = 3.0, 0.02
 """A voice is 10 dB above the noise around it, and not 34 dB below its loudest moment: that is the room's echo."""
 _TOLD_APART = 2.0
-"""Where the loudest is hardly above that, nothing tells voice and noise apart."""
+"""If the loudest is hardly above that, voice and noise are indistinguishable."""
 _CLOSED_FRAMES = 15
 """A plosive, or the breath between two words, ends no voice."""
 _CLICK_FRAMES = 3

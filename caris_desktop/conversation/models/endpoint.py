@@ -17,7 +17,7 @@ OPENAI_URL = "https://api.openai.com/v1"
 GEMINI_URL = "https://generativelanguage.googleapis.com"
 OLLAMA_URL = "http://127.0.0.1:11434"
 EMBEDDED_KEY = "CARIS_EMBEDDED_MODEL_KEY"
-"""Where the console puts the key of its own embedded server, for this run."""
+"""Environment variable with the embedded server's key, for this run."""
 KEYED_BY = {"openai": ("OPENAI_API_KEY",), "gemini": ("GEMINI_API_KEY", "GOOGLE_API_KEY")}
 """The environment variables that hold a provider's key, the first that is set counts."""
 

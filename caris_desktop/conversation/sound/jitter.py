@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 _AHEAD_S = 0.08
 _QUIET = 400
-"""Below this nobody says anything, of 32768."""
+"""Level below which nobody speaks, of 32768."""
 
 
 class JitterBuffer:

@@ -56,7 +56,7 @@ class _Playback:
 
     def run(self) -> None:
         with contextlib.suppress(OSError, ImportError):
-            import sounddevice  # noqa: F401 - it takes a while, and whoever speaks does not wait for it
+            import sounddevice  # noqa: F401 - the import is slow, and speech must not wait for it
 
         try:
             while self._take_commands():

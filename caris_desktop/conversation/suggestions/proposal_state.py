@@ -58,7 +58,7 @@ class Proposals:
         )
 
     def answered(self, proposal_id: str, now_ns: int, *, readable: bool = True) -> Card | None:
-        """Proposal that a key refers to; None if it is another one or gone. ``readable``: only after ``from_ns``."""
+        """Proposal that a key refers to; None if it is not current. ``readable``: only after ``from_ns``."""
         self.pass_time(now_ns)
         card = self.card
         if card is None or card.proposal_id != proposal_id or (readable and now_ns < card.from_ns):

@@ -24,7 +24,7 @@ TO_READ_NS = 300_000_000
 EXPIRES_NS = 60_000_000_000
 _SENTENCES_KEPT = 100
 _MISSED_NS = 1_000_000_000
-"""A countdown whose end nobody saw, as the program stood still, has no effect."""
+"""A countdown that ended unseen while the program was blocked has no effect."""
 
 
 @dataclass(frozen=True, slots=True)

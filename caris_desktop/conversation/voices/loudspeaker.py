@@ -12,7 +12,7 @@ from caris_desktop.conversation.voices.utterance_sound import StreamingBuffer
 # aborting drops its buffer, so that this delays neither start nor stop.
 _LATENCY_S = 0.12
 _BLOCK_FRAMES = 512
-# An idle sink may first play two seconds of its own silence.
+# An idle sink may first play two seconds of silence.
 _STALL_S = 4.0
 _HEARTBEAT_S = 0.5
 # At its start a device requests its full buffer, possibly more than is ready by then.

@@ -71,7 +71,7 @@ class CrashRecoveryService(Service):
         self._resumed: TrialResumed | None = None
         self._confirmed: list[ConfirmedAsBefore] = []
         self.step = ""
-        """The step of the protocol in which the next recording goes on; empty where none broke off in one."""
+        """Protocol step in which the next recording resumes; empty if no recording broke off in a step."""
         self._kept: UnfinishedTrial | None = None
         self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
         self._soon.timeout.connect(self._persist)

@@ -86,7 +86,7 @@ _PANELS_STAND_NS = 600_000_000
 _LOOK_COUNTS_NS = 5_000_000_000
 """Age up to which a detection predicts the duration of the next one."""
 _HEARD_WITHIN_NS = 5_000_000_000
-"""Longer than any pause within a turn. Older audio is irrelevant: the recogniser may be gone."""
+"""Longer than any pause in a turn. Older audio is irrelevant: the recogniser may have ended."""
 
 
 class _Measure:

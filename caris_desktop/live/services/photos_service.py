@@ -189,7 +189,7 @@ class PhotosService(Service):
         self._show()
 
     def _update(self, file_name: str, **changes: Any) -> None:
-        """Update an entry in its current state: it may have changed or be gone."""
+        """Update the current entry, which may have changed or been removed."""
         kept = self._kept.get(file_name)
         if kept is not None:
             self._persist(replace(kept, entry=replace(kept.entry, **changes)))

@@ -181,8 +181,7 @@ class RecordingService(Service):
             return  # the recorder failed too often meanwhile
         self._folder = folder
         permissions, recording = self._scenario.permissions, self._scenario.recording
-        # No video before: frames would be gone from the ring. If the session was ended meanwhile, it has what came
-        # until then.
+        # No video before: frames would have left the ring. A session that ended meanwhile has what came until then.
         self._video = permissions.video_recording and self._state.recording.value.state == "starting"
         self._state.recording.set(replace(self._state.recording.value, folder=folder))
         self._feed.begin(

@@ -244,7 +244,7 @@ class RobotService(Service):
                     self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="connected")
                 await asyncio.sleep(_SETTLE_AGAIN_S)
             except Exception:
-                # Nobody awaits this task, so its failure would go unnoticed.
+                # Nothing awaits this task, so its failure would go unnoticed.
                 _log.exception("the robot's ROS version could not be asked for")
                 return
             else:
@@ -286,7 +286,7 @@ class RobotService(Service):
         address = self._connection.address if self._connection is not None else ""
         goal = self._state.goal.value
         if name == "control" and goal is not None and goal.state in ("requested", "active"):
-            # Nobody else reports its end.
+            # Nothing else reports its end.
             why = QT_TR_NOOP("the connection process stopped; the goal is cancelled when the connection is back")
             self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=why, actor=CONSOLE))
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the connection process stopped")))

@@ -20,7 +20,7 @@ from caris_desktop.perception.weights import Weights
 log = logging.getLogger(__name__)
 
 UNDECODED = "caris_undecoded"
-"""Metadata of what this program exported itself: true where boxes are to be decoded by whoever runs it."""
+"""Metadata of models exported by this program: true if the caller has to decode the boxes."""
 _NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
 
 

@@ -43,7 +43,7 @@ def export_onnx(weights: Weights, target: Path, *, threads: int) -> None:
         replace_file(target.with_name(f"{target.name}.sha256"), checksum.encode(), durable=False)
     except ModelExportError:
         raise
-    except Exception as error:  # torch raises types of its own for failed exports
+    except Exception as error:  # torch raises its own types for failed exports
         raise ModelExportError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
 

@@ -177,7 +177,7 @@ def decode(raw: NDArray[np.float32], size: tuple[int, int], confidence: float) -
 
     Returns
     -------
-    Shape (1, 4 + classes, kept places): centre x and y, width and height in pixels of the input, class probabilities.
+    Shape (1, 4 + classes, selected places): centre x and y, width and height in input pixels, class probabilities.
     """
     floor = min(max(confidence, 1e-6), 0.5)
     class_logits = raw[0, 4 * BINS :]

@@ -29,7 +29,7 @@ MOST_CLIENTS = 16
 _LONGEST_HEAD_BYTES = 16_384
 _LONGEST_BODY_BYTES = 65_536
 _REQUEST_WITHIN_S = 5.0
-# A client that accepts nothing for this long is gone.
+# A client that accepts nothing for this long counts as lost.
 _STALLED_S = 10.0
 # What the system buffers for a slow client is shown late there.
 _SEND_BUFFER_BYTES = 131_072
@@ -125,7 +125,7 @@ class CameraServer:
 
     def _refusal(self, request: _Request) -> _Answer | None:
         if not self._token:
-            # A web page in a local browser must not reach us under a name of its own (DNS rebinding).
+            # A web page in a local browser must not reach us under its own name (DNS rebinding).
             known = is_own_host([request.head.get("host", "")], only_loopback=True)
             return None if known else _Answer(403, b"Without a token, only this computer has access.")
         if hmac.compare_digest(_given_token(request.head.get("authorization", "")), self._token.encode()):

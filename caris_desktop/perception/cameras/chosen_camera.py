@@ -33,7 +33,7 @@ class ChosenCamera:
     """``target`` locates the camera for its kind. ``name`` is safe for file names and never contains a password.
 
     ``token_env`` names the environment variable with the camera's token, so that no file has to contain it. ``sound``:
-    use its microphone, over WebRTC. ``certificate_sha256``: the only certificate accepted, whoever signed it.
+    use its microphone, over WebRTC. ``certificate_sha256``: the only certificate accepted, with any issuer.
     """
 
     kind: Kind

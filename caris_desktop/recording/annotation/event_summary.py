@@ -50,7 +50,7 @@ EVENTS_IN_WORDS = (
     QT_TR_NOOP("Practice step ended"),
     QT_TR_NOOP("Practice ended"),
 )
-"""What ``type_in_words`` says of events whose tier has no other name, for whoever translates the timeline."""
+"""Texts of ``type_in_words`` for events whose tier has no other name, for translators of the timeline."""
 
 
 def summary_of(value: Any) -> str:

@@ -542,7 +542,7 @@ def _lanes(
     for stretch in sorted(stretches, key=_start_ns):
         value = plain_text(stretch.value)[:LONGEST_VALUE]
         if value == stretch.value:
-            value = stretch.value  # translatable text and values kept apart
+            value = stretch.value  # translatable: text and values are separate
         start_ms = min(max((stretch.start_ns - started_ns) // 1_000_000, 0), duration_ms - 1)
         moment = stretch.end_ns is None or stretch.end_ns <= stretch.start_ns
         end_ms = start_ms if moment else min(((stretch.end_ns or 0) - started_ns) // 1_000_000, duration_ms)

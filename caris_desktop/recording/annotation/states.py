@@ -20,7 +20,7 @@ STATES_IN_WORDS = (
     QT_TR_NOOP("robot"), QT_TR_NOOP("console"), QT_TR_NOOP("model"), QT_TR_NOOP("script"),
     QT_TR_NOOP("present"), QT_TR_NOOP("paused"), QT_TR_NOOP("unspecified"),
 )  # fmt: skip
-"""Every word that stands on a tier for a state, for whoever translates the timeline."""
+"""All words for states on a tier, for translators of the timeline."""
 
 
 def state(word: str) -> str:

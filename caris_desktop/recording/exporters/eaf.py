@@ -217,7 +217,7 @@ def _unique(wanted: dict[str, str]) -> dict[str, str]:
 
 
 def _annotation_ids(document: AnnotationDocument) -> dict[str, str]:
-    """Our ids where ELAN accepts them, else ids of its own form."""
+    """Our ids where ELAN accepts them, else ids in its form."""
     own = {item.annotation_id for item in document.annotations}
     fresh = (f"a{number}" for number in range(1, 2 * len(own) + 2) if f"a{number}" not in own)
     return {

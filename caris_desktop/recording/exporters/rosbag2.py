@@ -54,7 +54,7 @@ _JPEG_QUALITY = 90
 _PLAIN = Dialect.ROS2  # dialect of the plain messages here; bag_messages.typed maps ROS 1 spellings
 _KEPT_ODOMETRY, _WAITING_POSES = 100, 50
 _PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
-# Fully covered by a standard message; everything else is also written as JSON of its own schema.
+# Fully covered by a standard message; everything else is also written as JSON with its own schema.
 _WHOLE = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef)
 
 

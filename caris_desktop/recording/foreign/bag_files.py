@@ -523,7 +523,7 @@ def _metadata(path: Path) -> dict[str, Any] | None:
         told = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data
         information = told["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
-            raise TypeError("no description of a bag")  # noqa: TRY301 - told with the others
+            raise TypeError("no description of a bag")  # noqa: TRY301 - reported with the others
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -447,7 +447,7 @@ class _SessionWriter:
         except OSError:
             raise
         except Exception as error:
-            # PyAV raises errors of its own types; other cameras continue.
+            # PyAV raises its own error types; other cameras continue.
             _log.warning("video of %s", camera, exc_info=True)
             self.without_video[camera] = str(error)
             if camera in self._videos:

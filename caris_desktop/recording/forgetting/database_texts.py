@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from caris_desktop.recording.forgetting.text_erasure import TextWork
 
 Rewrite = Callable[[str, str], str]
-"""Is given whose a text is and the text, and gives the text that is to be kept."""
+"""Receives the owner of a text and the text; returns the text to store."""
 
 
 class DatabaseTexts:

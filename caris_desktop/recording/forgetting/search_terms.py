@@ -14,7 +14,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.value_class import dataclass
 
 FORGOTTEN, FORGOTTEN_IN_YAML = "[forgotten]", "(forgotten)"
-"""What stands where a name was. In YAML a bracket at the beginning of a value means something."""
+"""Replacements for a name. In YAML, a bracket at the start of a value has a meaning."""
 _LEAST_PART = 3
 # Names this long are matched inside longer words too, such as file names; shorter ones are often part of other words.
 _DISTINCT = 8

@@ -144,8 +144,8 @@ def forget_person(
     Raises
     ------
     ErasureStoppedError
-        If it cannot begin or go on: something is being recorded, the disk is full, a file cannot be read. The same
-        request goes on then.
+        If it cannot start or continue: a recording is running, the disk is full, a file cannot be read. The same
+        request resumes it.
     """
     with _explained(request.study):
         recorded = next((folder for folder in files_of(request.study).sessions if is_held(folder)), None)

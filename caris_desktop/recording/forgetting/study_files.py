@@ -29,7 +29,7 @@ _SQLITE_MAGIC, _SQLITE_HEAD_BYTES = b"SQLite format 3\x00", 100
 PEOPLE_APPLICATION_ID = 0x43615065
 """By which SQLite files of a study's people are known."""
 PEOPLE_FILES = ("people.sqlite", "people.sqlite-wal", "people.sqlite-shm", "people.sqlite-journal")
-"""The study's own, which erases by itself."""
+"""The study's database, erased separately."""
 _TAR = ".tar"
 _OF_EXPORT = "export-"
 

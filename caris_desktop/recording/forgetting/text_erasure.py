@@ -18,7 +18,7 @@ from caris_desktop.recording.session import mcap_records as records
 from caris_desktop.recording.session.mcap_repair import copy_changed
 
 Decision = Literal["redact", "keep", "remove", ""]
-"""What is to become of a place; ``remove`` is for whole files. Empty: nobody has decided."""
+"""Decision about a place; ``remove`` is for whole files. Empty: undecided."""
 _AROUND = 48
 _STAMP = re.compile(r'"stamp_ns":\s*(-?\d+)')
 _UTTERANCE = re.compile(r'"utterance_id":\s*"((?:[^"\\]|\\.)*)"')
@@ -32,12 +32,12 @@ _AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-b
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """Possible mention of the person: the name as written, with the text before and behind it.
+    """Possible mention of the person: the name as written, with the text around it.
 
     Places with the same text in one file are merged, with their ``count``. ``where`` is a line, or a session time.
-    ``kind`` limits the decisions: texts can be redacted, other files only removed or kept. ``unexamined`` files may
-    show or contain the person, which only a human can decide. ``speech`` was said by an unknown speaker during their
-    presence.
+    ``kind`` limits the decisions: texts can be redacted, other files only removed or left as is. ``unexamined`` files
+    may show or contain the person, which only a human can decide. ``speech`` was said by an unknown speaker during
+    their presence.
     """
 
     key: str
@@ -95,7 +95,7 @@ class TextWork:
         return sorted(found)
 
     def note_file(self, file: str, words: str, *, count: int = 1) -> Decision:
-        """Note a file with the person in it that can only be removed or kept."""
+        """Note a file with the person that can only be removed or left as is."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
 
     def note_unexamined(self, file: str, why: str) -> Decision:

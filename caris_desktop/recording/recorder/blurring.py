@@ -24,7 +24,7 @@ Corners = tuple[float, float, float, float]
 GAP_AT_MOST_NS = 350_000_000
 """Looks further apart than this say nothing of the frames between them."""
 AHEAD_NS = 300_000_000
-"""How much later than a frame the newest look has to be: somebody new is told of with the second look."""
+"""Minimum time from a frame to the newest detection: new people are reported with the second one."""
 HOLD_NS = 600_000_000
 """How long somebody whom a look misses stays covered."""
 NEAR_NS = HOLD_NS + GAP_AT_MOST_NS

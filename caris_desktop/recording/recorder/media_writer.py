@@ -324,7 +324,7 @@ class _CameraThread:
         try:
             self._video_for(image_bgr).write(image_bgr, ref)
         except Exception as error:
-            # PyAV raises errors of its own types; none may end the thread.
+            # PyAV raises its own error types; none may end the thread.
             _log.exception("video of camera %s", self._camera)
             video, lost = self._video, 1
             if video is not None:

@@ -1,6 +1,6 @@
 """Messages between the console and the recorder process.
 
-Besides these, the console sends every value of the stream table, and the recorder returns the events that it creates:
+The console also sends every value of the stream table, and the recorder returns the events that it creates:
 ``SessionStarted``, ``SessionEnded``, ``RecordingPaused``, ``PhotoTaken``, ``Gap`` and ``Problem``. Those are recorded
 already; they are for the panels and must not be sent back.
 

@@ -313,7 +313,7 @@ class _Recorder:
         try:
             self._connection.send(message)
         except OSError:
-            # The console is gone, but the session must still be closed properly.
+            # The console has ended, but the session must still be closed properly.
             if not self._console_gone:
                 _log.warning("the console no longer listens")
             self._console_gone = True

@@ -130,7 +130,7 @@ class Encoders:
         psutil.cpu_percent(None)
 
     def probe(self) -> None:
-        """Try the hardware encoders. Runs in a thread of its own, as drivers may be slow."""
+        """Try the hardware encoders. Runs in a separate thread, as drivers may be slow."""
         try:
             # The first that works: the table is in order of preference.
             self._usable = next(((encoder,) for encoder in self._candidates if works(encoder)), ())

@@ -227,7 +227,7 @@ class _Video:
         try:
             return self._decoded(number, nearest_key=nearest_key)
         except Exception as error:
-            # PyAV raises errors of its own types, and a damaged file any of them.
+            # PyAV raises its own error types, and a damaged file may raise any of them.
             _log.warning("%s cannot be read at frame %d: %s", self.path, number, error)
             self._at, self._frames = None, iter(())
             return None

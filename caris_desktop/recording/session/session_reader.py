@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T")
 _EVENTS = "events.mcap"
 RECOVERED = "recovered"
-"""The reason of an end that nobody chose: the record stops where something broke."""
+"""Reason of an unintended end: the record stops where something broke."""
 
 
 def _as_it_is(content: T) -> T:
@@ -152,7 +152,7 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
         name = spec.name if spec is not None else topic
         try:
             if spec is None:
-                raise ValueError("not a stream of this program")  # noqa: TRY301 - told below, once a stream
+                raise ValueError("not a stream of this program")  # noqa: TRY301 - reported below, once a stream
             return spec, from_message(spec, json.loads(data))
         except (ValueError, RecursionError) as error:
             if name not in unusable:

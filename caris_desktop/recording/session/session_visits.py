@@ -33,14 +33,14 @@ VisitEvent = (
 VISIT_EVENTS: tuple[type[VisitEvent], ...] = get_args(VisitEvent)
 VISIT_STREAMS = tuple(BY_TYPE[kind].name for kind in VISIT_EVENTS)
 TOGETHER_NS = 2_000_000_000
-"""Somebody whom the tracker loses and finds again stands there twice for a moment, under two identities."""
+"""A person whom the tracker loses and finds again is briefly present twice, under two identities."""
 
 
 @dataclass(frozen=True, slots=True)
 class Visit:
     """Visit of an identity. ``number`` is that of "Person 3" on screen, 0 if not recorded.
 
-    A person lost and found again may have several identities. ``end_ns`` is when the person counted as gone, some
+    A person lost and found again may have several identities. ``end_ns``: when the person counted as absent, some
     seconds after ``last_seen_ns``, which is None if not recorded, or if a pause or the end of the recording came first.
     """
 

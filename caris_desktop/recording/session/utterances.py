@@ -20,10 +20,10 @@ from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
 
 HEARD_FROM_NS = 200_000_000
-"""A syllable. Of what was cut short before nobody heard a word."""
+"""A syllable: of speech cut short earlier, nobody heard a word."""
 UtteranceEvent = UtteranceChanged | UtteranceCorrected
 UTTERANCE_STREAMS = ("event/utterance_changed", "event/utterance_corrected")
-"""What tells of utterances."""
+"""Streams with utterances."""
 _ALL_ALONG, _ALONE = 0.8, 0.78
 """Who was alone there for that share of an utterance is taken for its speaker. They are so with a likelihood of 0.78,
 as the console reckons of somebody whose distance and gaze it does not know: somebody may speak whom no camera sees."""

@@ -78,7 +78,7 @@ _OTHER_VIEWS = {
     "labels": "labels", "codes": "codes", "models": "models", "gaps": "gaps_by_means", "steps": "steps",
     "alarms": "alarm_causes",
 }  # fmt: skip
-"""The file of each view that has one, besides measures and summary."""
+"""The file of each view that has one, except measures and summary."""
 
 _UNITS = {
     **{figure.name: (figure.unit, figure.description) for figure in MEASURES},

@@ -33,7 +33,7 @@ DATABASE_NAME = "session-index.sqlite"
 _APPLICATION_ID = 0x43415249
 _SCHEMA_VERSION = 4
 _QUOTED_FROM = 12
-"""Characters: a shorter sentence in the midst of a line may be somebody else's words."""
+"""Characters: a shorter sentence within a line may be somebody else's words."""
 _BUSY_MS = 2000
 _SNIPPET_CHARACTERS = 160
 _MAX_WORDS = 40

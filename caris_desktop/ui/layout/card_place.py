@@ -34,7 +34,7 @@ def card_place(
     rooms = {group.current: _below_title(group) for group in groups}
     tries = [(name, 1.0 if name == "face" else _SHARE) for name in _GIVES_WAY]
     if "video" in rooms and rooms["video"].width >= _WIDE_PX:
-        tries.append(("video", 1.0))  # beside its centre
+        tries.append(("video", 1.0))  # next to its centre
     for name, share in [*tries, *((name, _SHARE) for name in _LAST)]:
         room = rooms.get(name)
         if room is None:

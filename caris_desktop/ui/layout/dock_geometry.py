@@ -191,7 +191,7 @@ def grown(
 
 @dataclass(frozen=True, slots=True)
 class Drop:
-    """Drop target: beside or in the tabs of ``beside``, or, without it, at an outer edge."""
+    """Drop target: next to or in the tabs of ``beside``; without it, at an outer edge."""
 
     beside: PanelName | None
     side: Side

@@ -107,7 +107,7 @@ def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Sid
         if rest is None:
             return arrangement
         return replace(loose, tree=place_next_to(rest, beside, panel, side, at), hidden=hidden)
-    # Its place in the main window is kept for docking it again.
+    # Its place in the main window is stored for docking it again.
     index = _window_of(loose, beside)
     if index is None:
         return arrangement
@@ -125,7 +125,7 @@ def move_to_edge(arrangement: DockLayout, panel: PanelName, side: Side) -> DockL
 
 
 def float_panel(arrangement: DockLayout, panel: PanelName, place: Rect) -> DockLayout:
-    """Float the panel in a window of its own."""
+    """Float the panel in a separate window."""
     if panel not in arrangement.panels:
         return arrangement
     loose = _out_of_windows(arrangement, panel)
@@ -236,7 +236,7 @@ def arrangement_data(arrangement: DockLayout) -> dict[str, Any]:
 def arrangement_from(data: Any) -> DockLayout:
     """Layout from :func:`arrangement_data`. Raises ValueError for anything else."""
     if not isinstance(data, Mapping):
-        raise ValueError("invalid panel layout")  # noqa: TRY004  (whoever reads settings expects one kind)
+        raise ValueError("invalid panel layout")  # noqa: TRY004  (readers of settings expect one kind)
     tree = _checked(data.get("tree"))
     hidden, windows = data.get("hidden", []), data.get("floating", [])
     if not isinstance(hidden, list) or not set(map(str, hidden)) <= set(panels_in(tree)):

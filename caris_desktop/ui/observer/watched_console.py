@@ -9,7 +9,7 @@ from caris_desktop.scenario.scenario_model import Scenario
 
 
 class WatchedConsole:
-    """Stands in for ``console`` in display-only panels.
+    """Proxy of ``console`` for display-only panels.
 
     ``discreet``: hides names and the language model, so that neither names nor suggestions appear.
     """

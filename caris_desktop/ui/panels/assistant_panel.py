@@ -180,7 +180,7 @@ class AssistantPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # In a low panel the buttons are beside the answer, which must be read before it is said.
+        # In a low panel the buttons are next to the answer, which must be read before it is said.
         low = self.height() < _LOW_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
         self._buttons.setDirection(QBoxLayout.Direction.TopToBottom if low else QBoxLayout.Direction.LeftToRight)

@@ -142,7 +142,7 @@ class DrivePanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Low and wide: text and speed beside the arrows instead of above and below.
+        # Low and wide: text and speed next to the arrows instead of above and below.
         beside = self.height() < _LOW_PX and self.width() >= 400
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
         if direction != self._layout.direction():
@@ -312,7 +312,7 @@ class DrivePanel(Panel):
         self._guard.setVisible(drive.guard != "absent")
         self._guard.wants_hold = drive.guard != "overridden"
         if drive.guard == "overridden":
-            # Beside the arrows only the text fits.
+            # Next to the arrows only the text fits.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
             self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
             self._guard.setAccessibleName(tr("Guard is off"))

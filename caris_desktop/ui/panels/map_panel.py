@@ -140,7 +140,7 @@ class MapPanel(Panel):
 
     def _place_confirm(self) -> None:
         size = self._confirm.sizeHint()
-        # The other corner has the scale, with the tools above or beside it.
+        # The other corner has the scale, with the tools above or next to it.
         at = QPoint(self.view.left_px + 8, self.view.height() - size.height() - 8)
         self._confirm.setGeometry(QRect(at, size))
 

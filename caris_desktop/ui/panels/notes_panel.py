@@ -42,7 +42,7 @@ _NOTE_ROLE = int(Qt.ItemDataRole.UserRole)
 _TIME_ROLE = _NOTE_ROLE + 1
 _LONGEST = 1000
 _SHARE_OF_STUDY = 0.5
-_AROUND_STUDY_PX = 56  # margins, frame and scroll bar beside the text
+_AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
 _AT_ONCE_UNDONE = 50
@@ -299,7 +299,7 @@ class NotesModel(QAbstractListModel):
         self._notes: tuple[FinalMark, ...] = ()
 
     def show_notes(self, notes: tuple[FinalMark, ...]) -> None:
-        """Update rows in place, so that the selection is kept."""
+        """Update rows in place, so that the selection stays."""
         if notes == self._notes:
             return
         ids = {note.mark_id for note in notes}
@@ -398,7 +398,7 @@ def _of_list(event: QKeyEvent) -> bool:
 
 
 class _NoteDelegate(QStyledItemDelegate):
-    """Time on the left with the edit mark below, wrapped text beside it."""
+    """Time on the left, edit mark below it, wrapped text on the right."""
 
     def __init__(self, theme: Theme, view: QListView) -> None:
         super().__init__(view)

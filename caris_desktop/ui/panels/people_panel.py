@@ -388,7 +388,7 @@ class PeoplePanel(Panel):
             card.show_person(person, self.state.present.now_ns())
 
     def _follow_with_card(self, person_id: str, now_id: str) -> None:
-        """Keep the popup on its person after an identification; close it if the person is gone."""
+        """Keep the popup on its person after identification; close it if the person is missing."""
         card = self._card
         if card is None or card.person_id != person_id:
             return

@@ -401,7 +401,7 @@ class LargePhoto(QWidget):
         column.addLayout(self._body, 1)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """In a low panel, put the text beside the picture."""
+        """In a low panel, put the text next to the photo."""
         super().resizeEvent(event)
         low = self.height() < _LOW_PX and self.width() > self.height()
         self._body.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)

@@ -166,7 +166,7 @@ class VideoPanel(Panel):
         self._place_strip()
 
     def _place_strip(self) -> None:
-        """Place the camera strip beside or below the picture, whichever leaves more room; hide it in a small panel."""
+        """Place the camera strip next to or below the image, whichever leaves more room; hide it in a small panel."""
         place = strip_place(self.size(), len(self.state.cameras.value) - 1, self._aspect)
         below = place.side == "below"
         self._parts.setDirection(QBoxLayout.Direction.TopToBottom if below else QBoxLayout.Direction.LeftToRight)

@@ -1,6 +1,6 @@
 """Person popup: identity, notes, consents and history of one person.
 
-Part of the main window, not a window of its own: driving continues, and Esc still stops the robot.
+Part of the main window, not a separate window: driving continues, and Esc still stops the robot.
 """
 
 from collections.abc import Callable, Sequence

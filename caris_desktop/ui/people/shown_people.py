@@ -12,7 +12,7 @@ from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import text_formatting
 
 Standing = Literal["here", "was", "known"]
-"""Present in front of a camera, gone since the console started, or only known to the study."""
+"""In front of a camera, seen earlier since the console started, or only known to the study."""
 
 ButtonAct = Literal["yes", "no", "same", "name", "not", "card"]
 

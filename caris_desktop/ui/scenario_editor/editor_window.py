@@ -172,7 +172,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.setMinimumSize(*_LEAST_PX)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """In a narrow window the preview becomes a page of its own."""
+        """In a narrow window the preview becomes a separate page."""
         super().resizeEvent(event)
         narrow, is_page = self.width() < _NARROW_PX, self.stack.indexOf(self.preview) >= 0
         self.nav.setFixedWidth(_NARROW_NAV_PX if narrow else _NAV_PX)

@@ -195,7 +195,7 @@ class Saving(QObject):
         notice.say("meanwhile", said, "blue")
 
     def _rebase(self, found: Opened) -> int:
-        """Rebase the edits onto the file's current contents; returns how many were kept. Raises ValueError."""
+        """Rebase the edits onto the file's current contents; returns how many remain. Raises ValueError."""
         kept = self._editor.document.rebase(found.text)
         self._opened = found
         self._editor.editing.emit_changes(reshaped=True)

@@ -22,7 +22,7 @@ _WORDS = {"Return": "Enter", "Del": "Delete", "PgUp": "Page Up", "PgDown": "Page
 
 
 def reference_files() -> dict[Path, str]:
-    """Path and contents of the page; text between its tables is kept."""
+    """Path and contents of the page; text between its tables stays."""
     page = resources_dir() / "guide" / "keys.md"
     return {page: _PLACE.sub(lambda found: found[1] + _table(_TABLES[found[2]]), page.read_text(encoding="utf-8"))}
 

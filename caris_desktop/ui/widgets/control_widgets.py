@@ -52,7 +52,7 @@ _STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warni
 
 
 class _TitledFace(ControlWidget):
-    """Title with the value beside it, or below it in a narrow dock."""
+    """Title with the value next to it, or below in a narrow dock."""
 
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__(theme, control)

@@ -420,7 +420,7 @@ class FrameView(QWidget):
         self._painted.draw(painter, rect.topLeft(), size, ("thing", label), paint)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
-        """Paint a second, light-on-dark outline that stands out on any picture."""
+        """Paint a second, light-on-dark outline that is visible on any image."""
         edge = rect.toRect().adjusted(-4, -4, 4, 4)
         for role, outer in (("on_box", edge.adjusted(-1, -1, 1, 1)), ("video_text", edge)):
             color = self._theme.color(role)

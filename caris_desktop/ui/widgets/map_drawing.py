@@ -57,7 +57,7 @@ class Aim:
 
 @dataclass(slots=True)
 class MapState:
-    """Map state besides the grid.
+    """Map state without the grid.
 
     ``people``: position, label, and whether it is a given name; ``meant``: id of the selected person. ``chips``: lines
     of (text, role) at the upper edge; roles: warning, good, bad, hint. ``mark``: point that a popup asks about.
