@@ -1,7 +1,7 @@
 """Declared files: a frozen dataclass per file format, from which checks, schema and tables follow.
 
-Fields are ``Annotated`` with a :class:`Rule`. They determine the check and its sentences (``declared_check``), values
-and write-back (here), the JSON Schema for editors (``declared_schema``) and the guide's tables (``declared_page``). A
+Fields are ``Annotated`` with a :class:`FieldSpec`. They determine the check and its sentences (``schema_validation``),
+values and write-back (here), the JSON Schema for editors (``schema_json``) and the guide's tables (``schema_docs``). A
 file may contain booleans, whole numbers, numbers, text, one of several words, lists of any or fixed length, groups of
 keys, one of several groups, text or one of several groups, and groups with undeclared keys (messages of a robot).
 

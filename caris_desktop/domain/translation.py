@@ -4,11 +4,11 @@ Qt's ``lupdate`` finds each literal in ``tr("...")``, or in ``QT_TR_NOOP("...")`
 module-level table. A text is one whole sentence or label: variable parts are ``{name}``, filled with ``str.format``
 after translation; a number that selects singular or plural is ``%n``.
 
-A process that speaks English, or a package that does not know its reader, uses ``filled(QT_TR_NOOP("..."),
+A process that speaks English, or a package that does not know its reader, uses ``localized(QT_TR_NOOP("..."),
 name=value)``: the English sentence, with text and values still separate, so that ``tr`` can translate it later. The
 number of singular or plural is in the marker there, as in ``tr``: ``QT_TR_NOOP("%n pictures are lost.", "", 3)``. A
 marked text remains translatable also as a value of another sentence; everything else is data. Files contain the English
-sentence only; ``refilled`` recovers text and values from it.
+sentence only; ``parse_localized`` recovers text and values from it.
 """
 
 import re
@@ -54,7 +54,7 @@ def tr(text: str, meant: str = "", number: int = -1) -> str:
 
 
 def tr_filled(text: str) -> str:
-    """``tr`` for ``Filled`` texts; other texts unchanged. For lists that mix both."""
+    """``tr`` for ``LocalizedText`` texts; other texts unchanged. For lists that mix both."""
     return tr(text) if isinstance(text, LocalizedText) else text
 
 
@@ -73,7 +73,7 @@ class LocalizedText(str):
     """English text of the program, with or without values, which are kept separate for translation.
 
     ``template`` is the text that is looked up, ``values`` replace its ``{names}``: data, inserted as they are. A value
-    that is ``Filled`` is translated too. It is pickled as both, and recorded as plain text.
+    that is ``LocalizedText`` is translated too. It is pickled as both, and recorded as plain text.
     """
 
     template: str

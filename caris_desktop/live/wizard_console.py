@@ -77,7 +77,7 @@ class WizardConsole(Protocol):
 
     def robots(self) -> Sequence[RobotChoice]:
         """Available robots: shipped profiles and the user's own. Reads files, in any thread: call with
-        ``read_aside``.
+        ``run_in_background``.
         """
 
     def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:

@@ -13,7 +13,7 @@ _IN_VIEW_NS = 1_500_000_000
 
 
 class MultiCameraTracks:
-    """Feeds :class:`Together` with all cameras' detections, and applies its results."""
+    """Feeds :class:`CrossCameraMatcher` with all cameras' detections, and applies its results."""
 
     def __init__(self, visits: VisitLog, decisions: Decisions, known: KnownPeople) -> None:
         self._visits = visits

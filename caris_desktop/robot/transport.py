@@ -11,7 +11,7 @@ and what holds here instead:
    once. Only standing things survive: what is subscribed or advertised is established again in the moment of
    reconnection, in the order in which it was asked for, and not a second later.
 2. It never pings. Here the peer is pinged, any byte counts as a sign of life, silence is reported as trouble and then
-   ends the connection (``wire.Timings``).
+   ends the connection (``bridge_wire.Timings``).
 3. Its back-off grows to an hour. Here it grows from 0.2 s to 1 s, also when a server keeps closing the connection.
 4. It knows no CBOR, fragments or status. Here subscriptions ask for CBOR where the type can be sent in it, and accept
    either as an answer; when binary messages come but none of them decodes, everything is subscribed again in JSON, and

@@ -32,7 +32,7 @@ _AHEAD, _UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """Person and clothes: rows of ``FIGURES`` and of their clothes."""
+    """Person and clothes: rows of ``CHARACTERS`` and of their clothes."""
 
     person: int
     clothes: int = 0

@@ -48,7 +48,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """A person of ``FIGURES`` enters at the door, stays in front of the robot, turns there, and leaves."""
+    """A person of ``CHARACTERS`` enters at the door, stays in front of the robot, turns there, and leaves."""
 
     person: int
     comes_s: float

@@ -19,7 +19,7 @@ def read_for(
     done: Callable[[T], None],
     failed: Callable[[UserFacingError], None] | None = None,
 ) -> None:
-    """Like :meth:`WizardConsole.read_aside`, but without callback if ``part`` was deleted meanwhile."""
+    """Like :meth:`WizardConsole.run_in_background`, but without callback if ``part`` was deleted meanwhile."""
 
     def deliver(found: T) -> None:
         if shiboken6.isValid(part):

@@ -105,7 +105,7 @@ class DockHost(DockArea):
         self._leave.start()
 
     def leave_gaps(self, panels: Mapping[PanelName, Panel], seen: Container[PanelName]) -> None:
-        """Like :meth:`keep_only`, and hide all panels but ``seen``. Hidden panels leave an empty area without a tab
+        """Like :meth:`drop_all_but`, and hide all panels but ``seen``. Hidden panels leave an empty area without a tab
         until the next layout; visible ones do not move.
         """
         unseen = [name for name in self._docks if name not in seen]

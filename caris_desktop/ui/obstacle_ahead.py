@@ -56,7 +56,7 @@ def ahead_of(scan: LaserScan) -> Ahead:
 
 
 def ahead_words(ahead: Ahead, gaze_is_away: str = "") -> tuple[str, bool]:
-    """Text for the clearance, and whether it is a warning. ``looks_away`` says where the camera faces instead."""
+    """Text for the clearance, and whether it is a warning. ``gaze_is_away`` says where the camera faces instead."""
     close = False
     if ahead.distance_m is not None:
         close = ahead.distance_m < CLOSE_M

@@ -42,7 +42,7 @@ class PanelContext:
 class Panel(QWidget):
     """Content of a panel below its title bar. Subclasses add widgets and a status text.
 
-    A hidden panel (closed, or behind another tab) does no work: handlers check ``in_view`` first, and ``catch_up``
+    A hidden panel (closed, or behind another tab) does no work: handlers check ``in_view`` first, and ``update_view``
     refreshes the panel once it is visible again.
     """
 
@@ -145,7 +145,7 @@ class Panel(QWidget):
         return None
 
     def restore_state(self, lasting: Any) -> None:
-        """Restore ``what_lasts`` of the former panel."""
+        """Restore ``save_state`` of the former panel."""
 
     def choices(self) -> dict[str, Any]:
         """View preferences as JSON data, persisted between runs. ``choices_changed`` reports changes."""

@@ -78,7 +78,7 @@ class RoomFilter:
 
     @property
     def weights(self) -> NDArray[np.complex64]:
-        """Present weights, for ``doubt``."""
+        """Present weights, for ``reduce_step_size``."""
         return self._weights.copy()
 
     @property

@@ -52,7 +52,7 @@ _EXAMPLES: tuple[tuple[str, Mapping[str, str]], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ReplyGrounds:
-    """Context of a reply. ``turns`` (from ``turns_told``) precede ``said``; unknown texts are empty.
+    """Context of a reply. ``turns`` (from ``reported_turns``) precede ``said``; unknown texts are empty.
 
     ``people`` are labels of people present, ``doing`` is the protocol step or the last label.
     """

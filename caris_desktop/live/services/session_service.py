@@ -202,7 +202,7 @@ class SessionService(Service):
             self._with.marks.forget()
 
     def check_before(self, told: Callable[[BeforeRecording], None]) -> None:
-        """Implements :meth:`WizardConsole.look_before_recording`."""
+        """Implements :meth:`WizardConsole.check_before_recording`."""
         scenario = self._with.scenario.current
 
         def query() -> BeforeRecording:

@@ -18,7 +18,7 @@ _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
 class ImportDialog(VisualTabOrderMixin, QDialog):
-    """Stays open with the reason if ``take_over`` refuses after reading the file."""
+    """Stays open with the reason if ``restore_state`` refuses after reading the file."""
 
     def __init__(
         self,

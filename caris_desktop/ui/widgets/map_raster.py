@@ -53,7 +53,7 @@ class GridRaster:
         return grid.origin_in_map == mine.origin_in_map
 
     def begin(self, grid: OccupancyGrid) -> None:
-        """Start an update of the same map, applied by :meth:`render_band`."""
+        """Start an update of the same map, applied by :meth:`render_stripe`."""
         self.grid = grid
         self._next_row = 0
         self._fresh = False

@@ -318,7 +318,7 @@ def test_a_recording_of_a_real_robot(tmp_path: Path) -> None:
         assert value.angle_min_rad == message.angle_min
         stamp = message.header.stamp
         assert value.robot_stamp_ns == stamp.sec * 1_000_000_000 + stamp.nanosec
-    assert any("laser 'laser' sits on the robot is not told" in note for note in report.notes)
+    assert any("laser 'laser' on the robot is unknown" in note for note in report.notes)
 
 
 @pytest.fixture(scope="module")
