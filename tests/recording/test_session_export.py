@@ -166,6 +166,8 @@ def test_no_stream_has_two_columns_of_one_name_or_one_without_a_description() ->
         names = [column.name for column in table_.columns]
         assert len(set(names)) == len(names), table_.name
         assert all(column.description for column in table_.columns)
+    units = {(table_.name, column.name): column.unit for table_ in tables for column in table_.columns}
+    assert units["event_traffic_measured_topics", "bytes_per_s"] == "bytes per second"
 
 
 def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:

@@ -834,7 +834,12 @@ def _reader(path: tuple[str, ...]) -> Callable[[Any], Any]:
 
 
 def _unit(name: str) -> str:
-    return _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+    match name.split("_"):
+        case [*_, amount, "per", "s"]:
+            return f"{_UNITS[amount]} per second"
+        case [_, *_, last]:
+            return _UNITS.get(last, "")
+    return ""
 
 
 def _in_words(name: str, unit: str) -> str:
