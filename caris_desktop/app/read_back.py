@@ -30,7 +30,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
         read = Counter(spec.name for spec, _ in session.values())
         problems += [
             *session.notices,
-            *session.recorded_losses(),
+            *session.losses,
             *_missing(session, read),
             *_not_replayed(session, read),
         ]

@@ -83,10 +83,6 @@ class Session:
         whose = (self.trial.get(name, "") for name in ("participant", "condition", "trial", "recording", "wizard"))
         return anchor.utc_ns - anchor.monotonic_ns, self.started_ns, *whose
 
-    def recorded_losses(self) -> tuple[str, ...]:
-        """Alias of ``losses``, which scripts of studies use."""
-        return self.losses
-
     def values(self, *streams: str) -> Iterator[tuple[StreamSpec, Any]]:
         """Values of these streams (default: all) in recording order.
 
