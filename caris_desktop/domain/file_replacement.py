@@ -44,7 +44,7 @@ def replace_file(
     descriptor, beside = _opened_alongside(path)
     try:
         try:
-            _store_permissions(descriptor, path)
+            _copy_permissions(descriptor, path)
             for part in (data,) if isinstance(data, bytes) else data:
                 _write_all(descriptor, part, on_full)
             if durable:
@@ -83,7 +83,7 @@ def _opened_alongside(path: Path) -> tuple[int, Path]:
             return os.open(beside, flags, 0o666), beside
 
 
-def _store_permissions(descriptor: int, path: Path) -> None:
+def _copy_permissions(descriptor: int, path: Path) -> None:
     """Copy the permissions before the content is written: a private file is never readable by
     others, not even briefly.
     """

@@ -84,7 +84,7 @@ def cut_graph(content: bytes, *, output: str, input_dims: tuple[int | str, ...])
     model = _parsed(content)
     graph = model.graph
     taken_name = _single_input(graph).name
-    _store_path_to({output}, graph)
+    _prune_to({output}, graph)
     del graph.input[:], graph.output[:]
     graph.output.add(name=output).type.tensor_type.elem_type = _FLOAT
     _take(graph, taken_name, input_dims)
@@ -121,7 +121,7 @@ def part_of_graph(
         del graph.output[:]
         for name in outputs:
             graph.output.add(name=name).type.tensor_type.elem_type = _FLOAT
-    needed = _store_path_to({value.name for value in graph.output}, graph, given=frozenset(given))
+    needed = _prune_to({value.name for value in graph.output}, graph, given=frozenset(given))
     for number in reversed(range(len(graph.input))):
         if graph.input[number].name not in needed:
             del graph.input[number]
@@ -131,7 +131,7 @@ def part_of_graph(
     return part
 
 
-def _store_path_to(outputs: set[str], graph: Any, *, given: frozenset[str] = frozenset()) -> set[str]:
+def _prune_to(outputs: set[str], graph: Any, *, given: frozenset[str] = frozenset()) -> set[str]:
     """Remove all other nodes, and those that only compute ``given`` tensors. Returns the names of
     all tensors needed.
     """

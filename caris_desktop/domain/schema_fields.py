@@ -253,7 +253,7 @@ def keys_of(group: Group) -> tuple[Key, ...]:
     return tuple(found)
 
 
-def selected_group(groups: tuple[Group, ...], data: Mapping[str, Any]) -> Group | None:
+def matching_group(groups: tuple[Group, ...], data: Mapping[str, Any]) -> Group | None:
     """Group among several that has the keys of ``data``: by a required key if there is one, else by any."""
     for required in (True, False):
         for group in groups:
@@ -273,7 +273,7 @@ def _value(form: ValueForm, data: Any) -> Any:
     elif is_group(form.kind):
         value = _group_value(form.kind, data)
     elif groups := groups_of(form.kind):
-        value = _group_value(selected_group(groups, data) or groups[0], data)
+        value = _group_value(matching_group(groups, data) or groups[0], data)
     elif (item := item_of(form.kind)) is not None:
         value = tuple(_value(item, entry) for entry in data)
     else:
@@ -326,7 +326,7 @@ def replaced(hint: Any, data: Any, change: Callable[[ValueForm, Any, KeyPath], A
     if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
         return change(text, data, path)
     if groups := (form.kind,) if is_group(form.kind) else groups_of(form.kind):
-        forms = {key.name: key.form for key in keys_of(selected_group(groups, data) or groups[0])}
+        forms = {key.name: key.form for key in keys_of(matching_group(groups, data) or groups[0])}
         return {name: replaced(forms[name], value, change, (*path, name)) for name, value in data.items()}
     if (item := item_of(form.kind)) is not None:
         return [replaced(item, entry, change, (*path, index)) for index, entry in enumerate(data)]

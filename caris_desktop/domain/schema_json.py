@@ -122,7 +122,7 @@ def _group(group: Group, definitions: dict[str, Any], rule: FieldSpec) -> dict[s
 def _neighbours(key: Key) -> dict[str, Any]:
     """Constraints on the group's other keys while this one is present."""
     rule = key.form.rule
-    schema = _current_state(rule.beside) if rule.beside else {}
+    schema = _key_with_words(rule.beside) if rule.beside else {}
     if rule.instead_of:
         schema["not"] = {"anyOf": [{"required": [other]} for other in rule.instead_of]}
     return schema
@@ -131,10 +131,10 @@ def _neighbours(key: Key) -> dict[str, Any]:
 def _needed(key: Key, keys: tuple[Key, ...]) -> dict[str, Any]:
     instead = [other.name for other in keys if key.name in other.form.rule.instead_of]
     any_of = [{"required": [name]} for name in (key.name, *instead)]
-    return {"if": _current_state(key.form.rule.needed), "then": {"anyOf": any_of} if instead else any_of[0]}
+    return {"if": _key_with_words(key.form.rule.needed), "then": {"anyOf": any_of} if instead else any_of[0]}
 
 
-def _current_state(wanted: tuple[str, ...]) -> dict[str, Any]:
+def _key_with_words(wanted: tuple[str, ...]) -> dict[str, Any]:
     """Schema that requires the key, with one of the words after it."""
     other, *words = wanted
     return {"required": [other]} | ({"properties": {other: {"enum": words}}} if words else {})

@@ -20,8 +20,8 @@ from caris_desktop.domain.schema_fields import (
     is_group,
     item_of,
     keys_of,
+    matching_group,
     scalars_of,
-    selected_group,
     size_of,
     text_of,
 )
@@ -50,7 +50,7 @@ def group_at(form: ValueForm, data: Any) -> Group | None:
     if not groups:
         return None
     if isinstance(data, Mapping):
-        return selected_group(groups, data) or groups[0]
+        return matching_group(groups, data) or groups[0]
     return groups[0] if text_of(form.kind) is not None else None
 
 

@@ -17,8 +17,8 @@ from caris_desktop.domain.schema_fields import (
     is_group,
     item_of,
     keys_of,
+    matching_group,
     scalars_of,
-    selected_group,
     size_of,
     text_of,
 )
@@ -66,13 +66,13 @@ def _problems(form: ValueForm, data: Any, path: KeyPath) -> Iterator[Problem]:
 def _group_problems(
     groups: tuple[Group, ...], data: Mapping[str, Any], path: KeyPath, form: ValueForm
 ) -> Iterator[Problem]:
-    meant = selected_group(groups, data)
+    meant = matching_group(groups, data)
     keys = {key.name: key for group in (groups if meant is None else (meant,)) for key in keys_of(group)}
     misspelled = set()
     for name in data:
         if name not in keys:
             yield (*path, name), _unknown_key(name, keys, data, path)
-            misspelled.add(_selected_key(name, keys, data))
+            misspelled.add(_similar_key(name, keys, data))
     missing = [key.name for key in keys.values() if key.required and key.name not in data]
     some_of, needs = form.rule.some_of, form.rule.needs
     # A misspelled key is reported once.
@@ -215,10 +215,10 @@ def _unknown_key(name: str, known: Iterable[str], data: Mapping[str, Any], path:
     known = sorted(known)
     unknown = tr("unknown key '{name}' in {place}.") if path else tr("unknown key '{name}'.")
     allowed = _allowed(f"{', '.join(known)}.")
-    return f"{unknown.format(name=name, place=name_of(path))} {allowed}{_hint(_selected_key(name, known, data))}"
+    return f"{unknown.format(name=name, place=name_of(path))} {allowed}{_hint(_similar_key(name, known, data))}"
 
 
-def _selected_key(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str | None:
+def _similar_key(name: str, known: Iterable[str], data: Mapping[str, Any]) -> str | None:
     """Similar known key, preferably one that is missing."""
     known = sorted(known)
     return _nearest(name, [key for key in known if key not in data]) or _nearest(name, known)

@@ -17,7 +17,7 @@ from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.annotation.annotation_editing import (
     AnnotationError,
     coders_of,
-    restore_state,
+    merge_imported,
     tiers_of_coder,
 )
 from caris_desktop.recording.annotation.annotation_history import EditHistory
@@ -162,7 +162,7 @@ class AnnotationSession(QObject):
                 return tr(why)
 
         def take(found: AnnotationDocument | str) -> None:
-            refused = found if isinstance(found, str) else self.edit(lambda document: restore_state(document, found))
+            refused = found if isinstance(found, str) else self.edit(lambda document: merge_imported(document, found))
             if not refused and skipped:
                 refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
             told(refused)

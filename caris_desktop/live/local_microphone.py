@@ -20,7 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager, reported_here
+from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
@@ -178,7 +178,7 @@ class LocalMicrophone(QObject):
                 self._show("failed", name, detail=detail)
                 self._settled()
                 if problem is not None:
-                    self._bus.publish(reported_here(problem))
+                    self._bus.publish(localize_problem(problem))
 
     def _on_stuck(self) -> None:
         if self.child is not None:

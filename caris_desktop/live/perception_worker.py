@@ -29,7 +29,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import reported_here
+from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
@@ -116,7 +116,7 @@ class PerceptionWorker(QObject):
         with self._turns_lock:
             self._turns.show(name)
 
-    def request_for_blurring(self, to_cover: bool) -> None:
+    def require_blurring(self, to_cover: bool) -> None:
         """Set whether people must be blurred in the recordings of all cameras."""
         self._to_cover = to_cover
         with self._turns_lock:
@@ -250,11 +250,11 @@ class PerceptionWorker(QObject):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
             elif isinstance(item, InferenceFailed):
-                self._publish(reported_here(item.problem))
+                self._publish(localize_problem(item.problem))
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
                 ready = False
             elif isinstance(item, DetectorAway):
-                self._publish(reported_here(item.problem))
+                self._publish(localize_problem(item.problem))
                 self._set_status(replace(self._status, state="failed", detail=item.problem.what))
             elif isinstance(item, People):
                 busy = False
@@ -270,7 +270,7 @@ class PerceptionWorker(QObject):
             elif isinstance(item, FrameSkipped):
                 busy = False
             elif isinstance(item, Problem):
-                self._publish(reported_here(item))
+                self._publish(localize_problem(item))
             elif isinstance(item, _ChildEnded) and item.child is child:
                 ready = busy = False
                 child.stop(grace_s=0.0)

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.remote_microphone import segmenter_of
+from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -380,7 +380,7 @@ def _microphone(facts: Facts) -> PreflightCheck | None:
             QT_TR_NOOP("No microphone is chosen: the participant’s speech is not recorded."),
             QT_TR_NOOP("Choose one in the Window menu, under Participant’s microphone."),
         )
-    if not facts.connected and segmenter_of(facts.scenario, facts.robot) == "robot":
+    if not facts.connected and participant_microphone(facts.scenario, facts.robot) == "robot":
         return _waits_for_robot(check)
     match microphone.state:
         case "failed":

@@ -85,7 +85,7 @@ class ProcessManager(QObject):
     def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
         """Deliver a child's message to the bus, or to ``heard`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
-            self._bus.publish(reported_here(value) if isinstance(value, Problem) else value, raw)
+            self._bus.publish(localize_problem(value) if isinstance(value, Problem) else value, raw)
         else:
             self.call_in_gui(heard, value)
 
@@ -98,7 +98,7 @@ class ProcessManager(QObject):
             take(value)
 
 
-def reported_here(problem: Problem) -> Problem:
+def localize_problem(problem: Problem) -> Problem:
     """Localise a problem of a child process, which reports in English with separate values."""
     what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)

@@ -22,10 +22,10 @@ _SILENT_NS = 3_000_000_000
 _OFF = MicrophoneStatus()
 
 
-def segmenter_of(scenario: Scenario, robot: RobotProfile | None) -> str:
+def participant_microphone(scenario: Scenario, robot: RobotProfile | None) -> str:
     """Microphone of the participant with this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
     hears = robot is not None and robot.audio is not None and robot.audio.topic is not None
-    return scenario.sound.segmenter_with(robot_hears=hears)
+    return scenario.sound.resolve_microphone(robot_hears=hears)
 
 
 class RemoteMicrophone(QObject):

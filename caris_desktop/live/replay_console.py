@@ -326,11 +326,11 @@ class ReplayConsole(QObject):
 
     def _emergency_stop(self) -> None:
         if self._live is None:
-            self._report_nobody()
+            self._report_no_robot()
         else:
-            self._live.emergency_stop(self._report_nobody)
+            self._live.emergency_stop(self._report_no_robot)
 
-    def _report_nobody(self) -> None:
+    def _report_no_robot(self) -> None:
         self._notify(
             "info",
             tr("There is no live robot to stop."),

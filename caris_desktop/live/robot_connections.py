@@ -190,13 +190,13 @@ class LiveRobots(QObject):
         self._slow_work = BackgroundWorker(self)
         self._looking = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._on_detection)
+        self._look.timeout.connect(self._find_consoles)
         self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
         self._patience.timeout.connect(self._on_not_confirmed)
 
     def start(self) -> None:
         self._look.start()
-        self._on_detection()
+        self._find_consoles()
 
     def shutdown(self) -> None:
         self._look.stop()
@@ -233,7 +233,7 @@ class LiveRobots(QObject):
             self._consoles[name].send({"do": order})
             self._patience.start()
 
-    def _on_detection(self) -> None:
+    def _find_consoles(self) -> None:
         if self._looking:
             return  # an unresponsive disk is queried once
         self._looking = True

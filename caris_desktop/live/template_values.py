@@ -22,7 +22,7 @@ def name_of(state: LiveState, person_id: str, *, naming: bool) -> str:
 def words_now(state: LiveState, person_id: str, *, naming: bool) -> dict[str, Words]:
     """Template values for an utterance to this person."""
     found = {}
-    name, place = name_of(state, person_id, naming=naming), selected_place(state)
+    name, place = name_of(state, person_id, naming=naming), current_place(state)
     if name:
         found[NAME] = Words(name, mark_of(person_id))
     if place:
@@ -37,7 +37,7 @@ def given_words(gap: str, said: str, person_id: str) -> Words:
     return Words(said, mark_of(person_id) if person_id else f"{{{NAME}}}")
 
 
-def selected_place(state: LiveState) -> str:
+def current_place(state: LiveState) -> str:
     """Name of the goal's place, else of the nearest place; empty if unknown."""
     goal = state.goal.value
     if goal is not None and goal.state in _GOING and goal.place:

@@ -230,7 +230,7 @@ class PresenceTracker:
         candidate = self._candidates.get((looks.camera, looks.track))
         if visit is None and candidate is not None and self._settings.recognise != "nobody":
             candidate.add_embeddings(looks)
-        if visit is None or not visit.here or visit.forgotten or not self._may_detect(visit, looks):
+        if visit is None or not visit.here or visit.forgotten or not self._may_learn_face(visit, looks):
             return []
         if looks.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
             match self._known.identities.still_the_same(visit.visit_id, looks):
@@ -479,7 +479,7 @@ class PresenceTracker:
             return "photo" in self._known.consents(visit.person_id)
         return self._settings.portraits == "everybody"
 
-    def _may_detect(self, visit: Visit, looks: PersonLooks) -> bool:
+    def _may_learn_face(self, visit: Visit, looks: PersonLooks) -> bool:
         """The face of an identified person is learned only with consent."""
         if self._settings.recognise == "nobody":
             return False

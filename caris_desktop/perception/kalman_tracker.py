@@ -193,7 +193,7 @@ class CameraTracker:
             if looks is None or (track.well_seen and not good):
                 continue
             if track.confirmed and not self._exchange_mistaken(track, looks, here, qualities, views):
-                self._restart_if_unknown(track, looks, stamp_s)
+                self._end_if_other_person(track, looks, stamp_s)
             track.doubted = False
             track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
             track.well_seen, track.looked_s = track.well_seen or good, stamp_s
@@ -221,7 +221,7 @@ class CameraTracker:
         track.looks_like, other.looks_like = other.looks_like, track.looks_like
         return True
 
-    def _restart_if_unknown(self, track: _Track, looks: Floats, stamp_s: float) -> None:
+    def _end_if_other_person(self, track: _Track, looks: Floats, stamp_s: float) -> None:
         """End a track that continued on another person: the box matches no known appearance."""
         if not (track.doubted and track.well_seen and _apart(track.looks_like, looks) > _STRANGE):
             return

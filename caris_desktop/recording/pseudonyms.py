@@ -66,7 +66,7 @@ def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
     coders: dict[str, str] = {}
     for parent, folders in studies.items():
         kept = parent.parent / FILE_NAME if parent.name == "sessions" else None
-        known = _stored(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
+        known = _read_assignment(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
         now = Pseudonyms(
             _numbered(map(_key, _wizards_of(folders)), known.wizards, _WIZARD),
             _numbered(_coders_of(folders), known.coders, _CODER),
@@ -221,7 +221,7 @@ def _annotations_in(folder: Path) -> tuple[Path, ...]:
         return ()
 
 
-def _stored(path: Path) -> Pseudonyms:
+def _read_assignment(path: Path) -> Pseudonyms:
     try:
         with path.open("rb") as file:
             data: Any = json.loads(file.read(_MAX_BYTES))

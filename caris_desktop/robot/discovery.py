@@ -282,7 +282,7 @@ async def check_streams(
         for check in _offered_checks(profile, inventory):
             say(check)
         await asyncio.sleep(seconds)
-        bridge_told = inventory is not None and await _bridge_is_informed(ros, ears)
+        bridge_told = inventory is not None and await _bridge_subscribes(ros, ears)
         for named, kind in inputs:
             say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
         for ear in ears:
@@ -591,7 +591,7 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _bridge_is_informed(ros: RosbridgeClient, ears: list[_StreamListener]) -> bool:
+async def _bridge_subscribes(ros: RosbridgeClient, ears: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
     for ear in ears:
         if ear.heard:

@@ -182,10 +182,10 @@ class EmergencyStop:
         self._again = None
         if self._wizard_latched and not self._reached and self._ros.is_connected:
             self._in_background(
-                self._check_and_report() if self._command is None else self._check_listeners(again=True)
+                self._call_available_service() if self._command is None else self._check_listeners(again=True)
             )
 
-    async def _check_and_report(self) -> None:
+    async def _call_available_service(self) -> None:
         """Call the stop service, if it is available by now."""
         if self._services is not None:
             try:

@@ -163,7 +163,7 @@ class TransformTree:
         ways = self._branches(parent, child)
         if ways is None:
             return None
-        up, down = (self._context_parts(way, at_ns, goes_on) for way in ways)
+        up, down = (self._chained_pose(way, at_ns, goes_on) for way in ways)
         if up is None or down is None:
             return None
         return down.inverse() @ up
@@ -187,7 +187,7 @@ class TransformTree:
             found.append(edge.parent_frame)
         return found
 
-    def _context_parts(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose3D | None:
+    def _chained_pose(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose3D | None:
         pose = AT_ORIGIN
         for frame in way:
             edge = self._edges[frame]

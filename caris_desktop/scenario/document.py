@@ -15,7 +15,7 @@ from caris_desktop.domain.schema_fields import (
     is_group,
     item_of,
     keys_of,
-    selected_group,
+    matching_group,
     text_of,
     value_from,
 )
@@ -295,7 +295,7 @@ class ScenarioDocument:
         state = _read(text, self._state.data)
         self._push((), state, goes_on=True)
 
-    def restore_state(self, path: KeyPath, other: Mapping[str, Any]) -> None:
+    def adopt_value(self, path: KeyPath, other: Mapping[str, Any]) -> None:
         """Use another file's value at that place."""
         value = value_at(other, path)
         self.pause()
@@ -370,7 +370,7 @@ class ScenarioDocument:
             self._state = other
         self._saved = other
         for difference in mine:
-            self.restore_state(difference.path, data)
+            self.adopt_value(difference.path, data)
         return mine
 
     # ---- within
@@ -545,7 +545,7 @@ def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | 
     if groups:
         if not isinstance(data, dict):
             return path, "a group of 'key: value' lines is expected here."
-        forms = {key.name: key.form for key in keys_of(selected_group(groups, data) or groups[0])}
+        forms = {key.name: key.form for key in keys_of(matching_group(groups, data) or groups[0])}
         inside = [(forms[name], value, name) for name, value in data.items() if name in forms]
     elif item is not None:
         if not isinstance(data, list):

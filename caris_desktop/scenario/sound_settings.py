@@ -39,7 +39,7 @@ class SoundSettings:
         ),
     ] = "auto"
 
-    def segmenter_with(self, *, robot_hears: bool) -> str:
+    def resolve_microphone(self, *, robot_hears: bool) -> str:
         """Resolve ``auto`` for this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
         if self.ear == "auto":
             return "robot" if robot_hears else "computer"

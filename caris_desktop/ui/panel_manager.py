@@ -187,12 +187,12 @@ class PanelManager(QObject):
             self._put_aside_all_but(building.arrangement.panels)
             self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, building.arrangement)
             self._bind_driving()
-            self._hold_keyboard()
+            self._restore_focus()
             building.arranged()
         elif self._behind:
             self._make_next(self._behind)
 
-    def _hold_keyboard(self) -> None:
+    def _restore_focus(self) -> None:
         """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
         had, self._had_keys = self._had_keys, None
         panel = None if had is None else self._panels.get(had)

@@ -39,12 +39,12 @@ def trial_in_words(details: TrialDetails) -> str:
 
 def permissions_in_words(console: WizardConsole) -> str:
     """Sentences on what a recording will contain and what the language model may do, with the current settings."""
-    from caris_desktop.ui.start_dialog import stored_words
+    from caris_desktop.ui.start_dialog import contents_sentence
 
     scenario = console.scenario
     permissions, levels = scenario.permissions, console.state.levels.value
     sentences = [
-        stored_words(permissions, console.microphone, scenario.blur),
+        contents_sentence(permissions, console.microphone, scenario.blur),
         tr("Participants’ speech is transcribed.") if permissions.transcription
         else tr("Participants’ speech is not transcribed."),
     ]  # fmt: skip

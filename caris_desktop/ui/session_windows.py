@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.live.remote_microphone import segmenter_of
+from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
@@ -100,7 +100,7 @@ class SessionWindows(QObject):
         console = self._console
         offer = RecordingOffer(
             console.scenario.permissions, console.microphones(), console.microphone, console.scenario.blur,
-            segmenter_of(console.scenario, console.state.robot.value) == "computer",
+            participant_microphone(console.scenario, console.state.robot.value) == "computer",
         )  # fmt: skip
         dialog = self._start = StartDialog(self._theme, self._window, offer, console)
 

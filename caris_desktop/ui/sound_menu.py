@@ -12,7 +12,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.remote_microphone import segmenter_of
+from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting
 
@@ -35,7 +35,7 @@ def sound_choices(console: WizardConsole) -> list[SoundChoice]:
     permissions, hears = console.scenario.permissions, console.scenario.sound.hear
     listens = permissions.audio_recording or permissions.transcription or hears
     choices: list[SoundChoice] = []
-    if listens and segmenter_of(console.scenario, console.state.robot.value) == "computer":
+    if listens and participant_microphone(console.scenario, console.state.robot.value) == "computer":
         choices += _microphones(console, QT_TR_NOOP("Participant’s microphone"), "participant", console.microphone)
     if permissions.own_voice or permissions.transcription:
         choices += _microphones(console, QT_TR_NOOP("Your microphone"), "wizard", console.wizard_microphone)

@@ -67,7 +67,7 @@ _BLURRED = {
 }
 
 
-def stored_words(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
+def contents_sentence(permissions: Permissions, microphone: str | None, blur: BlurSettings) -> str:
     """Sentence on what a recording will contain and omit."""
     who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
     blurred = tr(who_is_blurred)
@@ -209,7 +209,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         layout.addLayout(form)
         layout.addLayout(told)
         layout.addStretch(1)
-        self._show_stored()
+        self._show_contents()
         self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen
         # The field that changes from session to session.
         self._fields["participant"].setFocus(Qt.FocusReason.OtherFocusReason)
@@ -300,7 +300,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
             choice.addItem(shown.format(microphone=text_formatting.microphone(name)), name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
-        choice.currentIndexChanged.connect(self._show_stored)
+        choice.currentIndexChanged.connect(self._show_contents)
         return choice
 
     @property
@@ -321,8 +321,8 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             purpose=PRACTICE if self._practice.isChecked() else "",
         )
 
-    def _show_stored(self, _index: int = 0) -> None:
-        self._kept.setText(stored_words(self._offer.permissions, self.microphone, self._offer.blur))
+    def _show_contents(self, _index: int = 0) -> None:
+        self._kept.setText(contents_sentence(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
         """Fill in the previous session's details for a repeated trial."""

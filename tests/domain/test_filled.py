@@ -23,7 +23,7 @@ from caris_desktop.domain.translation import (
     use_translator,
 )
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.live.process_manager import reported_here
+from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.ui.language import in_trial_language
 
 GERMAN = {
@@ -113,12 +113,12 @@ def test_the_record_has_it_in_english_and_as_plain_text() -> None:
 @pytest.mark.usefixtures("german")
 def test_the_console_tells_it_in_the_wizards_language() -> None:
     sent = Problem(1, "warning", broke_off("Front"), "no answer", joined((broke_off("A"), "as it is")))
-    here = reported_here(pickle.loads(pickle.dumps(sent)))  # noqa: S301
+    here = localize_problem(pickle.loads(pickle.dumps(sent)))  # noqa: S301
     assert (here.what, here.meaning, here.advice) == (
         "Front brach ab: keine Antwort.", "keine Antwort", "A brach ab: keine Antwort. as it is",
     )  # fmt: skip
     use_translator(in_trial_language)
-    assert reported_here(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), reported_here(sent).what
+    assert localize_problem(sent).what.startswith("[Front bŕöķé".replace("ķ", "k")), localize_problem(sent).what
 
 
 @pytest.mark.usefixtures("german")

@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import use_translator
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.process_manager import ProcessManager, reported_here
+from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.state import LiveState
 
 GERMAN = {"The disk is full.": "Die Platte ist voll.", "Stop the recording.": "Die Aufnahme beenden."}
@@ -22,7 +22,7 @@ def german() -> Iterator[None]:
 
 @pytest.mark.usefixtures("german")
 def test_known_sentences_are_translated_others_stay() -> None:
-    told = reported_here(
+    told = localize_problem(
         Problem(1, "error", "The disk is full.", "s-17 is kept.", "Stop the recording.", "quiet", "disk")
     )
     assert (told.what, told.meaning, told.advice) == ("Die Platte ist voll.", "s-17 is kept.", "Die Aufnahme beenden.")

@@ -257,7 +257,7 @@ def test_single_fields_are_taken_over_from_another_file() -> None:
         (("permissions", "photos"), False, True),
     ]
     for each in found:
-        edit.restore_state(each.path, other.data)
+        edit.adopt_value(each.path, other.data)
     assert edit.text == SMALL
 
 

@@ -62,7 +62,7 @@ def test_a_pause_of_commands_is_a_gap() -> None:
 
 def test_memory_is_bounded(panel: MotionPanel, console: FakeConsole) -> None:
     feed(console, seconds=POINTS / 20 + 60)
-    assert panel.visited_points <= 3 * POINTS
+    assert panel.sample_count <= 3 * POINTS
     panel._draw()
     seconds, _ = panel.shown(0, "measured")
     assert seconds[0] >= -SPAN_S - 1.0

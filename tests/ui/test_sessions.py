@@ -32,7 +32,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel
 from caris_desktop.ui.session_table import COLUMNS, lacks_words
 from caris_desktop.ui.sessions_window import SessionsWindow
-from caris_desktop.ui.start_dialog import StartDialog, last_details, stored_words
+from caris_desktop.ui.start_dialog import StartDialog, contents_sentence, last_details
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -234,7 +234,7 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     window.sessions.open_start_dialog()
     assert window.findChild(QWidget, "start_microphone") is None
     find(window, "start_dialog").close()
-    assert stored_words(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
+    assert contents_sentence(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
 
 
 def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
@@ -253,11 +253,11 @@ def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
 
 def test_it_is_said_that_people_will_be_pixelated() -> None:
     film = Permissions(photos=False, audio_recording=False)
-    assert "video (people pixelated)" in stored_words(film, None, BlurSettings("everybody"))
-    faces = stored_words(film, None, BlurSettings("without_consent", "faces"))
+    assert "video (people pixelated)" in contents_sentence(film, None, BlurSettings("everybody"))
+    faces = contents_sentence(film, None, BlurSettings("without_consent", "faces"))
     assert "video (faces of people without consent pixelated)" in faces
     nothing = Permissions(video_recording=False, photos=False)
-    assert "pixelated" not in stored_words(nothing, None, BlurSettings("everybody"))
+    assert "pixelated" not in contents_sentence(nothing, None, BlurSettings("everybody"))
 
 
 def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:

@@ -143,7 +143,7 @@ class EchoCanceller:
     def play_ended(self, ended: PlayedSoundEnded) -> None:
         """Truncate sound that was cut off."""
         self._played.end(ended)
-        self._smooth_from(self._next_frame - HOP)
+        self._recompute_from(self._next_frame - HOP)
 
     def process(self, chunk: AudioChunk) -> CleanSound:
         """Remove the robot from a chunk."""
@@ -259,7 +259,7 @@ class EchoCanceller:
             self._may_sound_from -= later
         if self._began is not None:
             self._began = None if -self._last_played > _SAME_ROOM_FOR else self._began - later
-        self._smooth_from(-HOP)
+        self._recompute_from(-HOP)
 
     def _reference(self, at: int, count: int) -> NDArray[np.float32]:
         """Played sound as heard from that position."""
@@ -412,11 +412,11 @@ class EchoCanceller:
         if start < self._given_until:
             self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
         self._robot[start - self._heard_from :] = 0
-        self._smooth_from(start - HOP)
+        self._recompute_from(start - HOP)
         for at in range(start, until, HOP):
             self._learn(at, self._reference(at, FRAME))
 
-    def _smooth_from(self, at: int) -> None:
+    def _recompute_from(self, at: int) -> None:
         """Recompute the reference spectra after a change of the playback data."""
         for tap in range(TAPS):
             reference = self._reference(at - tap * HOP, FRAME)

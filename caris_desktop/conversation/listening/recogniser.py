@@ -117,7 +117,7 @@ class _Recogniser:
                         ear.another_spoke()
                     elif message.state != "requested":
                         ear.another_ended(message.stamp_ns)
-                    ear.smooth_offline()
+                    ear.reassign_robot_turns()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
             case EndTurns():

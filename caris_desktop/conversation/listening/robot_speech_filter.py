@@ -229,7 +229,7 @@ class RobotSpeechFilter:
             return False
         return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
 
-    def reported_late(self, text: str, started_ns: int) -> float:
+    def late_similarity(self, text: str, started_ns: int) -> float:
         """Similarity of a transcript to a whole sentence of a robot that speaks unprompted and reports it during or
         after speaking: 1 identical, 0 certainly not.
         """

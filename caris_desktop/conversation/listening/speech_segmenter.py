@@ -159,22 +159,22 @@ class SpeechSegmenter:
         """The robot's utterance ended."""
         self._robot_speaks, self._robot_until_ns = False, stamp_ns
 
-    def smooth_offline(self) -> None:
+    def reassign_robot_turns(self) -> None:
         """Reassign finished turns that were the robot's own speech, by later reports of its utterances."""
         finished = list(self._finished)
         runs = [finished[first:last] for first, last in itertools.combinations(range(len(finished) + 1), 2)]
-        robots = max(runs, key=self._reported_late, default=[])
-        if not self._reported_late(robots):
+        robots = max(runs, key=self._late_similarity, default=[])
+        if not self._late_similarity(robots):
             return
         for turn in robots:
             self._finished.remove(turn)
             self._tell(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
 
-    def _reported_late(self, turns: Sequence[_Finished]) -> float:
+    def _late_similarity(self, turns: Sequence[_Finished]) -> float:
         if not turns:
             return 0.0
         text = " ".join(turn.text for turn in turns)
-        return self._own_words.reported_late(text, turns[0].began_ns)
+        return self._own_words.late_similarity(text, turns[0].began_ns)
 
     def judge(self) -> None:
         """Estimate the end of turn by sound at a new pause. It takes 0.1 s, during which its words can be recognised:
@@ -297,7 +297,7 @@ class SpeechSegmenter:
             whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
             if self.canceller.share_between(began_ns, until_ns) is None:
                 # The robot's own speech synthesis: its reported times are not from samples.
-                self._show_when(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
+                self._report_times(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
         if not turn.told:
             return
         if self._of_wizard:
@@ -374,7 +374,7 @@ class SpeechSegmenter:
             )
         )  # fmt: skip
 
-    def _show_when(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
+    def _report_times(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
         """Report measured start and end times of the robot's utterances."""
         for utterance_id, begins, ends in whole:
             start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None

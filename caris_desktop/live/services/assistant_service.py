@@ -26,7 +26,7 @@ from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.exchanges import Exchanges
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
-from caris_desktop.live.process_manager import ProcessManager, reported_here
+from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
@@ -365,7 +365,7 @@ class AssistantService(Service):
                 if self._asks_embedded():
                     self._use_endpoint()
             case EmbeddedFailed(problem):
-                self._bus.publish(reported_here(problem))
+                self._bus.publish(localize_problem(problem))
                 if self._asks_embedded():
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
 

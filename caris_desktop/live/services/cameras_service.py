@@ -226,9 +226,11 @@ class CamerasService(Service):
             )
             self._bus.publish(CameraState(clock.now_ns(), name, "lost", QT_TR_NOOP("It stopped unexpectedly."), advice))
 
-        running.restarts.after_end(report_end, lambda: self._again(running), after_ms=_RESTART_AFTER_MS, within=self)
+        running.restarts.after_end(
+            report_end, lambda: self._start_again(running), after_ms=_RESTART_AFTER_MS, within=self
+        )
 
-    def _again(self, running: _Running) -> None:
+    def _start_again(self, running: _Running) -> None:
         if self._running.get(running.camera.name) is running and not self._stopped:
             running.child = self._start_child(running.camera, running.ring)
             running.plays = False

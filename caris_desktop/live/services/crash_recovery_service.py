@@ -95,7 +95,9 @@ class CrashRecoveryService(Service):
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._scenario, scenario
         status: CrashRecoveryStatus = self._state.going_on.value
-        if status.state in ("unconfirmed", "confirmed") and (before is None or _stores(before) != _stores(scenario)):
+        if status.state in ("unconfirmed", "confirmed") and (
+            before is None or _recording_permissions(before) != _recording_permissions(scenario)
+        ):
             # The confirmation was given for another scenario.
             left = tuple(what for what in get_args(intents.AsBefore) if what in (*status.unconfirmed, "permissions"))
             self._state.going_on.set(replace(status, state="unconfirmed", unconfirmed=left))
@@ -266,7 +268,7 @@ class CrashRecoveryService(Service):
         self._confirm(intents.ConfirmAsBefore("map", actor=event.actor))
 
 
-def _stores(scenario: Scenario) -> tuple[object, ...]:
+def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:
     """Permissions to record, and to pass data to a model."""
     return scenario.permissions, scenario.blur, scenario.assistance
 

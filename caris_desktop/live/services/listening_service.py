@@ -28,7 +28,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.listening_feed import ListeningFeed
-from caris_desktop.live.process_manager import ProcessManager, reported_here
+from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.service import Follows, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
@@ -129,11 +129,11 @@ class ListeningService(Service):
             case RecogniserAway(problem):
                 status: ListeningStatus = self._state.listening.value
                 self._state.listening.set(ListeningStatus("failed", status.model, status.language, problem.what))
-                self._bus.publish(reported_here(problem))
+                self._bus.publish(localize_problem(problem))
             case RecogniserFailed(problem):
                 self._to_recogniser = None
                 self._state.listening.set(ListeningStatus("failed", detail=problem.what))
-                self._bus.publish(reported_here(problem))
+                self._bus.publish(localize_problem(problem))
 
     def _on_microphone_changed(self, _status: object) -> None:
         self._begin()

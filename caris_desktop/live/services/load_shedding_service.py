@@ -146,12 +146,12 @@ class LoadLevels:
         if self.step < worth:
             if since_ns >= _STEP_AFTER_NS:
                 self._go(self.step + 1, now_ns)
-        elif since_ns >= _BACK_AFTER_NS and self.step > self._stored:
+        elif since_ns >= _BACK_AFTER_NS and self.step > self._lowest_permitted:
             self._go(self.step - 1, now_ns)
         return self.step
 
     @property
-    def _stored(self) -> int:
+    def _lowest_permitted(self) -> int:
         """Lowest level that the samples permit."""
         if not (self._stalls.in_time and self._frames.in_time):
             return self.step

@@ -16,7 +16,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
 from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.remote_microphone import RemoteMicrophone, segmenter_of
+from caris_desktop.live.remote_microphone import RemoteMicrophone, participant_microphone
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_model import Scenario
@@ -71,7 +71,7 @@ class MicrophoneService(Service):
         self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
         self._soon.timeout.connect(self._get_ready)
         self._patience = QTimer(self, singleShot=True, interval=_OPENS_WITHIN_MS)
-        self._patience.timeout.connect(self._on_presence_timeout)
+        self._patience.timeout.connect(self._on_missing_timeout)
         self._tried = QTimer(self, singleShot=True, interval=_TRIED_FOR_MS)
         self._tried.timeout.connect(self._try_no_longer)
         state.robot.changed.connect(self._on_robot_changed)
@@ -94,7 +94,7 @@ class MicrophoneService(Service):
     @property
     def current(self) -> str:
         """Current microphone of the participant: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
-        return "none" if self._scenario is None else segmenter_of(self._scenario, self._state.robot.value)
+        return "none" if self._scenario is None else participant_microphone(self._scenario, self._state.robot.value)
 
     @property
     def records(self) -> bool:
@@ -271,7 +271,7 @@ class MicrophoneService(Service):
             self._begin_with(self._scenario)
             self._get_ready()
 
-    def _on_presence_timeout(self) -> None:
+    def _on_missing_timeout(self) -> None:
         self._missing_since_ns = clock.now_ns()
         self.wait_no_longer()
 

@@ -106,7 +106,7 @@ class PeopleService(Service):
                 self._worker.use_body(self._placed(self._inference))
         if self._worker is not None:
             self._worker.recognise(self._recognition, may_decide=names)
-            self._worker.request_for_blurring(self._cover)
+            self._worker.require_blurring(self._cover)
 
     def _placed(self, body: ProcessSpec) -> ProcessSpec:
         return replace(body, arguments=(self._rings, *(self._ranked(argument) for argument in body.arguments)))
@@ -134,7 +134,7 @@ class PeopleService(Service):
         worker.history_found.connect(self._state.person_history.reset_value, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
         worker.recognise(self._recognition, may_decide=self._may_decide)
-        worker.request_for_blurring(self._cover)
+        worker.require_blurring(self._cover)
         worker.ask_consents_again("consent" in self._state.going_on.value.unconfirmed)
         worker.practise(_is_practice(self._state.practice.value))
         self._thread.started.connect(worker.run)

@@ -113,7 +113,7 @@ class SessionService(Service):
         concerned.suggestions.forget()
         concerned.protocol.begin_session(asked.actor, step_id=concerned.going_on.step)
         checked = concerned.preflight.state_events(accepted=asked.anyway)
-        if not concerned.recording.announce_session([*self._current_state(resumed=False), *checked]):
+        if not concerned.recording.announce_session([*self._state_events(resumed=False), *checked]):
             return
         if concerned.scenario.current.permissions.audio_recording:
             # Opening takes a second or two, and the first words must not be missing.
@@ -143,7 +143,7 @@ class SessionService(Service):
             refused=concerned.microphone.close,
         )
 
-    def _current_state(self, *, resumed: bool) -> list[Event]:
+    def _state_events(self, *, resumed: bool) -> list[Event]:
         """Persistent state as events, at the start or resumption of a recording."""
         now_ns, state = clock.now_ns(), self._state
         link: LinkStatus = state.link.value
@@ -187,7 +187,7 @@ class SessionService(Service):
             concerned.microphone.close()
         elif concerned.scenario.current.permissions.audio_recording:
             concerned.microphone.open()
-        concerned.recording.pause_session(self._current_state(resumed=True), asked)
+        concerned.recording.pause_session(self._state_events(resumed=True), asked)
         concerned.protocol.pause(asked.paused)
 
     def _on_emergency_stop(self, event: EmergencyStopChanged) -> None:

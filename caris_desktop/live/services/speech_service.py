@@ -27,7 +27,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.dual_speech_output import DualSpeechOutput
-from caris_desktop.live.process_manager import ProcessManager, reported_here
+from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.service import PANELS_FIRST_MS, Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
@@ -181,10 +181,10 @@ class SpeechService(Service):
             case VoicesFound(voices):
                 self._state.voice.set(replace(self._state.voice.value, choices=voices))
             case SynthesisFailed(problem):
-                self._notify(reported_here(problem))
+                self._notify(localize_problem(problem))
                 self._on_voice_lost("computer", problem.what)
             case Problem():
-                self._notify(reported_here(message))
+                self._notify(localize_problem(message))
 
     def _set_voice(self, asked: intents.SetVoice) -> None:
         settings = replace(

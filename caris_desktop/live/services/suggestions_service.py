@@ -38,7 +38,7 @@ from caris_desktop.live.services.proposals_service import ProposalsService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LevelsStatus, ShownSuggestion, SuggestionsStatus
-from caris_desktop.live.template_values import selected_place
+from caris_desktop.live.template_values import current_place
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.scenario.assistant_settings import AssistantPeople
@@ -230,7 +230,7 @@ class SuggestionsService(Service):
             turn for turn in self._state.transcript.value if turn.utterance_id != begun.turn_id
         )
         person_id = begun.person_id or addressee(self._state)
-        place = selected_place(self._state)
+        place = current_place(self._state)
         doing = self._state.protocol.value.title or self._doing
 
         def messages(what: AssistantPeople) -> tuple[ChatMessage, ...]:

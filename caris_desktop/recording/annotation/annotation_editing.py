@@ -344,7 +344,7 @@ def merge_documents(*documents: AnnotationDocument) -> AnnotationDocument:
     )
 
 
-def restore_state(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
+def merge_imported(document: AnnotationDocument, imported: AnnotationDocument) -> AnnotationDocument:
     """Merge the coders' tiers of ``imported`` into ``document``; tiers derived from the recording are ignored.
 
     A tier exported from here (same coder and id) replaces the original. Others are appended; where their coder already

@@ -66,7 +66,7 @@ from caris_desktop.recording.session.session_protocol import (
 )
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, mentioned
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
@@ -191,7 +191,7 @@ class TimelineBuilder:
         return min(max((stamp_ns - self._session.started_ns) / whole_ns, 0.0), 1.0)
 
     def utterances(self) -> tuple[SpokenUtterance, ...]:
-        return mentioned(
+        return spoken_utterances(
             self._utterances,
             ended_ns=self._session.ended_ns,
             paused_ns=[pause.stamp_ns for pause in self._pauses if pause.paused],

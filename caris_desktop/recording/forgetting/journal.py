@@ -44,7 +44,7 @@ class Journal:
         self._left: set[str] = set()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.resumed:
-            self._restore_state()
+            self._read_entries()
         else:
             self.path.touch()
             bring_to_disk(self.path.parent)
@@ -118,7 +118,7 @@ class Journal:
             self._changes[change.file, change.what] = change
             self._left.add(change.after)
 
-    def _restore_state(self) -> None:
+    def _read_entries(self) -> None:
         content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         for line in whole.splitlines():

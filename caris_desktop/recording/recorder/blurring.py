@@ -155,7 +155,7 @@ class Blurring:
     def _pass_on(self, line: "_CameraQueue") -> None:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
-        near = line.gaze_wanders(waiting.ref.stamp_ns)
+        near = line.detections_around(waiting.ref.stamp_ns)
         agreed = self._consents.photos if waiting.photo else self._consents.video
         stamp_ns = waiting.ref.stamp_ns
         parts = None if near is None else parts_at(stamp_ns, near, self._demand, agreed, self._covering)
@@ -191,7 +191,7 @@ class _CameraQueue:
         silent = self._heard_ns is None or now_ns - self._heard_ns > _SILENT_AFTER_NS
         return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
 
-    def gaze_wanders(self, stamp_ns: int) -> list[People] | None:
+    def detections_around(self, stamp_ns: int) -> list[People] | None:
         """Detections around this time; None if they are missing or too far apart."""
         looks = self._looks
         after = bisect_right(looks, stamp_ns, key=_stamp_of)

@@ -113,7 +113,7 @@ class MediaWriter:
         for camera in self._cameras.values():
             camera.add(None)
 
-    def yield_control(self) -> None:
+    def stop_video(self) -> None:
         """On a full disk: write no more video, so that it does not use released reserve. Any thread."""
         for camera in tuple(self._cameras.values()):
             camera.no_room = True

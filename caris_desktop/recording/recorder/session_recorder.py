@@ -532,7 +532,7 @@ class SessionRecorder:
     def _make_room(self) -> bool:
         """Release a step of the reserve on a full disk, except the part for closing."""
         self._on_reserve = True
-        self._media.yield_control()
+        self._media.stop_video()
         if self._reserve.release_step():
             return True
         self.full = True

@@ -194,7 +194,7 @@ class _Repair:
             else:
                 sounds = self._repair_sounds()
                 videos = self._repair_videos()
-                self._store_leftovers()
+                self._move_leftovers()
                 self._write_header(videos, sounds)
         else:
             self._sentences.append(
@@ -253,7 +253,7 @@ class _Repair:
             target.close()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
-        self._persist(self._folder / _EVENTS)
+        self._preserve(self._folder / _EVENTS)
         part.replace(self._folder / _EVENTS)
         bring_to_disk(self._folder)
 
@@ -322,13 +322,13 @@ class _Repair:
                     record.ended = value
 
     def _report_events(self) -> None:
-        if self._damaged_bytes is None and self._stored(_EVENTS):
+        if self._damaged_bytes is None and self._preserved_name(_EVENTS):
             # An earlier attempt came this far and was interrupted.
-            with (self._folder / KEPT_FOLDER / self._stored(_EVENTS)).open("rb") as original:
+            with (self._folder / KEPT_FOLDER / self._preserved_name(_EVENTS)).open("rb") as original:
                 self._damaged_bytes = mcap_chunks.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
         lasted_s = self._times.clock.session_s(self._ended_ns)
-        if self._stored(_EVENTS):
+        if self._preserved_name(_EVENTS):
             what = new_index_words(left, finished=self._finished)
             self._sentences.append(localized(what, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
@@ -420,7 +420,7 @@ class _Repair:
         lines = media_repair.index_lines(path, content, recorded, self._times.clock)
         if lines is not None:
             if index.exists():
-                self._persist(index)
+                self._preserve(index)
             replace_file(index, lines, durable=True)
             self._sentences.append(
                 localized(QT_TR_NOOP("The frame times of {file} were matched to its frames."), file=path.name)
@@ -477,7 +477,7 @@ class _Repair:
 
     # The rest
 
-    def _store_leftovers(self) -> None:
+    def _move_leftovers(self) -> None:
         """Move half-written files aside without deleting them."""
         for path in sorted(self._folder.rglob(".*.part")):
             if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
@@ -530,7 +530,7 @@ class _Repair:
         }
         path = self._folder / "session.json"
         if path.exists() and not (self._folder / KEPT_FOLDER / f"{path.name}.original").exists():
-            self._persist(path)
+            self._preserve(path)
         text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         replace_file(self._folder / "session.json", text.encode("utf-8", "replace"), durable=True)
 
@@ -543,12 +543,12 @@ class _Repair:
                 pauses[-1]["resumed_ns"] = event.stamp_ns
         return pauses
 
-    def _stored(self, name: str) -> str:
+    def _preserved_name(self, name: str) -> str:
         """Name of the newest preserved original of a file; empty if there is none."""
         found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
         return found[-1].name if found else ""
 
-    def _persist(self, path: Path) -> None:
+    def _preserve(self, path: Path) -> None:
         """Preserve a file that will be replaced."""
         kept_folder = self._folder / KEPT_FOLDER
         kept_folder.mkdir(exist_ok=True)

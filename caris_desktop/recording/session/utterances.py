@@ -80,7 +80,7 @@ def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
     """Utterances of a session in order of their start (or request). Raises SessionError."""
     events = [value for _, value in session.values(*UTTERANCE_STREAMS, *VISIT_STREAMS, "event/recording_paused")]
     paused = [event for event in events if isinstance(event, RecordingPaused)]
-    return mentioned(
+    return spoken_utterances(
         (event for event in events if isinstance(event, UtteranceEvent)),
         ended_ns=session.ended_ns,
         paused_ns=[event.stamp_ns for event in paused if event.paused],
@@ -94,7 +94,7 @@ def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
     )
 
 
-def mentioned(
+def spoken_utterances(
     events: Iterable[UtteranceEvent],
     *,
     ended_ns: int,

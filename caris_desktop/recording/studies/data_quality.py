@@ -34,9 +34,9 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
     sentences += _gaps(facts)
     if not any(utterance.said and utterance.speaker == "participant" for utterance in facts.utterances):
         sentences.append("The recording contains no participant speech, so there are no response times.")
-    if not _stored(facts, "videos", "video-*"):
+    if not _has_recording(facts, "videos", "video-*"):
         sentences.append("There is no video.")
-    if not _stored(facts, "audio", "audio-*"):
+    if not _has_recording(facts, "audio", "audio-*"):
         sentences.append("There is no audio.")
     if not facts.odometry_ns.size:
         sentences.append(
@@ -78,5 +78,5 @@ def _gaps(facts: SessionData) -> list[str]:
     return [f"{count} {stream_words(stream)} are missing: {reason}." for (stream, reason), count in missing.items()]
 
 
-def _stored(facts: SessionData, header_key: str, pattern: str) -> bool:
+def _has_recording(facts: SessionData, header_key: str, pattern: str) -> bool:
     return bool(facts.session.header.get(header_key)) or any(facts.session.folder.glob(pattern))

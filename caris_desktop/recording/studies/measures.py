@@ -66,7 +66,7 @@ from caris_desktop.recording.session.session_protocol import (
 )
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, most_at_once, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, mentioned
+from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 
 T = TypeVar("T")
 
@@ -149,7 +149,7 @@ def read_facts(session: Session, progress: Callable[[float], None] = lambda _: N
     poses = _in_time(events.pop(RobotPose))
     return SessionData(
         session=session,
-        utterances=mentioned(
+        utterances=spoken_utterances(
             [*events[UtteranceChanged], *events[UtteranceCorrected]],
             ended_ns=session.ended_ns,
             paused_ns=[event.stamp_ns for event in events[RecordingPaused] if event.paused],

@@ -23,7 +23,7 @@ from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.repair_messages import read_loss
 from caris_desktop.recording.session.session_marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, mentioned
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_utterances
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)
@@ -528,7 +528,7 @@ def _items(session: Session) -> Iterator[_Item]:
     events = [value for _, value in session.values(*_TOLD_BY)]
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     utterances = [event for event in events if isinstance(event, UtteranceEvent)]
-    spoken = mentioned(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns)
+    spoken = spoken_utterances(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns)
     said = [(one, one.start_ns) for one in spoken if one.said and one.start_ns is not None]
     texts = {text for one, _ in said if (text := " ".join(one.text.split()))}
     quoted: Counter[str] = Counter()

@@ -121,7 +121,9 @@ class TranscriptView(QAbstractScrollArea):
         self._field.entered.connect(self._on_written)
         # Leaving without Enter discards the edit.
         self._field.left.connect(self.give_up_writing)
-        self._told = AccessibleRegions(self.viewport(), self.viewport(), lambda: _spots(self), self._on_message_pressed)
+        self._told = AccessibleRegions(
+            self.viewport(), self.viewport(), lambda: _spots(self), self._on_accessible_press
+        )
         theme.changed.connect(self._on_theme_changed)
 
     # ---- display
@@ -393,9 +395,9 @@ class TranscriptView(QAbstractScrollArea):
         if event.button() != Qt.MouseButton.LeftButton or row is None:
             return
         utterance_id, button = self._rows[row].utterance_id, self._button_at(at)
-        self._on_message_pressed((utterance_id, button.act if button is not None else "pick"))
+        self._on_accessible_press((utterance_id, button.act if button is not None else "pick"))
 
-    def _on_message_pressed(self, key: tuple[str, ...]) -> None:
+    def _on_accessible_press(self, key: tuple[str, ...]) -> None:
         """Handle a click, also from the accessibility interface, on a turn or its button."""
         utterance_id, act = key
         button = next((button for button in _BUTTONS if button.act == act), None)

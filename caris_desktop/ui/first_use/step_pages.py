@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.remote_microphone import segmenter_of
+from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import RobotProfile
@@ -242,7 +242,7 @@ class SoundPage(StepPage):
 
     def _show_microphone_owner(self, robot: RobotProfile | None) -> None:
         """Hidden if the robot, chosen in an earlier step, has a microphone."""
-        self._microphones.setVisible(segmenter_of(self.console.scenario, robot) == "computer")
+        self._microphones.setVisible(participant_microphone(self.console.scenario, robot) == "computer")
 
     def _show_voice(self, _changed: object = None) -> None:
         if self._output is not None:

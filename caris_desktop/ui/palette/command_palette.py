@@ -164,7 +164,7 @@ class _EntryList(QWidget):
         self._breaks: Sequence[int] = ()
         self.asked_again: PaletteItem | None = None
         self.setMouseTracking(True)
-        self._told = AccessibleRegions(self, self, self._spots, self._on_message_pressed)
+        self._told = AccessibleRegions(self, self, self._spots, self._on_accessible_press)
 
     @property
     def entries(self) -> tuple[PaletteItem, ...]:
@@ -226,7 +226,7 @@ class _EntryList(QWidget):
             for line, entry in enumerate(shown)
         ]
 
-    def _on_message_pressed(self, key: tuple[str, ...]) -> None:
+    def _on_accessible_press(self, key: tuple[str, ...]) -> None:
         row = int(key[0])
         # The list may have changed since the region was reported.
         if row < len(self._entries) and self._entries[row].text == key[1]:

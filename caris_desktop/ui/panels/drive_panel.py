@@ -124,7 +124,7 @@ class DrivePanel(Panel):
         self.state.drive.changed.connect(self._show_now)
         self.state.goal.changed.connect(self._show_now)
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.state.look.changed.connect(self._on_detection_changed)
+        self.state.look.changed.connect(self._on_head_changed)
         self.hold.motion.held_changed.connect(self._show_now)
         self.hold.key_owner_changed.connect(self._show_now)
         self.table.keys_changed.connect(self._show_now)
@@ -205,10 +205,10 @@ class DrivePanel(Panel):
         self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
         self._pad.show_rows()
         self._arrange_views()
-        self._on_detection_changed(self.state.look.value)
+        self._on_head_changed(self.state.look.value)
         self._show_now()
 
-    def _on_detection_changed(self, _look: object) -> None:
+    def _on_head_changed(self, _look: object) -> None:
         if not self.in_view:
             return
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)

@@ -22,7 +22,7 @@ from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_reported
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_description
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
 from caris_desktop.ui.widgets.map_view import MapView
@@ -58,7 +58,7 @@ class MapPanel(Panel):
         self._follows_on_map = False  # in the odometry frame the view always follows the robot
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
-        self._told = ThrottledAccessibleDescription(self.view, self._message_text, every_ms=TOLD_EVERY_MS)
+        self._told = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         layout = layouts.vbox(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
@@ -441,9 +441,9 @@ class MapPanel(Panel):
             chips.append(self._ended[:2])
         return chips
 
-    def _message_text(self) -> str:
+    def _accessible_text(self) -> str:
         scan = self.state.scan
-        return map_reported(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
+        return map_description(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
 
     def _refresh(self) -> None:
         if not self.in_view:

@@ -158,7 +158,7 @@ class MotionPanel(Panel):
             self._widget.ci.addItem(turning, row=0 if side_by_side else 1, col=1 if side_by_side else 0)
 
     @property
-    def visited_points(self) -> int:
+    def sample_count(self) -> int:
         return len(self._commanded) + len(self._measured) + len(self._limited)
 
     def shown(self, row: int, line: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -78,7 +78,7 @@ class PeoplePanel(Panel):
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
         self._told = AccessibleRegions(
-            holder, self.list.viewport(), self.list.accessible_spots, self.list.press_message
+            holder, self.list.viewport(), self.list.accessible_spots, self.list.press_accessible
         )
         layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
@@ -213,7 +213,7 @@ class PeoplePanel(Panel):
             camera=self.state.camera.value,
         )
         self._report_folded(persons)
-        self.list.find_owner_of_name()
+        self.list.discard_orphaned_name()
         self._renew_card()
         if not self._undo.isHidden():
             self._report_decision()
@@ -408,7 +408,7 @@ class PeoplePanel(Panel):
     def _on_escape(self) -> None:
         self.list.give_up_naming()
         if self._card is not None:
-            self._card.yield_control()
+            self._card.step_back()
         if not self._search.isHidden():
             self._close_search()
 

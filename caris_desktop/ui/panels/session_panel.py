@@ -253,7 +253,7 @@ class SessionPanel(Panel):
         if folder is not None:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
-    def _stored(self) -> str:
+    def _contents_text(self) -> str:
         """Short text on what a session contains."""
         permissions = self.console.scenario.permissions
         photos = tr("photos") if permissions.photos else tr("no photos")
@@ -314,7 +314,7 @@ class SessionPanel(Panel):
                 self.set_fact(tr("not recording"), "red")
             case _:
                 self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
-                text = tr("Records {what}").format(what=self._stored())
+                text = tr("Records {what}").format(what=self._contents_text())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
                 self.set_fact(tr("not recording"))
@@ -353,7 +353,7 @@ class SessionPanel(Panel):
         so_far = tr("{size} so far").format(size=text_formatting.size(status.written_bytes))
         if self.table.spec("mark") is not None:
             so_far = tr("{size} so far: {kept}").format(
-                size=text_formatting.size(status.written_bytes), kept=self._stored()
+                size=text_formatting.size(status.written_bytes), kept=self._contents_text()
             )
         parts = [so_far, text_formatting.all_missing(status.dropped)]
         low = status.room_s is not None and status.room_s < ROOM_LOW_S

@@ -22,7 +22,7 @@ from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, SeenLately, video_losses
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, SeenLately, video_description
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -69,7 +69,7 @@ class VideoPanel(Panel):
         self.view.setObjectName("video_view")
         self._seen = SeenLately()
         self._told = ThrottledAccessibleDescription(
-            self.view, lambda: video_losses(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
+            self.view, lambda: video_description(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
         )
         self.strip = CameraStrip(self.theme, self)
         self.strip.chosen.connect(self.state.choose_camera)

@@ -185,7 +185,7 @@ class PeopleList(FastTableView):
                 spots.append(AccessibleRegion((button.act, person.person_id), button.tip, place, button.key))
         return spots
 
-    def press_message(self, key: tuple[str, ...]) -> None:
+    def press_accessible(self, key: tuple[str, ...]) -> None:
         """Handle an accessible press like a click."""
         act, person_id = key
         if self._people.row_of(person_id) is not None:
@@ -279,7 +279,7 @@ class PeopleList(FastTableView):
         left = rect.left() + _SIDE_PX + avatar.SIZE_PX + _GAP_PX - 6
         self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
 
-    def find_owner_of_name(self) -> None:
+    def discard_orphaned_name(self) -> None:
         """Discard typing for a person who no longer exists: it must not reach another row or field."""
         if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
             self._field.clear()

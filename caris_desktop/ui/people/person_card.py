@@ -175,7 +175,7 @@ class PersonCard(QWidget):
             self.show_person(left, self._now_ns)
             self.show_page("about")
 
-    def yield_control(self) -> None:
+    def step_back(self) -> None:
         """Esc: leave a question page first, then close. Unfinished input is discarded."""
         if self.isHidden():
             return

@@ -18,7 +18,7 @@ _FORMATS = "*.eaf *.csv *.tsv *.txt"
 
 
 class ImportDialog(VisualTabOrderMixin, QDialog):
-    """Stays open with the reason if ``restore_state`` refuses after reading the file."""
+    """Stays open with the reason if ``import_file`` refuses after reading the file."""
 
     def __init__(
         self,
@@ -26,13 +26,13 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         parent: QWidget,
         *,
         coders: Sequence[str],
-        restore_state: Callable[[Path, str, Callable[[str], None]], None],
+        import_file: Callable[[Path, str, Callable[[str], None]], None],
     ) -> None:
         super().__init__(parent)
         self.setObjectName("import_dialog")
         self.setWindowTitle(tr("Import annotations"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._take_over = restore_state
+        self._import_file = import_file
         self._asked = 0
         self.finished.connect(self._forget)
         heading = QLabel(tr("Choose the file and its coder"))
@@ -121,7 +121,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
             if not refusal:
                 self.accept()
 
-        self._take_over(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
+        self._import_file(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
 
     def _forget(self) -> None:
         self._asked = -1

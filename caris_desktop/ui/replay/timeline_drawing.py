@@ -287,7 +287,7 @@ class TimelineDrawing:
             ground.setAlpha(70)
         height = row.height_px - 2 * PAD_PX
         narrow = line if row.own else theme.color("dim")
-        boxes = detections_image(lefts, rights, room, height, line=line, ground=ground, narrow=narrow)
+        boxes = outlines_image(lefts, rights, room, height, line=line, ground=ground, narrow=narrow)
         painter.drawImage(0, top + PAD_PX, boxes)
         painter.setFont(theme.font(tokens.STATUS_PX if row.own else tokens.KEY_CAP_PX))
         painter.setPen(theme.color("text"))
@@ -330,7 +330,7 @@ def columns_image(tops: NDArray[np.floating], bottoms: NDArray[np.floating], hei
     return _image(np.where(filled, _premultiplied(color), np.uint32(0)))
 
 
-def detections_image(
+def outlines_image(
     lefts: NDArray[np.int64],
     rights: NDArray[np.int64],
     width_px: int,

@@ -110,9 +110,9 @@ class TimelineRows(QObject):
 
     def open_import(self) -> None:
         coders = annotation_editing.coders_of(self._acts.document)
-        ImportDialog(self._theme, self._view, coders=coders, restore_state=self._restore_state).open()
+        ImportDialog(self._theme, self._view, coders=coders, import_file=self._import_file).open()
 
-    def _restore_state(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+    def _import_file(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
         before = self._acts.document
 
         def taken(refusal: str) -> None:

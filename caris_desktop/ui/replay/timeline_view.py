@@ -74,7 +74,7 @@ class TimelineView(QWidget):
         self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
-        self._told = ThrottledAccessibleDescription(self.canvas, self._message_text)
+        self._told = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
         self.acts = TimelineCommands(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
         self.acts.timeline_wanted.connect(lambda: self.open_wanted.emit(True))
@@ -288,7 +288,7 @@ class TimelineView(QWidget):
         self._told.changed()
         self.update()
 
-    def _message_text(self) -> str:
+    def _accessible_text(self) -> str:
         """Accessible description: position, visible part, number of marks, selection."""
         scale, overview = self.canvas.scale, self._replay.overview.value
         start_ms, end_ms = scale.start_ms, scale.start_ms + self.canvas.room_px / scale.px_per_ms

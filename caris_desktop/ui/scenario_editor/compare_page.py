@@ -161,7 +161,7 @@ class ComparePage(QWidget):
         texts.addWidget(title)
         texts.addWidget(words)
         take = ActionButton(theme, tr("Take theirs"), icon="arrow-left", height_px=30)
-        take.setObjectName("restore_state")
+        take.setObjectName("take_value")
         take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._editing.document.unreadable is None)
         take.clicked.connect(lambda: self._take(difference))
@@ -171,7 +171,7 @@ class ComparePage(QWidget):
         return row
 
     def _take(self, difference: Difference) -> None:
-        self._editing.document.restore_state(difference.path, self._other_data)
+        self._editing.document.adopt_value(difference.path, self._other_data)
         self._editing.emit_changes(reshaped=True)
 
 

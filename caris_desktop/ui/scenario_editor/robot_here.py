@@ -21,7 +21,7 @@ class RobotHere(ActionButton):
         self._path = path
         self.setObjectName("place_from_robot")
         self.setAccessibleName(context.spoken(tr("Use the robot's current position")))
-        self.clicked.connect(self._restore_state)
+        self.clicked.connect(self._use_position)
 
     def refresh(self) -> None:
         known = self._context.robot_pose() is not None
@@ -29,7 +29,7 @@ class RobotHere(ActionButton):
         where = tr("Use the robot's current position and heading")
         self.setToolTip(where if known else tr("The robot's position in the map is unknown"))
 
-    def _restore_state(self) -> None:
+    def _use_position(self) -> None:
         pose = self._context.robot_pose()
         if pose is None:
             return

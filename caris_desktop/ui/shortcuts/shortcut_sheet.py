@@ -75,12 +75,12 @@ class ShortcutSheet(Overlay):
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._says = self._line("shortcut_says")
         self._says.setFont(theme.font(tokens.BODY_PX))
-        self._take_over = self._button("shortcut_take_over", tr("Reassign"), self._on_take_control)
+        self._reassign = self._button("shortcut_reassign", tr("Reassign"), self._on_reassign)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
         below = layouts.hbox(spacing_px=8)
         below.addWidget(self._says, 1)
-        for button in (self._take_over, self._remove, self._leave):
+        for button in (self._reassign, self._remove, self._leave):
             below.addWidget(button)
         column = layouts.vbox(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
         column.addLayout(top)
@@ -101,7 +101,7 @@ class ShortcutSheet(Overlay):
         super().open()
         self.search.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    def yield_control(self) -> None:
+    def step_back(self) -> None:
         """Esc: cancel a key choice first, then close the sheet."""
         if self._asked is not None:
             self.stop_asking()
@@ -256,7 +256,7 @@ class ShortcutSheet(Overlay):
             return
         spec, column, key = asked.row.spec, asked.cell.column, pressed.key
         if asked.keys is not None and key == "Return":
-            self._on_take_control()
+            self._on_reassign()
             return
         asked.keys = None
         if spec.by_position and key.removeprefix("Alt+").count("+") == 0:
@@ -277,12 +277,12 @@ class ShortcutSheet(Overlay):
             cap = self._actions.caps(spec, [key])[0]
             self._say(
                 tr("{key} is already assigned to {acts}. Reassigning removes it there.").format(key=cap, acts=names),
-                wrong=True, restore_state=True,
+                wrong=True, reassign=True,
             )  # fmt: skip
         else:
             self._choose(spec, keys)
 
-    def _on_take_control(self) -> None:
+    def _on_reassign(self) -> None:
         if self._asked is not None and self._asked.keys is not None:
             self._choose(self._asked.row.spec, self._asked.keys)
 
@@ -303,12 +303,12 @@ class ShortcutSheet(Overlay):
     # ---- messages
 
     def _say(
-        self, text: str, *, waits: bool = True, wrong: bool = False, restore_state: bool = False, remove: bool = False
+        self, text: str, *, waits: bool = True, wrong: bool = False, reassign: bool = False, remove: bool = False
     ) -> None:
         self._says.setText(text)
         self._theme.color_text(self._says, "amber" if wrong else "text" if waits else "dim")
-        self._take_over.setVisible(restore_state)
-        self._take_over.set_key("Enter" if restore_state else "")
+        self._reassign.setVisible(reassign)
+        self._reassign.set_key("Enter" if reassign else "")
         self._remove.setVisible(remove)
         self._leave.setVisible(waits)
 

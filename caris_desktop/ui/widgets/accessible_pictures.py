@@ -30,7 +30,7 @@ class SeenLately:
         return tuple(self._seen_s)
 
 
-def video_losses(view: FrameView, names: Iterable[str]) -> str:
+def video_description(view: FrameView, names: Iterable[str]) -> str:
     """People in view and label texts, or the message in place of the picture."""
     if view.frame is None:
         return _sentences(view.words_without_picture())
@@ -39,7 +39,7 @@ def video_losses(view: FrameView, names: Iterable[str]) -> str:
     return _sentences((people, *_chips(view.chips)))
 
 
-def map_reported(view: MapView, lidar: str = "") -> str:
+def map_description(view: MapView, lidar: str = "") -> str:
     """Robot position and goal, the ``lidar`` text, people, places and label texts. Metres in the map."""
     shown, said = view.shown, list[str]()
     if shown.pose is not None:

@@ -217,7 +217,7 @@ class Joystick(QWidget):
                 size = min(14.0, radius - inner)
                 rect = QRectF(center.x() + side * middle - size / 2, center.y() - size / 2, size, size)
                 draw_icon(painter, rect, icon, ink)
-        self._paint_paths(painter, center, inner)
+        self._paint_directions(painter, center, inner)
         knob = center + self._knob * self._reach()
         size = radius * _KNOB
         painter.setPen(QPen(theme.color("blue" if self._held else "line_strong"), 1.5))
@@ -227,7 +227,7 @@ class Joystick(QWidget):
             ink = theme.color("on_blue" if self._held else "text")
             draw_icon(painter, QRectF(knob.x() - 9, knob.y() - 9, 18, 18), "eye", ink)
 
-    def _paint_paths(self, painter: QPainter, center: QPointF, inner: float) -> None:
+    def _paint_directions(self, painter: QPainter, center: QPointF, inner: float) -> None:
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         turns = self._use == "base"
         size = min(14.0, inner * 0.3)

@@ -279,13 +279,13 @@ def test_a_robot_that_tells_of_its_sentence_afterwards_gets_its_turns_back(pause
     before, *robots, after = (each.utterance_id for each in bench.utterances if each.state == "finished")
     assert len(robots) == (2 if pause_s else 1)
     _unasked(own_words, bench.now_s - 2.5)
-    bench.ear.smooth_offline()
+    bench.ear.reassign_robot_turns()
     corrected = [each for each in bench.told if isinstance(each, UtteranceCorrected)]
     assert [(each.utterance_id, each.speaker, each.actor) for each in corrected] == [
         (each, "robot", CONSOLE) for each in robots
     ]
     assert not {before, after} & {each.utterance_id for each in corrected}
-    bench.ear.smooth_offline()
+    bench.ear.reassign_robot_turns()
     assert len([each for each in bench.told if isinstance(each, UtteranceCorrected)]) == len(corrected)
 
 
@@ -306,7 +306,7 @@ def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, a
     bench.hear(1).hear(1.8, 9000).hear(1.5)
     assert bench.utterances[-1].state == "finished"
     _unasked(own_words, bench.now_s + after_s, says, estimated=estimated)
-    bench.ear.smooth_offline()
+    bench.ear.reassign_robot_turns()
     assert not [each for each in bench.told if isinstance(each, UtteranceCorrected)]
 
 

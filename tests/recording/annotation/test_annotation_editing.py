@@ -160,20 +160,20 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
         tiers=tuple(dataclasses.replace(tier, tier_id=f"eaf-{tier.tier_id}") for tier in others.tiers),
         annotations=tuple(dataclasses.replace(item, tier_id=f"eaf-{item.tier_id}") for item in others.annotations),
     )
-    taken = annotation_editing.restore_state(document, elsewhere)
+    taken = annotation_editing.merge_imported(document, elsewhere)
     assert [tier.name for tier in taken.tiers] == ["Motion", "Gaze", "Gaze (2)"]
     assert len(taken.annotations) == len(document.annotations) + 2
     # What went out from here and was changed elsewhere comes back to its place.
     both = annotation_editing.add_tier(document, "Below", "anna")
-    assert annotation_editing.restore_state(both, both) == both
-    assert spans_of(annotation_editing.restore_state(both, others)) == [(0, 10), (20, 30)]
-    assert [tier.name for tier in annotation_editing.restore_state(both, others).tiers] == ["Motion", "Gaze", "Below"]
+    assert annotation_editing.merge_imported(both, both) == both
+    assert spans_of(annotation_editing.merge_imported(both, others)) == [(0, 10), (20, 30)]
+    assert [tier.name for tier in annotation_editing.merge_imported(both, others).tiers] == ["Motion", "Gaze", "Below"]
     with pytest.raises(AnnotationError, match="no coder's tiers"):
-        annotation_editing.restore_state(document, RECORD)
+        annotation_editing.merge_imported(document, RECORD)
     late = dataclasses.replace(coded(), duration_ms=0)
     late = annotation_editing.add_annotation(late, "c-anna-tier-1", 90_000, 91_000, "x")
     with pytest.raises(AnnotationError, match="The session ends at"):
-        annotation_editing.restore_state(document, late)
+        annotation_editing.merge_imported(document, late)
 
 
 @settings(max_examples=examples(60), deadline=None)

@@ -355,7 +355,7 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
     (old,) = document.vocabularies
     assert (old.description, [entry.value for entry in old.entries]) == ("Before 2.8", ["yes", "no", "old value"])
     assert old.entries[0].description == "a yes"
-    taken = annotation_editing.restore_state(AnnotationDocument(duration_ms=5000), document)
+    taken = annotation_editing.merge_imported(AnnotationDocument(duration_ms=5000), document)
     assert len(taken.annotations) == 6
 
 

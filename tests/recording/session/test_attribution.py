@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.recording.session.session_visits import Visit
-from caris_desktop.recording.session.utterances import SpokenUtterance, UtteranceEvent, mentioned
+from caris_desktop.recording.session.utterances import SpokenUtterance, UtteranceEvent, spoken_utterances
 
 ANA, BEN = Visit("p-ana", 1, 0, 10_000), Visit("p-ben", 2, 0, 10_000)
 SAID = (
@@ -17,7 +17,7 @@ SAID = (
 
 
 def said(*visits: Visit, events: tuple[UtteranceEvent, ...] = SAID) -> SpokenUtterance:
-    (utterance,) = mentioned(events, ended_ns=20_000, visits=visits)
+    (utterance,) = spoken_utterances(events, ended_ns=20_000, visits=visits)
     return utterance
 
 

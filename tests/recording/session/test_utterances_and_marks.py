@@ -13,7 +13,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks, final_marks_of
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import mentioned, spoken
+from caris_desktop.recording.session.utterances import spoken, spoken_utterances
 from tests.recording.session.test_session_reader import record
 
 
@@ -25,7 +25,7 @@ def said(stamp_ns: int, utterance_id: str, state: UtteranceState, **fields: str)
 def times(events: list[UtteranceChanged], **more: object) -> list[tuple[object, ...]]:
     return [
         (one.utterance_id, one.requested_ns, one.start_ns, one.end_ns, one.state)
-        for one in mentioned(events, **{"ended_ns": 1000, **more})  # type: ignore[arg-type] # as above
+        for one in spoken_utterances(events, **{"ended_ns": 1000, **more})  # type: ignore[arg-type] # as above
     ]
 
 
@@ -39,7 +39,7 @@ def test_an_utterance_has_the_exact_times_at_which_it_began_and_ended() -> None:
         said(70, "b", "interrupted", detail="silenced"),
     ]
     assert times(events) == [("a", 10, 20, 50, "finished"), ("b", 12, 51, 70, "interrupted")]
-    first, second = mentioned(events, ended_ns=1000)
+    first, second = spoken_utterances(events, ended_ns=1000)
     assert (first.voice, first.text, first.said) == ("robot", "text of a", True)
     assert second.detail == "silenced"
 
@@ -52,7 +52,7 @@ def test_times_that_nobody_told_are_marked_as_estimated() -> None:
         said(60, "b", "started"),
         said(70, "b", "finished"),
     ]
-    assert [one.estimated for one in mentioned(events, ended_ns=1000)] == [True, False]
+    assert [one.estimated for one in spoken_utterances(events, ended_ns=1000)] == [True, False]
 
 
 def test_what_was_never_said_has_no_times() -> None:
@@ -68,7 +68,7 @@ def test_what_was_never_said_has_no_times() -> None:
         ("failed", 11, None, None, "failed"),
         ("waiting", 12, None, None, "requested"),
     ]
-    assert not any(one.said for one in mentioned(events, ended_ns=1000))
+    assert not any(one.said for one in spoken_utterances(events, ended_ns=1000))
 
 
 def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speaker_goes_on() -> None:
@@ -91,13 +91,16 @@ def test_a_heard_turn_whose_verdict_is_not_in_the_record_was_not_said() -> None:
     spoken_before = [before, replace(before, stamp_ns=200, state="finished", text="Where is the lab?")]
     lost_inside = replace(begun, stamp_ns=300, utterance_id="lost")
     told = [*spoken_before, lost_inside, begun]
-    assert [one.utterance_id for one in mentioned(told, ended_ns=1000) if one.said] == ["p"]
+    assert [one.utterance_id for one in spoken_utterances(told, ended_ns=1000) if one.said] == ["p"]
     # Somebody who listened to it wrote down what was said.
     corrected = UtteranceCorrected(950, "lost", text="Hello.")
-    assert [one.utterance_id for one in mentioned([*told, corrected], ended_ns=1000) if one.said] == ["p", "lost"]
+    assert [one.utterance_id for one in spoken_utterances([*told, corrected], ended_ns=1000) if one.said] == [
+        "p",
+        "lost",
+    ]
     # A robot or a wizard that was still speaking did say it.
     own = said(950, "own", "started", speaker="wizard", origin="own_voice", text="")
-    assert [one.utterance_id for one in mentioned([own], ended_ns=1000) if one.said] == ["own"]
+    assert [one.utterance_id for one in spoken_utterances([own], ended_ns=1000) if one.said] == ["own"]
 
 
 def test_the_newest_of_a_mark_counts_and_withdrawn_ones_are_gone() -> None:

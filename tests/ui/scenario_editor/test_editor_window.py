@@ -304,7 +304,7 @@ def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEdi
     assert page.choice.itemText(0) == "Saved version"
     assert page.said.text().startswith("Differences: 2.")
     assert "-title: Small   # and good\n+title: Large   # and good" in page.diff.toPlainText()
-    take = [row.findChild(QWidget, "restore_state") for row in page.rows]
+    take = [row.findChild(QWidget, "take_value") for row in page.rows]
     assert [each.accessibleName() for each in take if each] == [
         "Take theirs: Title",
         "Take theirs: Permissions › Photos",
@@ -335,13 +335,13 @@ def test_ones_own_file_of_a_shipped_name_is_compared_with_the_shipped_one_first(
     assert offered[:2] == ["tour-guide, built-in version", "Saved version"]
     assert sorted(offered[2:]) == offered[2:] and "tour-guide, built-in version" not in offered[2:]
     assert "-title: Tour guide\n+title: My tour" in page.diff.toPlainText()
-    QTest.mouseClick(restore_state(page.rows[0]), Qt.MouseButton.LeftButton)
+    QTest.mouseClick(take_value(page.rows[0]), Qt.MouseButton.LeftButton)
     assert editor.document.text == shipped
     console.state.close()
 
 
-def restore_state(row: QWidget) -> QWidget:
-    button = row.findChild(QWidget, "restore_state")
+def take_value(row: QWidget) -> QWidget:
+    button = row.findChild(QWidget, "take_value")
     assert button is not None
     return button
 
