@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite and the wheel.
+# Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite, the wheel
+# and the bundle.
 #
 #   bash packaging/test-release.sh            with the versions of packaging/lock.txt
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
 #   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and pytest with these arguments
 #
-# All tests run, soak tests included. Needs root, debootstrap, some 12 GB and several hours. The package sources,
+# All tests run, soak tests included. Needs root, debootstrap, some 20 GB and several hours. The package sources,
 # certificates and proxies are this machine's. The system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the
 # next run; --fresh builds it again.
 set -euo pipefail
@@ -93,6 +94,8 @@ printf '\n== suite\n'
 inside bash packaging/test.sh "${of_suite[@]}" || status=$?
 printf '\n== wheel in an empty environment\n'
 inside bash packaging/test-wheel.sh || status=$?
+printf '\n== bundle\n'
+inside bash packaging/bundle.sh --test || status=$?
 printf '\n== tested with\n'
 inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
 inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |

@@ -4,23 +4,125 @@ It writes the JSON Schemas, the guide's tables of file keys, shortcuts, commands
 scenario form, and the texts that a replay translates. A test fails if one of them is outdated.
 """
 
+import ast
+import json
+from collections.abc import Iterator
 from pathlib import Path
 
 from caris_desktop.app import commands_page
-from caris_desktop.conversation.face import face_reference as face
-from caris_desktop.domain import recorded_text_index as domain
-from caris_desktop.recording.annotation import coding_file
+from caris_desktop.conversation.face.face_file import Face
+from caris_desktop.domain.control_definitions import RobotControl
+from caris_desktop.domain.recorded_messages import TEXTS_PATH
+from caris_desktop.domain.schema_docs import reference, with_tables
+from caris_desktop.domain.schema_json import schema_text
+from caris_desktop.domain.schema_labels import texts_of
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.recording.annotation.coding_file import Coding
 from caris_desktop.recording.exporters import tables_page
-from caris_desktop.robot import profile_reference as robot
-from caris_desktop.scenario import scenario_reference as scenario
-from caris_desktop.ui.scenario_editor import schema_texts as scenario_editor
-from caris_desktop.ui.shortcuts import shortcut_reference as shortcuts
+from caris_desktop.robot.profile_model import ProfileFile
+from caris_desktop.scenario.scenario_file import schema_path
+from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.shortcuts import shortcut_reference
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+_SCENARIO_PAGE_HEAD = """\
+<!-- Written by `python -m caris_desktop.app.generated_reference` from
+caris_desktop/scenario/scenario_model.py: change it there. -->
+# The scenario file
+
+A scenario is a YAML file that configures the console for a study: the layout of the panels, the permissions of the
+wizard, the prepared phrases of the robot and the places it can go to. It contains only data; nothing in it is executed.
+For examples, see [Writing a scenario](scenarios.md).
+
+The scenarios shipped with the program are in `layouts`. Your own can be anywhere
+(`caris-desktop --scenario my-study.yaml`), or in the folder `scenarios` of your configuration folder
+(`~/.config/caris-desktop/scenarios` on Linux), where the console lists them. A file there replaces a shipped one with
+the same name. `caris-desktop check --scenario my-study.yaml` reports the file, the line and the allowed values for each
+mistake.
+
+```yaml
+version: 1
+title: My study
+layout:
+  split: horizontal
+  weights: [60, 40]
+  children:
+    - panel: video
+    - tabs: [speak, map]
+```
+
+Everything else is optional. Editors with YAML schema support complete and check every key if the first line is
+`# yaml-language-server: $schema=PATH/scenario.schema.json`; the schema is in `resources/schemas`. When the console
+saves a place or a panel layout, your comments, the order of your keys and all other lines stay unchanged.
+
+## The file
+
+"""
+
+_DECLARED_TEXTS_HEAD = '''\
+"""Texts of the declarations of scenario files, for Qt's tools alone: nothing imports this.
+
+Written by ``python -m caris_desktop.app.generated_reference`` from ``scenario/scenario_model.py``: change
+them there. Long because there are many settings.
+"""
+
+# fmt: off
+# ruff: noqa: E501
+from caris_desktop.domain.translation import QT_TR_NOOP
+
+TEXTS = (
+'''
+
+_RECORDING_PACKAGES = ("domain", "live", "robot", "perception", "people", "conversation", "recording", "study")
+_LEAST_LETTERS = 4
+"""A text with fewer letters besides its values would match any sentence."""
 
 
 def reference_files() -> dict[Path, str]:
-    """Content of each generated file."""
-    rooms = (domain, scenario, robot, coding_file, face, shortcuts, scenario_editor, commands_page, tables_page)
-    return {path: text for room in rooms for path, text in room.reference_files().items()}
+    """Content of each generated file; text between the tables of a guide page is preserved."""
+    schemas, guide = resources_dir() / "schemas", resources_dir() / "guide"
+    face, profiles = guide / "face.md", guide / "robot-profiles.md"
+    return {
+        schema_path(): schema_text(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario"),
+        schemas / "robot-profile.schema.json": schema_text(ProfileFile, title="CARIS Desktop robot profile"),
+        schemas / "robot-control.schema.json": schema_text(RobotControl, title="A control of the Robot panel"),
+        schemas / "face.schema.json": schema_text(Face, title="CARIS Desktop face"),
+        schemas / "annotations.schema.json": schema_text(Coding, title="CARIS Desktop annotations"),
+        guide / "scenario-file.md": _SCENARIO_PAGE_HEAD + reference(Scenario),
+        profiles: with_tables(profiles.read_text("utf-8"), {"profile": ProfileFile, "control": RobotControl}),
+        face: with_tables(face.read_text("utf-8"), {"face": Face}),
+        _PACKAGE / "ui" / "scenario_editor" / "declared_texts.py": _declared_texts(),
+        TEXTS_PATH: _recorded_texts(),
+        **commands_page.reference_files(),
+        **tables_page.reference_files(),
+        **shortcut_reference.reference_files(),
+    }
+
+
+def _declared_texts() -> str:
+    lines = [f"    QT_TR_NOOP({json.dumps(text, ensure_ascii=False)}),\n" for text in texts_of(Scenario)]
+    return f"{_DECLARED_TEXTS_HEAD}{''.join(lines)})\n"
+
+
+def _recorded_texts() -> str:
+    """Texts that a replay looks up in the record, extracted from the sources: it imports few of the packages that
+    write them.
+    """
+    sources = (path for name in _RECORDING_PACKAGES for path in sorted((_PACKAGE / name).rglob("*.py")))
+    texts = sorted({text for path in sources for text in _marked(path.read_text("utf-8"))})
+    return json.dumps(texts, indent=0, ensure_ascii=False) + "\n"
+
+
+def _marked(source: str) -> Iterator[str]:
+    for call in ast.walk(ast.parse(source)):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "QT_TR_NOOP":
+            text = ast.literal_eval(call.args[0])
+            own = text.replace("%n", "")
+            while "{" in own:
+                own = own.partition("{")[0] + own.partition("}")[2]
+            if sum(map(str.isalpha, own)) >= _LEAST_LETTERS:
+                yield text
 
 
 def main() -> None:

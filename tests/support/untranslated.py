@@ -94,7 +94,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "ui/replay/timeline_overlay.py": {"tier {}": _ROW},
     "ui/replay/timeline_rows.py": {"tier {}": _ROW},
     "ui/replay/timeline_view.py": {"tier {}": _ROW, "record {}": _ROW},
-    "ui/scenario_editor/schema_texts.py": {"*": _GUIDE},
+    "app/generated_reference.py": {"*": _GUIDE},
     "ui/shortcuts/shortcut_reference.py": {"*": _GUIDE},
     "ui/shortcuts/shortcut_sheet.py": {"Enter": _CAP},
     "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "a key of the settings"},

@@ -1,11 +1,8 @@
 """Schema of a coder's annotation file; checks, reading, writing and JSON Schema derive from it."""
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from caris_desktop.domain.schema_fields import FieldSpec
-from caris_desktop.domain.schema_json import schema_text
-from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_model import Named, Text, Vocabulary
 
@@ -52,9 +49,3 @@ class Coding:
     format_version: Annotated[Literal[1], FieldSpec("The version of this format.", wanted=True, order=-1)] = (
         FORMAT_VERSION
     )
-
-
-def reference_files() -> dict[Path, str]:
-    """JSON Schema of annotation files, for third-party readers."""
-    path = resources_dir() / "schemas" / "annotations.schema.json"
-    return {path: schema_text(Coding, title="CARIS Desktop annotations")}
