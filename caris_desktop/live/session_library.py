@@ -340,7 +340,7 @@ def _not_yet_there(folder: Path) -> Path:
 def _search(index: StudyIndex, query: SessionQuery, *, updating: bool) -> LibraryStatus:
     sessions = index.sessions(query)
     hits = index.search(query)
-    places = sum(index.places(query).values())
+    places = index.places(query)
     total = len(index.sessions())
     unreadable = index.unreadable()
     details = [tr(index.message)] if index.message else []

@@ -598,7 +598,7 @@ class ExportStatus:
 class LibraryStatus:
     """Session search: sessions that match ``query``, newest first; ``updating`` while the index is updated.
 
-    ``places``: number of text matches, of which ``hits`` are the first.
+    ``places``: number of text matches per session folder; ``hits`` are the first of them, grouped by session.
     """
 
     query: SessionQuery = field(default_factory=SessionQuery)
@@ -607,4 +607,4 @@ class LibraryStatus:
     total: int = 0
     updating: bool = False
     detail: str = ""
-    places: int = 0
+    places: dict[Path, int] = field(default_factory=dict)

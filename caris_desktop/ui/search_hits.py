@@ -1,12 +1,14 @@
-"""Search results over sessions: session, time, speaker and excerpt."""
+"""Search results over sessions, grouped by session: time, speaker and excerpt."""
 
+import itertools
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelIndex, QRect, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetrics, QKeyEvent, QPainter
-from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
+from PySide6.QtGui import QColor, QFont, QFontMetrics, QKeyEvent, QPainter
+from PySide6.QtWidgets import QAbstractItemView, QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LibraryStatus
@@ -16,10 +18,11 @@ from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
 
 _HIT_ROLE = int(Qt.ItemDataRole.UserRole)
+_INDENT_PX = 12
 
 
 class HitsModel(QAbstractListModel):
-    """Search results; more are fetched on scrolling."""
+    """Search results, each session's under a heading; more are fetched on scrolling."""
 
     more_wanted = Signal(int)
     """New number of results to show."""
@@ -27,7 +30,9 @@ class HitsModel(QAbstractListModel):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self._hits: tuple[SearchHit, ...] = ()
-        self._places = self._wanted = 0
+        self._rows: list[SearchHit | Path] = []
+        self._places: dict[Path, int] = {}
+        self._wanted = 0
         self._whose: dict[Path, str] = {}
         self.pattern: re.Pattern[str] | None = None
 
@@ -35,15 +40,19 @@ class HitsModel(QAbstractListModel):
         if status.updating and status.hits == self._hits:
             return  # former results stay until new ones arrive
         self._places, self._wanted = status.places, status.query.places
-        if self._hits and len(status.hits) > len(self._hits) and status.hits[: len(self._hits)] == self._hits:
-            self.beginInsertRows(QModelIndex(), len(self._hits), len(status.hits) - 1)
+        shown = len(self._hits)
+        if shown < len(status.hits) and self._hits and status.hits[:shown] == self._hits:
+            more = _grouped(status.hits[shown:], after=self._hits[-1].folder)
+            self.beginInsertRows(QModelIndex(), len(self._rows), len(self._rows) + len(more) - 1)
             self._hits = status.hits
+            self._rows += more
             self.endInsertRows()
             return
         self.beginResetModel()
         self._hits = status.hits
+        self._rows = _grouped(status.hits)
         self._whose = {
-            entry.folder: " · ".join(part for part in (entry.participant, local_time(entry.started_utc)[:10]) if part)
+            entry.folder: f"{entry.participant or entry.folder.name} · {local_time(entry.started_utc)}"
             for entry in status.sessions
         }
         found = [re.escape(word.strip("\"'*")) for word in status.query.text.split() if word.strip("\"'*")]
@@ -51,36 +60,59 @@ class HitsModel(QAbstractListModel):
         self.endResetModel()
 
     def hit(self, row: int) -> SearchHit:
-        return self._hits[row]
+        """Result in ``row``, which is not a heading."""
+        hit = self._rows[row]
+        assert isinstance(hit, SearchHit)  # noqa: S101 (headings cannot be chosen)
+        return hit
 
-    def session_name(self, hit: SearchHit) -> str:
-        return self._whose.get(hit.folder, hit.folder.name)
+    def session_name(self, folder: Path) -> str:
+        return self._whose.get(folder, folder.name)
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._hits)
+        return 0 if parent.isValid() else len(self._rows)
 
     def canFetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> bool:
-        return len(self._hits) < self._places and len(self._hits) >= self._wanted
+        return self._wanted <= len(self._hits) < sum(self._places.values())
 
     def fetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> None:
         self._wanted += PLACES_A_PAGE
         self.more_wanted.emit(self._wanted)
 
+    def flags(self, index: QModelIndex | QPersistentModelIndex) -> Qt.ItemFlag:
+        is_hit = isinstance(self._rows[index.row()], SearchHit)
+        return super().flags(index) if is_hit else Qt.ItemFlag.ItemNeverHasChildren
+
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        hit = self._hits[index.row()]
+        hit = self._rows[index.row()]
+        if isinstance(hit, Path):
+            told = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
+            return self._heading(hit) if told else None
         if role == Qt.ItemDataRole.DisplayRole:
             return hit.snippet
         if role == _HIT_ROLE:
             return hit
         if role == Qt.ItemDataRole.AccessibleTextRole:
             at = text_formatting.elapsed(hit.session_s)
-            return f"{self.session_name(hit)}, {at}, {kind_words(hit.kind)}: {hit.snippet}"
+            return f"{self.session_name(hit.folder)}, {at}, {kind_words(hit.kind)}: {hit.snippet}"
         if role == Qt.ItemDataRole.ToolTipRole:
             lines = [hit.snippet, tr("Double-click to replay from here")]
             if hit.quoted:
                 lines.insert(1, tr("Also contained in %n prompt(s) to the language model.", "", hit.quoted))
             return "\n".join(lines)
         return None
+
+    def _heading(self, folder: Path) -> str:
+        places = self._places.get(folder, 0)
+        found = tr("1 match") if places == 1 else tr("%n matches", "", places)
+        return f"{self.session_name(folder)} · {found}"
+
+
+def _grouped(hits: Sequence[SearchHit], *, after: Path | None = None) -> list[SearchHit | Path]:
+    """The results with the session's folder, as its heading, before the first of each session but ``after``."""
+    rows: list[SearchHit | Path] = []
+    for folder, of_session in itertools.groupby(hits, key=lambda hit: hit.folder):
+        rows += (*([] if folder == after else [folder]), *of_session)
+    return rows
 
 
 _KINDS = {
@@ -102,9 +134,9 @@ def kind_words(kind: str) -> str:
 
 
 class HitDelegate(QStyledItemDelegate):
-    """Result row: session, time, speaker, and excerpt with highlighted matches."""
+    """Result row: time, speaker, and excerpt with highlighted matches; or the heading of a session."""
 
-    _WHOSE_PX, _TIME_PX, _KIND_PX = 170, 62, 100
+    _TIME_PX, _KIND_PX = 62, 100
 
     def __init__(self, theme: Theme, model: HitsModel, view: QListView) -> None:
         super().__init__(view)
@@ -117,7 +149,7 @@ class HitDelegate(QStyledItemDelegate):
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
-        hit: SearchHit = index.data(_HIT_ROLE)
+        hit: SearchHit | None = index.data(_HIT_ROLE)
         rect: QRect = option.rect
         theme = self._theme
         painter.save()
@@ -126,20 +158,20 @@ class HitDelegate(QStyledItemDelegate):
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(theme.color("blue_soft"))
             painter.drawRoundedRect(QRectF(rect).adjusted(0, 1, 0, -1), 6, 6)
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(theme.color("dim"))
-        metrics, left = QFontMetrics(theme.font(tokens.STATUS_PX)), rect.left() + 10
-        for text, width in (
-            (self._model.session_name(hit), self._WHOSE_PX),
-            (text_formatting.elapsed(hit.session_s), self._TIME_PX),
-            (kind_words(hit.kind), self._KIND_PX),
-        ):
-            box = QRect(left, rect.top(), width - 8, rect.height())
-            painter.drawText(
-                box, int(Qt.AlignmentFlag.AlignVCenter), metrics.elidedText(text, Qt.TextElideMode.ElideRight, width)
-            )
-            left += width
-        self._draw_snippet(painter, QRect(left, rect.top(), rect.right() - left - 8, rect.height()), hit.snippet)
+        inside = rect.adjusted(10, 0, -8, 0)
+        if hit is None:
+            font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+            _draw_elided(painter, inside, str(index.data()), font, theme.color("text"))
+        else:
+            left = inside.left() + _INDENT_PX
+            for text, width in (
+                (text_formatting.elapsed(hit.session_s), self._TIME_PX),
+                (kind_words(hit.kind), self._KIND_PX),
+            ):
+                box = QRect(left, rect.top(), width - 8, rect.height())
+                _draw_elided(painter, box, text, theme.font(tokens.STATUS_PX), theme.color("dim"))
+                left += width
+            self._draw_snippet(painter, QRect(left, rect.top(), inside.right() - left, rect.height()), hit.snippet)
         painter.restore()
 
     def _draw_snippet(self, painter: QPainter, rect: QRect, snippet: str) -> None:
@@ -161,6 +193,13 @@ class HitDelegate(QStyledItemDelegate):
                 return
 
 
+def _draw_elided(painter: QPainter, box: QRect, text: str, font: QFont, color: QColor) -> None:
+    painter.setFont(font)
+    painter.setPen(color)
+    shown = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
+    painter.drawText(box, int(Qt.AlignmentFlag.AlignVCenter), shown)
+
+
 def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
     """The text split at the boundaries of the searched words."""
     if pattern is None:
@@ -177,7 +216,7 @@ def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]
 
 
 class HitList(QListView):
-    """List view in which Enter chooses."""
+    """List view in which Enter chooses and keys skip the headings."""
 
     chosen = Signal()
 
@@ -186,3 +225,19 @@ class HitList(QListView):
             self.chosen.emit()
         else:
             super().keyPressEvent(event)
+
+    def moveCursor(self, action: QAbstractItemView.CursorAction, modifiers: Qt.KeyboardModifier) -> QModelIndex:
+        index = super().moveCursor(action, modifiers)
+        return index.siblingAtRow(index.row() + 1) if _is_heading(index) else index
+
+    def currentChanged(
+        self, current: QModelIndex | QPersistentModelIndex, before: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        super().currentChanged(current, before)
+        above = current.sibling(current.row() - 1, 0)
+        if _is_heading(above):
+            self.scrollTo(above)  # keys do not reach it, so nothing else would show it
+
+
+def _is_heading(index: QModelIndex | QPersistentModelIndex) -> bool:
+    return index.isValid() and not index.flags() & Qt.ItemFlag.ItemIsEnabled

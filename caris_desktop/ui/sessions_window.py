@@ -207,7 +207,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.hits.show_hits(status)
         searching = status.updating and bool(status.query.text) and not self._hits_part.isHidden()
         self._hits_part.setVisible(bool(status.hits) or searching)
-        places = status.places
+        places = sum(status.places.values())
         found = tr("1 match for “{text}”") if places == 1 else tr("%n matches for “{text}”", "", places)
         self._found.setText(found.format(text=status.query.text) if places else tr("Searching…"))
         self._learn(status)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -759,7 +760,8 @@ class FakeLibrary:
             )
         )
         shown = hits[: query.places]
-        self.found.set(LibraryStatus(query, found, shown, len(self.sessions), places=len(hits)))
+        places = dict(Counter(hit.folder for hit in hits))
+        self.found.set(LibraryStatus(query, found, shown, len(self.sessions), places=places))
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         self.calls.append(("open_replay", (folder, at_ns)))

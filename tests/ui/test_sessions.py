@@ -30,7 +30,7 @@ from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel
-from caris_desktop.ui.session_table import COLUMNS, lacks_words
+from caris_desktop.ui.session_table import COLUMNS, lacks_words, local_time
 from caris_desktop.ui.sessions_window import SessionsWindow
 from caris_desktop.ui.start_dialog import StartDialog, contents_sentence, last_details
 from caris_desktop.ui.theme import Theme
@@ -401,11 +401,11 @@ def test_the_list_is_sorted_and_filtered(sessions: SessionsWindow, library: Fake
 def test_what_was_said_is_found_and_replayed(qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary) -> None:
     assert not sessions.hit_list.isVisible()
     QTest.keyClicks(sessions.search, "robot")
-    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 2, timeout=2000)
+    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 4, timeout=2000)
     assert len(library.named("find")) <= 3, "not one search for each letter"
     assert shown(sessions) == ["P2", "P1"]
     assert find(sessions, "sessions_found").property("text") == "2 matches for “robot”"
-    rect = sessions.hit_list.visualRect(sessions.hits.index(1, 0))
+    rect = sessions.hit_list.visualRect(sessions.hits.index(3, 0))
     for act in (QTest.mouseClick, QTest.mouseDClick):
         act(sessions.hit_list.viewport(), Qt.MouseButton.LeftButton, pos=rect.center())
     assert library.named("open_replay") == [(SESSIONS[1].folder, 9_000_000_000)]
@@ -689,21 +689,61 @@ def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWind
     assert items["recording"].isVisible() and window.width() == 1366
 
 
+def hit_lines(sessions: SessionsWindow) -> list[str]:
+    """What a screen reader says of each row."""
+    rows = (sessions.hits.index(row, 0) for row in range(sessions.hits.rowCount()))
+    return [str(index.data(Qt.ItemDataRole.AccessibleTextRole)) for index in rows]
+
+
+def test_what_is_found_is_grouped_by_session_under_headings_that_the_keys_skip(
+    qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary
+) -> None:
+    first, second = HITS
+    library.hits = (first, replace(first, at_ns=6_000_000_000), second)
+    QTest.keyClicks(sessions.search, "robot")
+    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 5, timeout=2000)
+    lines = hit_lines(sessions)
+    assert [lines[0], lines[3]] == [
+        f"P1 · {local_time(SESSIONS[0].started_utc)} · 2 matches",
+        f"P2 · {local_time(SESSIONS[1].started_utc)} · 1 match",
+    ]
+    assert lines[4].startswith("P2") and lines[4].endswith("Note: the Robot stands still")
+    hits = sessions.hit_list
+    hits.setFocus()
+    reached = [hits.currentIndex().row()]
+    for key in (*[Qt.Key.Key_Down] * 3, *[Qt.Key.Key_Up] * 3, Qt.Key.Key_End, Qt.Key.Key_Home, Qt.Key.Key_PageDown,
+                Qt.Key.Key_PageUp):  # fmt: skip
+        QTest.keyClick(hits, key)
+        reached.append(hits.currentIndex().row())
+    assert reached == [1, 2, 4, 4, 2, 1, 1, 4, 1, 4, 1]
+    QTest.keyClick(hits, Qt.Key.Key_Return)
+    heading = hits.visualRect(sessions.hits.index(3, 0)).center()
+    for act in (QTest.mouseClick, QTest.mouseDClick):
+        act(hits.viewport(), Qt.MouseButton.LeftButton, pos=heading)
+    assert hits.currentIndex().row() == 1 and not hits.selectionModel().isRowSelected(3)
+    assert library.named("open_replay") == [(SESSIONS[0].folder, 5_000_000_000)], "a heading is no place to go to"
+
+
 def test_all_that_is_found_is_counted_and_comes_as_one_scrolls_there(
     qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary
 ) -> None:
     hit = replace(HITS[0], quoted=2)
-    library.hits = tuple(replace(hit, session_s=float(number)) for number in range(1200))
+    library.hits = tuple(
+        replace(hit, session_s=float(number), folder=SESSIONS[number // 600].folder) for number in range(1200)
+    )
     QTest.keyClicks(sessions.search, "robot")
-    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 500, timeout=2000)
+    qtbot.waitUntil(lambda: sessions.hits.rowCount() == 501, timeout=2000)
     assert find(sessions, "sessions_found").property("text") == "1200 matches for “robot”"
     bar = sessions.hit_list.verticalScrollBar()
 
     def scrolled_to_the_end() -> bool:
         bar.setValue(bar.maximum())
-        return sessions.hits.rowCount() == 1200
+        return sessions.hits.rowCount() == 1202
 
+    assert hit_lines(sessions)[0].endswith("600 matches"), "also those that are not shown yet"
     qtbot.waitUntil(scrolled_to_the_end, timeout=5000)
-    assert [sessions.hits.hit(row).session_s for row in (0, 499, 500, 1199)] == [0.0, 499.0, 500.0, 1199.0]
-    tip = sessions.hits.data(sessions.hits.index(0, 0), Qt.ItemDataRole.ToolTipRole)
+    headings = [row for row, line in enumerate(hit_lines(sessions)) if line.endswith(" matches")]
+    assert headings == [0, 601], "a page that goes on in the same session has no heading of its own"
+    assert [sessions.hits.hit(row).session_s for row in (1, 500, 501, 1201)] == [0.0, 499.0, 500.0, 1199.0]
+    tip = sessions.hits.data(sessions.hits.index(1, 0), Qt.ItemDataRole.ToolTipRole)
     assert "2 prompt(s) to the language model" in tip
