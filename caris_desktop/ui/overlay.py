@@ -1,12 +1,12 @@
 """Popup over the window. Not a dialog: the robot can be driven and stopped meanwhile."""
 
-from PySide6.QtCore import QEvent, QObject, QRect, Qt
-from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
+from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QRegion
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
 from caris_desktop.ui.focus_widget import activate_window
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.window_above import WindowAbove, clear_place, windows_above
+from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, WindowAbove, clear_place, windows_above
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -18,6 +18,7 @@ class Overlay(QWidget):
     not confirm it by accident.
 
     Floating panels lie above this window: the popup avoids them, and lowers those that would cover it while it is open.
+    Alarms and the status bar stay in sight.
     """
 
     accessible_role = QAccessible.Role.Dialog
@@ -30,6 +31,7 @@ class Overlay(QWidget):
         self._focus_before: QWidget | None = None
         self._keys_before: QWidget | None = None
         self._stepped_back: list[WindowAbove] = []
+        self._in_sight: list[InSight] = []
         self.card = _Card(theme, self)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         window.installEventFilter(self)
@@ -39,6 +41,10 @@ class Overlay(QWidget):
         if self.isHidden():
             self._focus_before = self._window.focusWidget()
             self._keys_before = QApplication.activeWindow()
+        self._in_sight = self._window.findChildren(InSight)
+        for part in self._in_sight:
+            part.stay_clear_of(self.card)
+            part.installEventFilter(self)
         self._place()
         self.show()
         self.raise_()
@@ -62,10 +68,10 @@ class Overlay(QWidget):
         return self.card.sizeHint().height()
 
     def _place(self) -> None:
-        # The top bar stays uncovered, so that the red button can always be reached.
+        # The top bar stays uncovered, so that the red button can always be reached; the card ends above the status bar.
         self.setGeometry(QRect(0, 56, self._window.width(), self._window.height() - 56))
         width = min(self._width_px, self.width() - 32)
-        height = min(self.card_height_px(), self.height() - 48)
+        height = min(self.card_height_px(), self.height() - 24 - 32)
         usual = QRect((self.width() - width) // 2, 24, width, height)
         windows = windows_above(self._window)
         places = [window.place_in(self) for window in windows]
@@ -77,10 +83,21 @@ class Overlay(QWidget):
                 if place.intersects(card):
                     window.step_back(back=True)
                     self._stepped_back.append(window)
+        self._leave_in_sight()
+
+    def _leave_in_sight(self) -> None:
+        seen = QRegion(self.rect())
+        for part in self._in_sight:
+            if part.isVisible():
+                seen -= QRect(self.mapFromGlobal(part.mapToGlobal(QPoint())), part.size())
+        self.setMask(seen)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
-            self._place()
+        if self.isVisible() and event.type() in PLACE_CHANGES:
+            if watched is not self._window:
+                self._leave_in_sight()
+            elif event.type() == QEvent.Type.Resize:
+                self._place()
         return False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

@@ -22,7 +22,7 @@ from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
-from caris_desktop.ui.window_above import windows_above
+from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, windows_above
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 SHOWN_AT_ONCE = 3
@@ -35,10 +35,9 @@ LOOKS: dict[Severity, tuple[str, str, str]] = {
 """Icon, colour and label of each severity."""
 
 _RANK: dict[Severity, int] = {"info": 0, "warning": 1, "error": 2}
-_MOVES = (QEvent.Type.Resize, QEvent.Type.Move, QEvent.Type.Show, QEvent.Type.Hide)
 
 
-class ProblemCards(QWidget):
+class ProblemCards(InSight):
     """Notification popups for alarms and refused commands, newest first, over the video or another view-only panel.
 
     An alarm's popup closes with the alarm. A dismissed alarm, or a warning after a while, remains in the alarm list,
@@ -50,7 +49,7 @@ class ProblemCards(QWidget):
         super().__init__(over)
         self.line = line
         self._asked_for = False
-        self._clear_of: QWidget | None = None
+        self._clear_of: set[QWidget] = set()
         line.clicked.connect(self._on_line_clicked)
         self.setObjectName("problem_cards")
         self._theme = theme
@@ -71,8 +70,8 @@ class ProblemCards(QWidget):
         return tuple(self._cards)
 
     def stay_clear_of(self, card: QWidget) -> None:
-        """Never cover this popup, which lies over the same panels and asks a question."""
-        self._clear_of = card
+        """Never cover this popup, which asks a question or is read."""
+        self._clear_of.add(card)
         card.installEventFilter(self)
         self._on_laid_out()
 
@@ -159,7 +158,8 @@ class ProblemCards(QWidget):
             card.fold(card is not whole)
         if not self._over.isVisibleTo(self._over.window()):
             return None
-        taken = [] if self._clear_of is None or self._clear_of.isHidden() else [_rect(self._clear_of.geometry())]
+        clear_of = (card for card in self._clear_of if card.isVisible())
+        taken = [_rect(QRect(self._over.mapFromGlobal(card.mapToGlobal(QPoint())), card.size())) for card in clear_of]
         taken += [_rect(window.place_in(self._over)) for window in windows_above(self._over.window())]
         return card_place(self._over.placing.groups, self._height_for, taken)
 
@@ -176,7 +176,7 @@ class ProblemCards(QWidget):
             self._place()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched in (self._over, self._clear_of) and event.type() in _MOVES:
+        if event.type() in PLACE_CHANGES and (watched is self._over or watched in self._clear_of):
             self._on_laid_out()
         return False
 

@@ -26,6 +26,7 @@ from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.status_button import StatusButton
+from caris_desktop.ui.window_above import InSight
 
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
@@ -137,7 +138,7 @@ class StatusItem(QWidget):
         painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), text)
 
 
-class StatusBar(Bar, QWidget):
+class StatusBar(Bar, InSight):
     """Status bar, refreshed at 4 Hz because ages grow."""
 
     accessible_role = QAccessible.Role.StatusBar

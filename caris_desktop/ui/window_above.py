@@ -1,11 +1,12 @@
-"""Floating windows of the console, and placement of popups clear of them."""
+"""Floating windows of the console, parts that popups leave in sight, and placement of popups clear of them."""
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QRect, Qt
+from PySide6.QtCore import QEvent, QRect, Qt
 from PySide6.QtWidgets import QApplication, QWidget
 
 _BESIDE_PX = 12
+PLACE_CHANGES = (QEvent.Type.Resize, QEvent.Type.Move, QEvent.Type.Show, QEvent.Type.Hide)
 
 
 class WindowAbove(QWidget):
@@ -23,6 +24,13 @@ class WindowAbove(QWidget):
         """Frame geometry in the coordinates of ``widget``."""
         frame = self.frameGeometry()
         return QRect(widget.mapFromGlobal(frame.topLeft()), frame.size())
+
+
+class InSight(QWidget):
+    """Part of the main window that is seen and used while a popup dims the window."""
+
+    def stay_clear_of(self, card: QWidget) -> None:
+        """Never cover this popup."""
 
 
 def windows_above(window: QWidget) -> list[WindowAbove]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -250,6 +250,43 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
     assert hint.accessibleName() == "Hold W to drive, A or D to turn. Release the key to stop."
     window.focus_speak()
     assert "Alt" in hint.accessibleName(), "the keys that work now"
+
+
+@pytest.mark.parametrize("size", [(683, 384), (1366, 768), (1920, 1080)])
+@pytest.mark.parametrize("alarm_first", [True, False])
+def test_an_alarm_is_seen_beside_the_page(
+    qtbot: QtBot, window: MainWindow, console: FakeConsole, size: tuple[int, int], alarm_first: bool
+) -> None:
+    def lose_the_robot() -> None:
+        console.state.link.set(replace(console.state.link.value, state="lost"))
+
+    def in_sight(part: QWidget) -> bool:
+        """Whether it is what lies under the pointer at its corners and in its middle."""
+        place = QRect(part.mapTo(window, QPoint()), part.size()).adjusted(4, 4, -4, -4)
+        under = [window.childAt(at) for at in (place.topLeft(), place.center(), place.bottomRight())]
+        return all(found is part or part.isAncestorOf(found) for found in under)
+
+    window.resize(*size)
+    acts = (lose_the_robot, window.show_set_up) if alarm_first else (window.show_set_up, lose_the_robot)
+    for act in acts:
+        act()
+        for _ in range(5):
+            QApplication.processEvents()
+    page, line = window.findChild(SetUpPage), window.problems.line
+    assert page.isVisible() and window.problems.isVisible() is not line.isVisible()
+    seen = line if line.isVisible() else window.problems
+    card = QRect(page.card.mapTo(window, QPoint()), page.card.size())
+    assert in_sight(seen)
+    assert not QRect(seen.mapTo(window, QPoint()), seen.size()).intersects(card)
+    if seen is line:
+        click(qtbot, line)
+        assert page.isVisible() and in_sight(window.problems), "asked for, it is seen above the page"
+        click(qtbot, line)
+        assert not window.problems.isVisible()
+    for choice in ("first_use_simulated", "first_use_own"):
+        assert in_sight(find(page, choice)) or size[0] < 700
+    page.close_overlay()
+    assert in_sight(line if line.isVisible() else window.problems)
 
 
 def drive(console: FakeConsole, x_m: float) -> None:
