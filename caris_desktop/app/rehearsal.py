@@ -23,6 +23,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys
+from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.main_window import MainWindow
 
 _log = logging.getLogger(__name__)
@@ -401,7 +402,7 @@ class Rehearsal(QObject):
         self._held = set(keys)
 
     def _focus(self) -> QWidget:
-        return QApplication.activePopupWidget() or QApplication.focusWidget() or self._window
+        return QApplication.activePopupWidget() or focused_widget() or self._window
 
     def _keys_towards(self, pose: Pose2D, target: Place | None) -> set[Qt.Key]:
         if target is None:

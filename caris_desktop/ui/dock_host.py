@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
-from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.focus_widget import focus_widget, focused_widget
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
@@ -176,7 +176,7 @@ class DockHost(DockArea):
         """Move the focus of a removed panel to the panel that becomes visible in its place, unless bare keys would
         drive there.
         """
-        focused, area = QApplication.focusWidget(), self._area_of(name)
+        focused, area = focused_widget(), self._area_of(name)
         had = _holds(self._docks[name], focused)
         group = next((group.panels for group in area.placing.groups if name in group.panels), ())
         yield
@@ -210,7 +210,7 @@ class DockHost(DockArea):
 
     def show_everything(self) -> None:
         """Apply the layout on the current screens. A focused widget stays focused as long as it is visible."""
-        focused = QApplication.focusWidget()
+        focused = focused_widget()
         kept = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
         self._show_arranged()
         if kept is not None and kept.isVisible() and not kept.hasFocus():

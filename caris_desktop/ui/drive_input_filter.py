@@ -42,7 +42,7 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.focus_widget import bar_of, follow_click, key_place_of, window_of
+from caris_desktop.ui.focus_widget import bar_of, focused_widget, follow_click, key_place_of, window_of
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.keyboard_grab import KeyboardGrab, had_the_keys
@@ -194,7 +194,7 @@ class DriveInputFilter(QObject):
     def set_driving_panels(self, panels: Sequence[QWidget]) -> None:
         """Set the panels in which the bare keys drive."""
         self._driving_panels = tuple(panels)
-        self._update_driving_focus(self._app.focusWidget())
+        self._update_driving_focus(focused_widget())
 
     def set_emergency_button(self, button: QWidget) -> None:
         """Set the red button, whose first press works even while a menu or combo box is open."""
@@ -309,7 +309,7 @@ class DriveInputFilter(QObject):
         """Whether to block Space and Enter: on a bar's widget unless it got the focus by Tab, and on any button while
         the wizard types letters that nothing takes. The red button always works.
         """
-        target = watched if isinstance(watched, QWidget) else self._app.focusWidget()
+        target = watched if isinstance(watched, QWidget) else focused_widget()
         if target is None or event.modifiers() & CHORD_MODIFIERS or target.property(STOPS):
             return False
         if event.key() not in _PRESSING_KEYS:
@@ -506,7 +506,7 @@ class DriveInputFilter(QObject):
         """Report a press without a binding that was probably meant for a command; returns whether to consume it."""
         if not self._takes_keys():
             return False
-        typing = isinstance(self._app.focusWidget(), _TEXT_INPUTS)
+        typing = isinstance(focused_widget(), _TEXT_INPUTS)
         chord = event.modifiers() & CHORD_MODIFIERS
         if not chord:
             if repeated and typing and self._bindings.drives_bare(code) and self._actions.spec("drive_forward"):
@@ -640,7 +640,7 @@ class DriveInputFilter(QObject):
             self._press_mark(identity, mark)
             return True
         keys = QKeySequence(meant.keyCombination())
-        window, focused = self._app.activeWindow(), self._app.focusWidget()
+        window, focused = self._app.activeWindow(), focused_widget()
         # Editors and lists in other windows have their own key bindings.
         in_console = self._in_console(window) and self._takes_keys()
         action_id = self._actions.on_key(keys, bare=bare) if in_console else None
@@ -825,7 +825,7 @@ class DriveInputFilter(QObject):
             return "nowhere"
         if self._actions.driving_focus:
             return "driving"
-        return "typing" if isinstance(self._app.focusWidget(), _TEXT_INPUTS) else "window"
+        return "typing" if isinstance(focused_widget(), _TEXT_INPUTS) else "window"
 
     def _on_application_state_changed(self, state: Qt.ApplicationState) -> None:
         if state != Qt.ApplicationState.ApplicationActive:

@@ -1,5 +1,6 @@
 """Keyboard focus: moves to the part that the wizard chose by key, click or tab, never by Qt's default."""
 
+import shiboken6
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QWidget
@@ -26,6 +27,22 @@ def focus_widget(widget: QWidget, reason: Qt.FocusReason = Qt.FocusReason.Shortc
     """
     widget.setFocus(reason)
     activate_window(window_of(widget))
+
+
+def focused_widget() -> QWidget | None:
+    """The application's focus widget, unless it is being deleted: PySide returns those too, and any call fails."""
+    return existing(QApplication.focusWidget())
+
+
+def existing(widget: QWidget | None) -> QWidget | None:
+    """``widget`` unless it has been deleted, as a widget that is remembered may have been."""
+    return widget if widget is not None and shiboken6.isValid(widget) else None
+
+
+def give_focus_back(widget: QWidget | None) -> None:
+    """Focus the widget that had the focus before a popup opened, if it still exists and is visible."""
+    if (before := existing(widget)) is not None and before.isVisible():
+        before.setFocus(Qt.FocusReason.PopupFocusReason)
 
 
 def activate_window(window: QWidget) -> None:

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QTextBrowser, QWidget
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.help_pages import anchor_of, guide_dir, page_of
 from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
@@ -166,7 +167,7 @@ class HelpWindows(QObject):
     def open(self) -> None:
         """Open the page of the panel or window that has the focus."""
         dialog = QApplication.activeModalWidget()
-        page = page_of(dialog or QApplication.focusWidget() or QApplication.activeWindow())
+        page = page_of(dialog or focused_widget() or QApplication.activeWindow())
         owner = dialog or self._window  # a modal dialog blocks every window except its own children
         shown = owner.findChild(HelpWindow, options=Qt.FindChildOption.FindDirectChildrenOnly)
         if shown is None:

@@ -3,14 +3,14 @@
 import shiboken6
 from PySide6.QtCore import QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QAccessible, QPaintEvent
-from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.drive_input_filter import NOWHERE_MS, DriveInputFilter
-from caris_desktop.ui.focus_widget import window_of
+from caris_desktop.ui.focus_widget import focused_widget, window_of
 from caris_desktop.ui.theme import Theme
 
 _FIELD_PX = 120
@@ -41,7 +41,7 @@ class Hints(QObject):
 
     def say(self, text: str) -> None:
         self.take_away()
-        focused = QApplication.focusWidget()
+        focused = focused_widget()
         beside = self._middle if focused is None or focused.isWindow() else focused
         # A new widget each time: the former one is deleted with its floating panel.
         self._hint = Hint(self._theme, beside, text)

@@ -12,7 +12,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.recording_settings import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -228,8 +228,8 @@ class MarkCard(QWidget):
         self._away.stop()
         self._second.stop()
         self.hide()
-        if had_focus and self._focus_before is not None and self._focus_before.isVisible():
-            self._focus_before.setFocus(Qt.FocusReason.PopupFocusReason)
+        if had_focus:
+            give_focus_back(self._focus_before)
 
     # ---- layout
 

@@ -4,7 +4,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QRegion
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
-from caris_desktop.ui.focus_widget import activate_window
+from caris_desktop.ui.focus_widget import activate_window, existing, give_focus_back
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, WindowAbove, clear_place, windows_above
 
@@ -58,9 +58,8 @@ class Overlay(QWidget):
         for window in self._stepped_back:
             window.step_back(back=False)
         self._stepped_back.clear()
-        if self._focus_before is not None and self._focus_before.isVisible():
-            self._focus_before.setFocus(Qt.FocusReason.PopupFocusReason)
-        before, self._keys_before = self._keys_before, None
+        give_focus_back(self._focus_before)
+        before, self._keys_before = existing(self._keys_before), None
         if isinstance(before, WindowAbove) and before.isVisible():
             activate_window(before)
 

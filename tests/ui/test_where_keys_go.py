@@ -32,11 +32,12 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.focus_widget import bar_of, window_of
+from caris_desktop.ui.focus_widget import bar_of, focused_widget, window_of
 from caris_desktop.ui.hint import Hint
 from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
@@ -84,7 +85,7 @@ def type_on(text: str = SENTENCE) -> None:
     """As a person does who looks elsewhere: each key goes wherever the keys are by then, and Enter comes last."""
     for key in (*text, Qt.Key.Key_Return):
         for moved in (QTest.keyPress, QTest.keyRelease):  # a press may close the window that got it
-            target = QApplication.activePopupWidget() or QApplication.focusWidget() or QApplication.activeWindow()
+            target = QApplication.activePopupWidget() or focused_widget() or QApplication.activeWindow()
             if target is not None and shiboken6.isValid(target):  # else its window has closed, and nobody gets them
                 moved(target, key)
 
@@ -172,6 +173,39 @@ def test_a_scenario_that_changes_gives_the_keys_to_nobody_who_had_them_not(
     window.board.complete()
     assert focused().objectName() == "speak_field"
     assert not window.actions_table.driving_focus
+
+
+@pytest.mark.panels("video", "speak", "people")
+def test_a_popup_closes_though_what_had_the_keys_before_is_gone(window: MainWindow, console: FakeConsole) -> None:
+    """A scenario that changes meanwhile rebuilds its panels."""
+    people = window.panels["people"]
+    for opened, closed in (
+        (window.show_command_palette, window.hold.escape_pressed.emit),
+        (window.marking.card.write_note, window.marking.card.close_card),
+    ):
+        field = QLineEdit(window)
+        field.show()
+        field.setFocus()
+        opened()
+        shiboken6.delete(field)
+        closed()
+        assert not window.findChild(CommandPalette).isVisible() and not window.marking.card.writes_note
+    field = QLineEdit(window)
+    field.show()
+    field.setFocus()
+    people.open_card(console.state.persons.value[0].person_id)
+    people.card.setFocus()
+    shiboken6.delete(field)
+    people.card.close_card()
+    assert people.card.isHidden()
+
+
+def test_a_focused_widget_that_pyside_takes_for_deleted_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    field = QLineEdit()
+    monkeypatch.setattr(QApplication, "focusWidget", lambda: field)
+    assert focused_widget() is field
+    shiboken6.delete(field)
+    assert focused_widget() is None
 
 
 # ---- clicks, tabs, floats and closes

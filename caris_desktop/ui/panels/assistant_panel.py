@@ -23,6 +23,7 @@ from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
 from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips
 from caris_desktop.ui.assistant.setup_bar import SetupBar
 from caris_desktop.ui.assistant.system_prompt_page import SystemPromptPage
+from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
@@ -228,7 +229,7 @@ class AssistantPanel(Panel):
 
     def _show_parts(self) -> None:
         """Show the widgets that fit: while a question is written, its context takes precedence over the last answer."""
-        focus = QApplication.focusWidget()
+        focus = focused_widget()
         beside = focus is not None and (self.setup_bar.isAncestorOf(focus) or self.along.isAncestorOf(focus))
         live, height = self._live, self.height()
         writing = live and not self._editing and (bool(self.field.text()) or beside)

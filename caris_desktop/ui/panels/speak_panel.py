@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QApplication, QLabel, QMenu, QScrollArea, QWidget
+from PySide6.QtWidgets import QLabel, QMenu, QScrollArea, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
@@ -16,7 +16,7 @@ from caris_desktop.live.status import AskedGap, SpeechStatus
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_rows import phrases_on_keys
-from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.focus_widget import existing, focus_widget, focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.phrase_rows import PhraseRows
@@ -272,13 +272,13 @@ class SpeakPanel(Panel):
     def _ask_for_gap(self, asked: AskedGap | None) -> None:
         if asked is None:
             if self._gap.isVisible():
-                back = self._before_gap if self._gap.field.hasFocus() else None
+                back = existing(self._before_gap) if self._gap.field.hasFocus() else None
                 self._gap.hide()
                 if back is not None:
                     focus_widget(back, Qt.FocusReason.OtherFocusReason)
             return
         if not self._gap.isVisible():
-            self._before_gap = QApplication.focusWidget()
+            self._before_gap = focused_widget()
         self._gap.ask(asked)
         # Keep the focus on driving while a bare drive key is held.
         if not (self.hold.held and self.table.driving_focus):

@@ -16,6 +16,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.focus_widget import give_focus_back
 from caris_desktop.ui.people.about_page import AboutPage
 from caris_desktop.ui.people.forget_page import ForgetPage
 from caris_desktop.ui.people.merge_page import MergePage
@@ -190,9 +191,8 @@ class PersonCard(QWidget):
             return
         held_focus = self.isAncestorOf(self._window.focusWidget()) if self._window.focusWidget() else False
         self.hide()
-        before = self._focus_before
-        if held_focus and before is not None and before.isVisible():
-            before.setFocus(Qt.FocusReason.PopupFocusReason)
+        if held_focus:
+            give_focus_back(self._focus_before)
 
     # ---- placement and style
 

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAccessible, QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import UtteranceChanged
@@ -12,6 +12,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import QUEUE_GROUP
+from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
@@ -58,7 +59,7 @@ class QueueList(QWidget):
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
         """Update the rows for ``waiting``, which have unique ids."""
         shown = list(self._rows)
-        before, focused = self._rows, QApplication.focusWidget()
+        before, focused = self._rows, focused_widget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
         self._rows = {}
         for utterance in waiting:
