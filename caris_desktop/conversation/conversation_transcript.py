@@ -57,7 +57,7 @@ class Transcript:
     """Folds utterance events; a correction may come before its utterance."""
 
     def __init__(self) -> None:
-        self._told: dict[str, Turn] = {}
+        self._recognized: dict[str, Turn] = {}
         self._turns: dict[str, Turn] = {}
         self._corrections = Corrections()
 
@@ -66,15 +66,17 @@ class Transcript:
         if isinstance(event, UtteranceCorrected):
             self._corrections.take(event)
         else:
-            known = self._told.get(turn_id)
-            self._told[turn_id] = _first(event) if known is None else _next(known, event)
-        if turn_id in self._told:
-            self._turns[turn_id] = _corrected(self._told[turn_id], self._corrections.of(turn_id))
+            known = self._recognized.get(turn_id)
+            self._recognized[turn_id] = _first(event) if known is None else _next(known, event)
+        if turn_id in self._recognized:
+            self._turns[turn_id] = _corrected(self._recognized[turn_id], self._corrections.of(turn_id))
 
     def forget_before(self, at_ns: int) -> None:
         """Drop completed turns from before another session."""
-        self._told = {turn_id: turn for turn_id, turn in self._told.items() if not turn.over or turn.begins_ns >= at_ns}
-        self._turns = {turn_id: self._turns[turn_id] for turn_id in self._told}
+        self._recognized = {
+            turn_id: turn for turn_id, turn in self._recognized.items() if not turn.over or turn.begins_ns >= at_ns
+        }
+        self._turns = {turn_id: self._turns[turn_id] for turn_id in self._recognized}
 
     def turn(self, utterance_id: str) -> Turn | None:
         return self._turns.get(utterance_id)

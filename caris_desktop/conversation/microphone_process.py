@@ -58,7 +58,7 @@ class _Microphone:
         self._settling_until_s = 0.0
         self._opened: MicrophoneOpened | None = None
         self._peak = 0
-        self._level_told_s = self._alive_told_s = 0.0
+        self._level_reported_s = self._alive_reported_s = 0.0
         self._failures = 0
         self._retry_at_s = 0.0
 
@@ -92,8 +92,8 @@ class _Microphone:
         return True
 
     def _work(self) -> None:
-        if self._wanted is not None and time.monotonic() - self._alive_told_s >= _ALIVE_EVERY_S:
-            self._alive_told_s = time.monotonic()
+        if self._wanted is not None and time.monotonic() - self._alive_reported_s >= _ALIVE_EVERY_S:
+            self._alive_reported_s = time.monotonic()
             self._connection.send(MicrophoneAlive())
         if self._stream is None:
             if self._wanted is not None and time.monotonic() >= self._retry_at_s:
@@ -117,9 +117,9 @@ class _Microphone:
         stamp_ns, samples = block
         self._connection.send(AudioChunk(stamp_ns, self._source, self._rate_hz, samples))
         self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
-        if self._heard_s - self._level_told_s >= _LEVEL_EVERY_S:
+        if self._heard_s - self._level_reported_s >= _LEVEL_EVERY_S:
             self._connection.send(MicrophoneLevel(self._peak / 32768))
-            self._level_told_s, self._peak = self._heard_s, 0
+            self._level_reported_s, self._peak = self._heard_s, 0
 
     def _open(self, name: str) -> None:
         try:

@@ -122,8 +122,8 @@ def _newest_turns(along: ContextPart) -> list[ChatMessage]:
         return along.label_of(person_id) or "somebody"
 
     messages: list[ChatMessage] = []
-    for turn, told in _reported_turns(along.conversation):
-        text = person_marks.with_names(told, name_of)
+    for turn, text_of_turn in _reported_turns(along.conversation):
+        text = person_marks.with_names(text_of_turn, name_of)
         robot = turn.speaker == "robot"
         said = _one_line(text) if robot else quoted(text, MAX_TURN_CHARACTERS)
         messages.append(ChatMessage("assistant" if robot else "user", said))
@@ -131,7 +131,7 @@ def _newest_turns(along: ContextPart) -> list[ChatMessage]:
 
 
 def _reported_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
-    told: list[tuple[Turn, str]] = []
+    reported: list[tuple[Turn, str]] = []
     left = MAX_CONVERSATION_CHARACTERS
     for turn in reversed(turns):
         if not turn.said or not turn.text.strip():
@@ -140,12 +140,12 @@ def _reported_turns(turns: Sequence[Turn]) -> list[tuple[Turn, str]]:
         left -= len(text) + 1
         if left < 0:
             break
-        told.append((turn, text))
-    return told[::-1]
+        reported.append((turn, text))
+    return reported[::-1]
 
 
 def _newest_notes(notes: Sequence[str]) -> list[str]:
-    told: list[str] = []
+    newest: list[str] = []
     left = MAX_NOTES_CHARACTERS
     for note in reversed(notes):
         if note.strip():
@@ -153,8 +153,8 @@ def _newest_notes(notes: Sequence[str]) -> list[str]:
             left -= len(text)
             if left < 0:
                 break
-            told.append(text)
-    return told[::-1]
+            newest.append(text)
+    return newest[::-1]
 
 
 def _counted(name: str, number: int) -> str:

@@ -104,7 +104,7 @@ class _HeardSound:
         self._utterance = utterance
         self._parts: list[tuple[int, NDArray[np.int16]]] = []
         self._rate_hz = 1
-        self._recorded = self._told = 0
+        self._recorded = self._reported = 0
         self.started_ns = 0
 
     @property
@@ -118,9 +118,9 @@ class _HeardSound:
 
     def played(self) -> Iterator[PlayedSound]:
         """Parts whose playback times are known by now, each once."""
-        while self.started_ns and self._told < len(self._parts):
-            at, samples = self._parts[self._told]
-            self._told += 1
+        while self.started_ns and self._reported < len(self._parts):
+            at, samples = self._parts[self._reported]
+            self._reported += 1
             asked = self._utterance
             yield PlayedSound(self._stamp_ns(at), asked.utterance_id, asked.text, self._rate_hz, samples[:, None])
 

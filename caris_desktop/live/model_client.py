@@ -335,7 +335,7 @@ class ModelClient(QObject):
     # Stream
 
     async def _exchange(self, asked: _Asked, heard: _Heard) -> None:
-        told_ns = 0
+        reported_ns = 0
         outcome: LlmOutcome = "answered"
         detail = ""
 
@@ -353,8 +353,8 @@ class ModelClient(QObject):
                 jpegs=asked.jpegs,
                 schema=asked.schema,
                 slot=asked.slot,
-                told_version=take_version,
-                told_wait=lambda why: self._waits.emit(asked.exchange_id, why),
+                on_version=take_version,
+                on_wait=lambda why: self._waits.emit(asked.exchange_id, why),
                 notes=heard.notes,
                 timeouts=_TIMEOUTS[asked.purpose],
             ):
@@ -363,8 +363,8 @@ class ModelClient(QObject):
                     heard.pieces.clear()
                 heard.first_token_ns = heard.first_token_ns or now_ns
                 heard.pieces.append(piece)
-                if now_ns - told_ns >= _TELL_EVERY_NS[asked.purpose]:
-                    told_ns = now_ns
+                if now_ns - reported_ns >= _TELL_EVERY_NS[asked.purpose]:
+                    reported_ns = now_ns
                     self._grew.emit(asked.exchange_id, "".join(heard.pieces))
         except asyncio.CancelledError:
             outcome, detail = "cancelled", QT_TR_NOOP("cancelled because the program closed")

@@ -108,7 +108,7 @@ def test_it_tells_which_weights_answer(url: str) -> None:
         endpoint = resolve_endpoint("embedded", embedded_url=url)
         question = [ChatMessage("user", "Hello.")]
         async for _ in stream_chat(
-            endpoint, question, local_only=True, max_tokens=2, temperature=0.0, told_version=told.append
+            endpoint, question, local_only=True, max_tokens=2, temperature=0.0, on_version=told.append
         ):
             pass
         return await model_version(endpoint, local_only=True)

@@ -92,8 +92,8 @@ class FacePage:
     The address contains a secret token. ``told`` is called with the number of open pages.
     """
 
-    def __init__(self, told: Callable[[int], None]) -> None:
-        self._told = told
+    def __init__(self, on_page_count: Callable[[int], None]) -> None:
+        self._on_page_count = on_page_count
         self._token = secrets.token_urlsafe(12)
         self._server: Server | None = None
         self._newest: str | bytes = b""
@@ -147,7 +147,7 @@ class FacePage:
         changed = asyncio.Event()
         changed.set()
         self._pages.add(changed)
-        self._told(len(self._pages))
+        self._on_page_count(len(self._pages))
         try:
             while True:
                 try:
@@ -164,7 +164,7 @@ class FacePage:
             _log.debug("a page with the face was closed")
         finally:
             self._pages.discard(changed)
-            self._told(len(self._pages))
+            self._on_page_count(len(self._pages))
 
 
 def _response(status: HTTPStatus, text: str, kind: str, more: dict[str, str] | None = None) -> Response:

@@ -10,18 +10,18 @@ class SignalWatch:
 
     def __init__(self) -> None:
         self._heard_ns: dict[str, int] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def hear(self, source: str, stamp_ns: int, peak: float) -> bool:
         """Add the peak level. True when a missing signal is to be reported."""
         if peak > _NOTHING:
             self._heard_ns[source] = stamp_ns
-            self._told.discard(source)
+            self._reported.discard(source)
             return False
         since_ns = self._heard_ns.setdefault(source, stamp_ns)
-        if source in self._told or stamp_ns - since_ns < _TOLD_AFTER_NS:
+        if source in self._reported or stamp_ns - since_ns < _TOLD_AFTER_NS:
             return False
-        self._told.add(source)
+        self._reported.add(source)
         return True
 
     def closed(self, source: str) -> None:

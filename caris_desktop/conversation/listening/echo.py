@@ -126,7 +126,7 @@ class EchoCanceller:
         self._learns_anew = 0
         self._lost: list[tuple[int, int]] = []
         """What of the sound is missing, from one place to another."""
-        self._told_late_from: int | None = None
+        self._reported_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
         self._anew_from: int | None = None
         """From where on what was given is known better by now."""
@@ -138,7 +138,9 @@ class EchoCanceller:
         first = self._place_of(start_ns) + self._late - FRAME
         first = max(self._heard_from, self._next_frame - max(0, self._next_frame - first) // HOP * HOP)
         if first < self._next_frame:
-            self._told_late_from = first if self._told_late_from is None else min(first, self._told_late_from)
+            self._reported_late_from = (
+                first if self._reported_late_from is None else min(first, self._reported_late_from)
+            )
 
     def play_ended(self, ended: PlayedSoundEnded) -> None:
         """Truncate sound that was cut off."""
@@ -207,7 +209,7 @@ class EchoCanceller:
 
     def _recompute(self) -> None:
         """Recompute frames processed before their playback was reported."""
-        first, self._told_late_from = self._told_late_from, None
+        first, self._reported_late_from = self._reported_late_from, None
         if first is None:
             return
         self._caught_up_at = self._next_frame
@@ -235,7 +237,7 @@ class EchoCanceller:
             self._heard = self._robot = np.zeros(0, np.float32)
             self._heard_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
-            self._began = self._told_late_from = self._may_sound_from = self._found = self._anew_from = None
+            self._began = self._reported_late_from = self._may_sound_from = self._found = self._anew_from = None
             self._looked_at = -_HINDSIGHT
             self._lost = []
             self._caught_up_at = -_CATCHES_UP_EVERY
@@ -251,7 +253,7 @@ class EchoCanceller:
         self._heard = self._robot = np.zeros(0, np.float32)
         self._heard_from = self._given_until = self._next_frame = 0
         self._lost = []
-        self._told_late_from, self._anew_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
+        self._reported_late_from, self._anew_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
         self._last_played -= later
         self._looked_at -= later

@@ -67,9 +67,9 @@ class HeardTurn:
         """The same by its sound alone."""
         self.revision = 0
         self.over = False
-        self.told = False
+        self.reported = False
         """Whether it was reported: not while it may be the robot's own voice."""
-        self.told_began_ns = 0
+        self.reported_began_ns = 0
         self.robots_words = 0
         """So many of its first words are the robot's, whose sentence somebody took up at once."""
         self.asked = False
@@ -159,19 +159,19 @@ class HeardTurn:
         if heard is None:
             return False
         self.language = heard.language
-        told = self.words.committed, self.words.tentative
+        before = self.words.committed, self.words.tentative
         words = [word.later_by(stretch.from_s) for word in heard.words]
         self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)))
-        return self._changed_since(told)
+        return self._changed_since(before)
 
     def commit_all(self) -> bool:
         """Commit all words. True if this changed anything."""
-        told = self.words.committed, self.words.tentative
+        before = self.words.committed, self.words.tentative
         self.words.commit_all()
-        return self._changed_since(told)
+        return self._changed_since(before)
 
-    def _changed_since(self, told: tuple[str, str]) -> bool:
-        changed = told != (self.words.committed, self.words.tentative)
+    def _changed_since(self, before: tuple[str, str]) -> bool:
+        changed = before != (self.words.committed, self.words.tentative)
         self.revision += changed
         return changed
 

@@ -213,8 +213,8 @@ def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWor
 
 
 def _reason(body: bytes, key: str | None) -> str:
-    told = object_in(body)
-    said = error_in(told) if told else body.decode("utf-8", "replace")
+    answer = object_in(body)
+    said = error_in(answer) if answer else body.decode("utf-8", "replace")
     return shortened(without(key, said), 100) or QT_TR_NOOP("no reason given")
 
 

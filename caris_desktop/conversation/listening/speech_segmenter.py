@@ -206,7 +206,7 @@ class SpeechSegmenter:
                 continue
             changed = turn.take(stretch, heard)
             changed |= self._leave_out_the_robot(turn)
-            if not turn.told and turn.own_words and not self._is_robots(turn):
+            if not turn.reported and turn.own_words and not self._is_robots(turn):
                 self._report_beginning(turn)
             if not turn.over:
                 judged = self._judge_words(turn)
@@ -298,7 +298,7 @@ class SpeechSegmenter:
             if self.canceller.share_between(began_ns, until_ns) is None:
                 # The robot's own speech synthesis: its reported times are not from samples.
                 self._report_times(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
-        if not turn.told:
+        if not turn.reported:
             return
         if self._of_wizard:
             # No further report after it: only the newest is retained, and this one has all words.
@@ -312,7 +312,7 @@ class SpeechSegmenter:
                 turn, "failed", turn.voice_ended_ns, detail=QT_TR_NOOP("it was the robot's own voice")
             )
         else:
-            if turn.voice_began_ns != turn.told_began_ns:
+            if turn.voice_began_ns != turn.reported_began_ns:
                 began = UtteranceCorrected(self._until_ns, turn.turn_id, start_ns=turn.voice_began_ns, actor=CONSOLE)
                 self._tell(began)
             self._report_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
@@ -384,12 +384,12 @@ class SpeechSegmenter:
                 )
 
     def _report_beginning(self, turn: HeardTurn) -> None:
-        turn.told, turn.told_began_ns = True, turn.voice_began_ns
+        turn.reported, turn.reported_began_ns = True, turn.voice_began_ns
         self._report_utterance(turn, "started", turn.voice_began_ns)
         self._report_hearing(turn)
 
     def _report_hearing(self, turn: HeardTurn) -> None:
-        if not turn.told:
+        if not turn.reported:
             return
         speaking = turn is self._turn and self._turns.speaking
         speaker: Literal["participant", "robot", "wizard"] = "wizard" if self._of_wizard else "participant"

@@ -60,13 +60,13 @@ class Retries:
     first_s: float = 0.5
     most_s: float = 10.0
 
-    def wait_s(self, tried: int, told_s: float | None) -> float | None:
+    def wait_s(self, tried: int, retry_after_s: float | None) -> float | None:
         """Wait after the ``tried``-th attempt, None to give up."""
-        if tried > self.at_most or (told_s is not None and told_s > self.most_s):
+        if tried > self.at_most or (retry_after_s is not None and retry_after_s > self.most_s):
             return None
         # Jitter, so that a lab's consoles do not retry simultaneously.
         backed_off_s: float = min(self.first_s * 2.0 ** (tried - 1), self.most_s) * random.uniform(0.8, 1.2)  # noqa: S311
-        return max(told_s or 0.0, backed_off_s)
+        return max(retry_after_s or 0.0, backed_off_s)
 
 
 @dataclass(slots=True)
@@ -102,12 +102,12 @@ class _LeaveOutError(Exception):
 
 
 class _TryAgainError(Exception):
-    """A retry may succeed, after ``told_s`` if given. ``failure`` is the present error."""
+    """A retry may succeed, after ``retry_after_s`` if given. ``failure`` is the present error."""
 
-    def __init__(self, failure: LanguageModelError, told_s: float | None = None) -> None:
+    def __init__(self, failure: LanguageModelError, retry_after_s: float | None = None) -> None:
         super().__init__(failure.what)
         self.failure = failure
-        self.told_s = told_s
+        self.retry_after_s = retry_after_s
 
 
 async def stream_chat(
@@ -121,8 +121,8 @@ async def stream_chat(
     jpegs: Sequence[bytes] = (),
     schema: dict[str, Any] | None = None,
     slot: int | None = None,
-    told_version: Callable[[str], None] = lambda _version: None,
-    told_wait: Callable[[str], None] = lambda _why: None,
+    on_version: Callable[[str], None] = lambda _version: None,
+    on_wait: Callable[[str], None] = lambda _why: None,
     notes: AnswerNotes | None = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
     retries: Retries = Retries(),
@@ -131,8 +131,8 @@ async def stream_chat(
     reasoning.
 
     With ``local_only`` nothing leaves this computer. ``seed`` makes answers reproducible; it is sent only if
-    `ModelEndpoint.takes_seed`. ``told_version`` is called with the model version in the stream at each change; Ollama
-    sends none, see `model_version`. ``told_wait`` is called with the reason for a wait before a retry, as text.
+    `ModelEndpoint.takes_seed`. ``on_version`` is called with the model version in the stream at each change; Ollama
+    sends none, see `model_version`. ``on_wait`` is called with the reason for a wait before a retry, as text.
     ``jpegs`` are images for the last message; the embedded model accepts none. ``schema`` is a JSON schema for the
     answer. ``slot`` selects a cache of the embedded server. ``notes`` are filled in progressively. A parameter that the
     server refuses by name is omitted from then on, while the program runs.
@@ -159,7 +159,7 @@ async def stream_chat(
         try:
             answer = _one_try(
                 endpoint, request, question, key, give_up_s, timeouts,
-                local_only=local_only, told_version=told_version, notes=notes, habits=habits,
+                local_only=local_only, on_version=on_version, notes=notes, habits=habits,
             )  # fmt: skip
             async with aclosing(answer) as pieces:
                 async for piece in pieces:
@@ -172,11 +172,11 @@ async def stream_chat(
             habits.left_out = (*habits.left_out, refused.parameter)
             tried -= 1
         except _TryAgainError as again:
-            wait_s = retries.wait_s(tried, again.told_s)
+            wait_s = retries.wait_s(tried, again.retry_after_s)
             if wait_s is None or asyncio.get_running_loop().time() + wait_s >= give_up_s:
                 raise _with_time(again) from again
             _log.info("%s is asked again in %.1f s: %s", endpoint.place, wait_s, again.failure.what)
-            told_wait(
+            on_wait(
                 localized(
                     QT_TR_NOOP("{what} The console tries again in {seconds} s."),
                     what=again.failure.what,
@@ -189,15 +189,15 @@ async def stream_chat(
 
 
 def _with_time(again: _TryAgainError) -> LanguageModelError:
-    failure, told_s = again.failure, again.told_s
-    if not told_s:
+    failure, retry_after_s = again.failure, again.retry_after_s
+    if not retry_after_s:
         return failure
     return LanguageModelError(
         failure.what,
         failure.meaning,
         localized(
             QT_TR_NOOP("The server accepts no questions for {seconds} s: ask again after that."),
-            seconds=f"{told_s:.0f}",
+            seconds=f"{retry_after_s:.0f}",
         ),
     )
 
@@ -211,7 +211,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     timeouts: ChatTimeouts,
     *,
     local_only: bool,
-    told_version: Callable[[str], None],
+    on_version: Callable[[str], None],
     notes: AnswerNotes,
     habits: _Habits,
 ) -> AsyncGenerator[str]:
@@ -262,7 +262,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         notes.cut, why = chunk.cut or notes.cut, chunk.why or why
                         if chunk.version and chunk.version != version:
                             version = chunk.version
-                            told_version(version)
+                            on_version(version)
                         if chunk.text or chunk.alive:
                             answers_by_s = answers_by_s or loop.time() + timeouts.first_token_s
                             began = True

@@ -58,10 +58,10 @@ async def check_model_is_here(client: "httpx.AsyncClient", endpoint: ModelEndpoi
     request = client.build_request("POST", "api/show", json={"model": endpoint.model}, timeout=_SHOWS_WITHIN_S)
     response = await send(client, request)
     try:
-        told = await small_object(response, _MAX_SHOWN_BYTES) if response.status_code == 200 else {}
+        details = await small_object(response, _MAX_SHOWN_BYTES) if response.status_code == 200 else {}
     finally:
         await response.aclose()
-    if told.get("remote_host") or told.get("remote_model"):
+    if details.get("remote_host") or details.get("remote_model"):
         raise _elsewhere(endpoint)
 
 

@@ -57,10 +57,10 @@ def _thinking(model: str) -> tuple[bool, dict[str, Any]]:
 
     https://ai.google.dev/gemini-api/docs/thinking
     """
-    told = _VERSION.match(model)
-    if told is None:
+    match = _VERSION.match(model)
+    if match is None:
         return not model.startswith("gemma"), {}
-    version = int(told[1]), int(told[2] or 0)
+    version = int(match[1]), int(match[2] or 0)
     if version < (2, 5):
         return "thinking" in model, {}
     if version >= (3, 0):

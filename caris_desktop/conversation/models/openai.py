@@ -119,10 +119,10 @@ def refuses_schema(request: Request, status: int, said: str) -> bool:
 
 def _reported_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
     """Model and fingerprint from a message of the stream."""
-    told = [recorded_name(endpoint, message.get("model"), key)]
+    parts = [recorded_name(endpoint, message.get("model"), key)]
     if endpoint.provider != "embedded":  # the fingerprint of the embedded build has no information
-        told.append(recorded_name(endpoint, message.get("system_fingerprint"), key))
-    return " ".join(part for part in told if part)
+        parts.append(recorded_name(endpoint, message.get("system_fingerprint"), key))
+    return " ".join(part for part in parts if part)
 
 
 def _is_closed(schema: Schema) -> bool:

@@ -68,13 +68,13 @@ class Chunk:
     why: str = ""
 
 
-def recorded_name(endpoint: ModelEndpoint, told: object, key: str | None = None) -> str:
+def recorded_name(endpoint: ModelEndpoint, name: object, key: str | None = None) -> str:
     """Model name from a server, sanitised for the record: no key, no address, only the last part of a path."""
-    if not isinstance(told, str) or "://" in told or urlsplit(endpoint.base_url).netloc.lower() in told.lower():
+    if not isinstance(name, str) or "://" in name or urlsplit(endpoint.base_url).netloc.lower() in name.lower():
         return ""
-    if told.startswith(("/", "~", ".")) or "\\" in told:
-        told = told.replace("\\", "/").rstrip("/").rpartition("/")[2]
-    return shortened(without(key, told), 100)
+    if name.startswith(("/", "~", ".")) or "\\" in name:
+        name = name.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    return shortened(without(key, name), 100)
 
 
 def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:

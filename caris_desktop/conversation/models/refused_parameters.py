@@ -41,8 +41,8 @@ def parameters_sent(request: Request) -> tuple[str, ...]:
 def named_parameter(request: Request, answer: dict[str, Any], reason: str) -> str:
     """Parameter that a refusal names in ``param``, ``loc`` or its text; empty for none."""
     sent = parameters_sent(request)
-    for told in (*_named_apart(answer), reason):
-        found = [(match.start(), name) for name in sent if (match := _pattern(name).search(told))]
+    for text in (*_named_apart(answer), reason):
+        found = [(match.start(), name) for name in sent if (match := _pattern(name).search(text))]
         if found:
             return min(found)[1]
     return ""
@@ -54,9 +54,9 @@ def _pattern(name: str) -> re.Pattern[str]:
 
 def _named_apart(answer: dict[str, Any]) -> Iterable[str]:
     error = answer.get("error")
-    for told in (error if isinstance(error, dict) else {}, answer):
-        if isinstance(told.get("param"), str):
-            yield told["param"]
+    for fields in (error if isinstance(error, dict) else {}, answer):
+        if isinstance(fields.get("param"), str):
+            yield fields["param"]
     details = answer.get("detail")
     for detail in details if isinstance(details, list) else ():
         if isinstance(detail, dict) and isinstance(detail.get("loc"), list):

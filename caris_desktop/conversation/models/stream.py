@@ -18,9 +18,9 @@ _OTHER_TYPES = ("text/html", "image/", "audio/", "video/", "application/pdf", "a
 
 def check_type(endpoint: ModelEndpoint, response: "httpx.Response") -> None:
     """Raises LanguageModelError if the content type excludes an answer."""
-    told = response.headers.get("content-type", "").lower()
-    if told.startswith(_OTHER_TYPES):
-        what = "a web page" if told.startswith("text/html") else told
+    content_type = response.headers.get("content-type", "").lower()
+    if content_type.startswith(_OTHER_TYPES):
+        what = "a web page" if content_type.startswith("text/html") else content_type
         raise nonsense(endpoint, f"it is {what}")
 
 

@@ -52,7 +52,7 @@ class _Playback:
         self._played: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
         self._heard_until_ns = 0
         self._ending = False
-        self._alive_told_s = 0.0
+        self._alive_reported_s = 0.0
 
     def run(self) -> None:
         with contextlib.suppress(OSError, ImportError):
@@ -110,8 +110,8 @@ class _Playback:
     def _work(self) -> None:
         if self._stream is None:
             return
-        if time.monotonic() - self._alive_told_s >= _ALIVE_EVERY_S:
-            self._alive_told_s = time.monotonic()
+        if time.monotonic() - self._alive_reported_s >= _ALIVE_EVERY_S:
+            self._alive_reported_s = time.monotonic()
             self._connection.send(PlaybackAlive())
         while not self._played.empty():
             part = self._played.get()

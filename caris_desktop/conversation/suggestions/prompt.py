@@ -70,9 +70,9 @@ def reported_turns(turns: Iterable[Turn]) -> list[Turn]:
 
     Old turns are dropped in groups: dropping one per turn would invalidate the prompt cache each time.
     """
-    told = [turn for turn in turns if turn.said and turn.text.strip()]
-    too_many = max(0, len(told) - MAX_TURNS)
-    return told[-(-too_many // _TURNS_LEFT_OUT) * _TURNS_LEFT_OUT :]
+    with_text = [turn for turn in turns if turn.said and turn.text.strip()]
+    too_many = max(0, len(with_text) - MAX_TURNS)
+    return with_text[-(-too_many // _TURNS_LEFT_OUT) * _TURNS_LEFT_OUT :]
 
 
 def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:

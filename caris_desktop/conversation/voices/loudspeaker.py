@@ -188,14 +188,14 @@ class Loudspeaker:
             stream.start()
         except (ValueError, self._error()) as error:
             raise DeviceTroubleError(" ".join(str(error).split())) from error
-        told_start = False
+        start_reported = False
         moved, moved_at_s = -1, time.monotonic()
         while True:
-            woken.wait(self._wait_s(playback, told_start=told_start))
+            woken.wait(self._wait_s(playback, start_reported=start_reported))
             woken.clear()
             now_ns = time.monotonic_ns()
-            if playback.started_ns is not None and now_ns >= playback.started_ns and not told_start:
-                told_start = True
+            if playback.started_ns is not None and now_ns >= playback.started_ns and not start_reported:
+                start_reported = True
                 tell("started", playback.started_ns)
             if silenced.is_set():
                 playback.leave()
@@ -221,8 +221,8 @@ class Loudspeaker:
                 sound.finish("it took too long")
             tell("playing", playback.heard_s)
 
-    def _wait_s(self, playback: _Playback, *, told_start: bool) -> float:
-        if playback.started_ns is not None and not told_start:
+    def _wait_s(self, playback: _Playback, *, start_reported: bool) -> float:
+        if playback.started_ns is not None and not start_reported:
             return max(0.001, playback.started_ns / 1e9 - time.monotonic())
         if playback.ends_ns is None:
             return _HEARTBEAT_S

@@ -43,19 +43,19 @@ class _Making:
     def is_heard(self) -> bool:
         return self._listener is not None
 
-    def hear(self, sound: StreamingBuffer, told: Told) -> None:
+    def hear(self, sound: StreamingBuffer, on_part: Told) -> None:
         """Send the ready parts at once, and others as they come. Before `finish`."""
         with self._telling:
             for part in self.parts:
-                told(sound.append(part), part)
-            self._listener = sound, told
+                on_part(sound.append(part), part)
+            self._listener = sound, on_part
 
     def add(self, part: Samples) -> None:
         with self._telling:
             self.parts.append(part)
             if self._listener is not None:
-                sound, told = self._listener
-                told(sound.append(part), part)
+                sound, on_part = self._listener
+                on_part(sound.append(part), part)
 
     def finish(self, trouble: str) -> None:
         if self._listener is not None:
@@ -77,7 +77,7 @@ class Rendering:
         self._tuned: tuple[float, float] | None = None
         self._ended = False
 
-    def say(self, text: str, sound: StreamingBuffer, told: Told) -> None:
+    def say(self, text: str, sound: StreamingBuffer, on_part: Told) -> None:
         """Render now into ``sound``; ``told(frame, samples)`` is called with each part as it is ready.
 
         Advance rendering pauses until this is complete; if it is rendering this text, it is continued.
@@ -85,10 +85,10 @@ class Rendering:
         with self._changed:
             making = self._making
             if making is not None and making.text == text and not (making.is_heard or making.stop.is_set):
-                making.hear(sound, told)
+                making.hear(sound, on_part)
                 return
             self._wanted = _Making(text)
-            self._wanted.hear(sound, told)
+            self._wanted.hear(sound, on_part)
             if making is not None:
                 making.stop.set()
             self._changed.notify()

@@ -19,8 +19,8 @@ _SILENCE_KEPT_S = 0.005
 
 def words_of(error: Exception) -> str:
     """Error text in one line."""
-    told = str(error)
-    return told if isinstance(told, LocalizedText) else " ".join(told.split()) or type(error).__name__
+    message = str(error)
+    return message if isinstance(message, LocalizedText) else " ".join(message.split()) or type(error).__name__
 
 
 class RenderingStoppedError(Exception):

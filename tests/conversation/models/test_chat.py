@@ -114,7 +114,7 @@ def told_versions(*told: dict[str, object], key_env: str | None = None) -> list[
         async with serving(sends(SSE_HEAD, *messages, b"data: [DONE]\n\n")) as served:
             endpoint = ModelEndpoint("openai", served.url, "some-model", (key_env,) if key_env else ())
             stream = stream_chat(
-                endpoint, QUESTION, local_only=False, max_tokens=9, temperature=0.0, told_version=versions.append
+                endpoint, QUESTION, local_only=False, max_tokens=9, temperature=0.0, on_version=versions.append
             )
             assert [piece async for piece in stream] == ["Yes."] * len(told)
             return versions
@@ -536,7 +536,7 @@ def test_waiting_for_a_busy_server_is_told_and_can_be_cancelled() -> None:
 
         async with serving(sends(b"HTTP/1.1 429 Busy\r\nRetry-After: 9\r\nContent-Length: 0\r\n\r\n")) as served:
             endpoint = ModelEndpoint("openai", served.url, "m")
-            stream = stream_chat(endpoint, QUESTION, local_only=False, max_tokens=9, temperature=0.0, told_wait=take)
+            stream = stream_chat(endpoint, QUESTION, local_only=False, max_tokens=9, temperature=0.0, on_wait=take)
             waiting = asyncio.ensure_future(anext(stream))
             await busy.wait()
             waiting.cancel()
