@@ -120,8 +120,8 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
     OpenSSL reports the first problem only; the others are found in the server's ``certificate``.
     """
     if not isinstance(error, ssl.SSLCertVerificationError):
-        told = QT_TR_NOOP("No secure connection to {name} could be established ({reason}).")
-        return (localized(told, name=name, reason=error.reason or error),), ()
+        message = QT_TR_NOOP("No secure connection to {name} could be established ({reason}).")
+        return (localized(message, name=name, reason=error.reason or error),), ()
     code = error.verify_code
     shown = None if certificate is None else _read(certificate)
     now = datetime.datetime.now(datetime.UTC)
@@ -142,22 +142,22 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
         advice.append(QT_TR_NOOP("Check the date of this computer and of the server."))
     names = None if shown is None else _names_of(shown)
     if code in _OTHER_NAME or (names is not None and not any(_is_name_of(each, name) for each in names)):
-        told = QT_TR_NOOP("The server that responds as {name} has a certificate for another name: {names}.")
+        message = QT_TR_NOOP("The server that responds as {name} has a certificate for another name: {names}.")
         if names == ():
-            told = QT_TR_NOOP(
+            message = QT_TR_NOOP(
                 "The certificate of {name} does not name a server: the extension subjectAltName is missing."
             )
         elif names is None:
-            told = QT_TR_NOOP("The server that responds as {name} has a certificate for another name.")
-        what.append(localized(told, names=", ".join(names or ())))
+            message = QT_TR_NOOP("The server that responds as {name} has a certificate for another name.")
+        what.append(localized(message, names=", ".join(names or ())))
         advice.append(
             QT_TR_NOOP(
                 "Use a name from the certificate as the address, or give the server a certificate for this address."
             )
         )
     if not what:
-        told = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")
-        what.append(localized(told, reason=error.verify_message))
+        message = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")
+        what.append(localized(message, reason=error.verify_message))
         advice.append(QT_TR_NOOP("Check the certificate on the server."))
     return tuple(localized(sentence, name=name) for sentence in what), tuple(advice)
 

@@ -81,16 +81,16 @@ class StampAge:
 
     def delay_s(self, offset_ns: float | None, uncertainty_ns: float = 0.0) -> float:
         """Minimum age of the newest value on arrival. ``offset_ns``: the robot's clock minus ours, if known."""
-        told_s = self._reported_s(offset_ns)
-        if told_s is None or not -_MOST_AHEAD_S <= told_s <= MOST_DELAY_S:
+        reported_s = self._reported_s(offset_ns)
+        if reported_s is None or not -_MOST_AHEAD_S <= reported_s <= MOST_DELAY_S:
             return self._excess_s
-        return max(0.0, told_s - uncertainty_ns / 1e9)
+        return max(0.0, reported_s - uncertainty_ns / 1e9)
 
     def is_known(self, offset_ns: float | None, uncertainty_ns: float = 0.0) -> bool:
         """False if the newest timestamp is implausible."""
-        told_s = self._reported_s(offset_ns)
+        reported_s = self._reported_s(offset_ns)
         margin_s = uncertainty_ns / 1e9
-        return told_s is None or -_MOST_AHEAD_S - margin_s <= told_s <= MOST_DELAY_S + margin_s
+        return reported_s is None or -_MOST_AHEAD_S - margin_s <= reported_s <= MOST_DELAY_S + margin_s
 
     def _reported_s(self, offset_ns: float | None) -> float | None:
         if offset_ns is None or self._stamp_ns is None:

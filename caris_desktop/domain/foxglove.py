@@ -444,9 +444,9 @@ def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
 
 
 def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Log:
-    told = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
+    changes = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
     heard = corrected.start_ns is not None or corrected.end_ns is not None
-    words = ", ".join(filter(None, told)) or ("time of the utterance" if heard else "not sure")
+    words = ", ".join(filter(None, changes)) or ("time of the utterance" if heard else "not sure")
     return _log(at, _INFO, f"corrected: {words}", corrected.speaker or "")
 
 

@@ -117,8 +117,8 @@ def parse_localized(sentence: str, texts: tuple[str, ...]) -> str:
         if all(map(sentence.__contains__, pieces)) and (found := _pattern(text).fullmatch(sentence)):
             values = found.groupdict()
             number = values.pop(_NUMBER_GROUP, None)
-            told = {name: parse_localized(value, texts) for name, value in values.items()}
-            return LocalizedText(text, told if number is None else {_NUMBER: number, **told})
+            recovered = {name: parse_localized(value, texts) for name, value in values.items()}
+            return LocalizedText(text, recovered if number is None else {_NUMBER: number, **recovered})
     return sentence
 
 
