@@ -181,7 +181,7 @@ def parts(
         people=PeopleAdapters(
             inference=ProcessSpec("inference", process_entry_points.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
-            as_told=_inference_as_configured,
+            as_configured=_inference_as_configured,
         ),
         cameras=functools.partial(wanted_cameras, chosen),
         assistant=AssistantAdapters(
@@ -421,13 +421,13 @@ def _inference_as_configured(body: ProcessSpec, scenario: Scenario) -> ProcessSp
 
 def detector_settings(scenario: Scenario) -> DetectorSettings:
     """Person detection settings of a scenario."""
-    told = scenario.perception
+    settings = scenario.perception
     folder = scenario.path.parent if scenario.path is not None else None
     return DetectorSettings(
-        DetectorChoice(told.model, told.sha256, folder if told.model else None, told.input_px),
-        device=told.device,
-        things=told.classes,
-        server=told.server,
+        DetectorChoice(settings.model, settings.sha256, folder if settings.model else None, settings.input_px),
+        device=settings.device,
+        things=settings.classes,
+        server=settings.server,
         other_computers=scenario.permissions.cloud_models,
     )
 
@@ -517,8 +517,8 @@ def details_of_session(folder: Path) -> TrialDetails:
         _log.warning("%s", error)
         return TrialDetails()
     known = {field.name for field in fields(TrialDetails)}
-    told = trial if isinstance(trial, dict) else {}
-    return TrialDetails(**{key: text for key, text in told.items() if key in known and isinstance(text, str)})
+    recorded = trial if isinstance(trial, dict) else {}
+    return TrialDetails(**{key: text for key, text in recorded.items() if key in known and isinstance(text, str)})
 
 
 def _new_session(

@@ -66,7 +66,7 @@ def cause_among(problem: Problem, alarms: Iterable[Alarm]) -> Alarm | None:
 @dataclass(slots=True)
 class _ActiveAlarm:
     alarm: Alarm
-    told_ns: int
+    reported_ns: int
     by_condition: bool
     was_not_over: bool
     over_since_ns: int | None = None
@@ -166,7 +166,7 @@ class AlarmBook:
             if standing.over_since_ns is not None:
                 due_ns.append(standing.over_since_ns + _steady_ns(standing.alarm))
             elif _lapses(standing):
-                due_ns.append(standing.told_ns + LAPSE_NS)
+                due_ns.append(standing.reported_ns + LAPSE_NS)
         return max(0.0, (min(due_ns) - now_ns) / 1e9) if due_ns else None
 
     def _check_conditions(self, conditions: Sequence[Condition], now_ns: int) -> None:
@@ -203,7 +203,7 @@ class AlarmBook:
         elif not over and standing.over_since_ns is not None:
             standing.over_since_ns = None
             standing.alarm = replace(alarm, times=alarm.times + 1)
-        lapsed = _lapses(standing) and now_ns - standing.told_ns >= LAPSE_NS
+        lapsed = _lapses(standing) and now_ns - standing.reported_ns >= LAPSE_NS
         steady = standing.over_since_ns is not None and now_ns - standing.over_since_ns >= _steady_ns(standing.alarm)
         if steady or lapsed:
             self._end(standing, now_ns)
@@ -248,7 +248,7 @@ class AlarmBook:
         """Merge a recurrence: the most severe text wins, of equal ones the newest; others become details."""
         standing = self._standing[cause_of(problem)]
         alarm = standing.alarm
-        standing.told_ns = now_ns
+        standing.reported_ns = now_ns
         if problem.what == alarm.what:
             standing.alarm = replace(alarm, meaning=problem.meaning, advice=problem.advice)
         elif standing.prevails:
@@ -270,8 +270,8 @@ def _alarm_of(problem: Problem, now_ns: int) -> Alarm:
     )  # fmt: skip
 
 
-def _why(told: Problem | Alarm) -> str:
-    return " ".join(part for part in (told.what, told.advice) if part)
+def _why(problem: Problem | Alarm) -> str:
+    return " ".join(part for part in (problem.what, problem.advice) if part)
 
 
 def _in_words_of(condition: Condition, alarm: Alarm) -> Alarm:

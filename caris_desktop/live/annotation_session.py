@@ -147,7 +147,7 @@ class AnnotationSession(QObject):
     def redo(self) -> bool:
         return self._step(self._history.redo)
 
-    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
         """Import in a background thread; returns at once."""
 
         skipped: list[str] = []
@@ -165,9 +165,9 @@ class AnnotationSession(QObject):
             refused = found if isinstance(found, str) else self.edit(lambda document: merge_imported(document, found))
             if not refused and skipped:
                 refused = " ".join([tr("The annotations were imported."), *map(tr, skipped)])
-            told(refused)
+            on_result(refused)
 
-        self._reading.do(read, take, lambda failure: told(f"{failure.what} {failure.advice}"))
+        self._reading.do(read, take, lambda failure: on_result(f"{failure.what} {failure.advice}"))
 
     def _step(self, step: Callable[[], AnnotationDocument]) -> bool:
         before = self.coding.value

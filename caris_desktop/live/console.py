@@ -199,8 +199,8 @@ class Console(QObject):
         """Folder of the current session, or of the last one."""
         return self._recording.session_folder
 
-    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        self._session.check_before(told)
+    def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:
+        self._session.check_before(on_result)
 
     def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None

@@ -49,23 +49,23 @@ class DualSpeechOutput:
         """Handle the loss of one voice."""
         self.handle(replace(utterance, voice=kind, state="failed", detail=detail))
 
-    def handle(self, told: UtteranceChanged) -> bool:
+    def handle(self, change: UtteranceChanged) -> bool:
         """Handle an event of one voice; False if it is not about a shared utterance. Any thread."""
         with self._lock:
-            if told.utterance_id != self._utterance_id:
+            if change.utterance_id != self._utterance_id:
                 return False
-            follows = self._follows(told) if told.voice in self._speaking else None
+            follows = self._follows(change) if change.voice in self._speaking else None
         if follows is not None:
             self._report(follows)
         return True
 
-    def _follows(self, told: UtteranceChanged) -> UtteranceChanged | None:
-        if told.state in _ENDS:
-            self._speaking.discard(told.voice)
-            self._ended.append(told)
+    def _follows(self, change: UtteranceChanged) -> UtteranceChanged | None:
+        if change.state in _ENDS:
+            self._speaking.discard(change.voice)
+            self._ended.append(change)
             return None if self._speaking else _last_word(self._ended)
         began, self._started = not self._started, True
-        return replace(told, voice="both") if began else None
+        return replace(change, voice="both") if began else None
 
 
 def _last_word(ended: list[UtteranceChanged]) -> UtteranceChanged:

@@ -116,12 +116,12 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
         texts_of_people=partial(rewrite_texts, asked.database),
         own_files=asked.own_files or OwnFiles(),
     )
-    told = -1.0
+    reported = -1.0
 
     def report_progress(fraction: float, what: str) -> None:
-        nonlocal told
-        if fraction >= told + _PROGRESS_STEP or fraction >= 1.0:
-            told = fraction
+        nonlocal reported
+        if fraction >= reported + _PROGRESS_STEP or fraction >= 1.0:
+            reported = fraction
             progress(fraction, what)
 
     return forget_person(request, lambda: erase(asked.database, person.person_ids), report_progress)

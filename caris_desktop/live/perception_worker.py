@@ -80,10 +80,10 @@ class PerceptionWorker(QObject):
         self._child: ChildProcess | None = None
         self.restarts = Restarts()
         self._status = PerceptionStatus()
-        self._pace_told_ns = 0
+        self._pace_reported_ns = 0
         self._look_every_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
-        self._everybody_told_ns = 0
+        self._everybody_reported_ns = 0
         self._everybody: tuple[PersonRow, ...] = ()
         self._locator = PeopleLocator()
         self._turning = CameraTurning()
@@ -229,7 +229,7 @@ class PerceptionWorker(QObject):
             elif isinstance(item, _AskConsents):
                 consents_again = item.again
                 presence.ask_consents_again(item.again)
-                self._everybody_told_ns = 0
+                self._everybody_reported_ns = 0
             elif isinstance(item, _Practise) and item.on != practising:
                 practising = item.on
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
@@ -239,7 +239,7 @@ class PerceptionWorker(QObject):
                 presence.use_settings(recognition.settings, may_decide=recognition.may_decide)
                 presence.ask_consents_again(consents_again)
                 self._publish_all(problems)
-                self._everybody_told_ns = 0
+                self._everybody_reported_ns = 0
             elif isinstance(item, HistoryEvent):
                 presence.note(item)
             elif isinstance(item, PersonLooks):
@@ -336,7 +336,7 @@ class PerceptionWorker(QObject):
 
     def _publish_all(self, events: Iterable[Event]) -> None:
         for event in events:
-            self._everybody_told_ns = 0
+            self._everybody_reported_ns = 0
             self._publish(event)
 
     def _set_status(self, status: PerceptionStatus) -> None:
@@ -347,8 +347,8 @@ class PerceptionWorker(QObject):
     def _report_pace(self, inference_ms: float) -> None:
         """Update rates once a second: more frequent changes are illegible."""
         now_ns = clock.now_ns()
-        if now_ns - self._pace_told_ns >= _PACE_TOLD_EVERY_NS:
-            self._pace_told_ns = now_ns
+        if now_ns - self._pace_reported_ns >= _PACE_TOLD_EVERY_NS:
+            self._pace_reported_ns = now_ns
             looks_per_s = self._look_rates.per_second(now_ns=now_ns)
             self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
 
@@ -360,8 +360,8 @@ class PerceptionWorker(QObject):
             self._shown_persons = shown
             self.persons_changed.emit(rows)
         now_ns = clock.now_ns()
-        if now_ns - self._everybody_told_ns >= _EVERYBODY_TOLD_EVERY_NS:
-            self._everybody_told_ns = now_ns
+        if now_ns - self._everybody_reported_ns >= _EVERYBODY_TOLD_EVERY_NS:
+            self._everybody_reported_ns = now_ns
             everybody = tuple(replace(row, last_seen_ns=0) if row.here else row for row in presence.everybody())
             if everybody != self._everybody:
                 self._everybody = everybody

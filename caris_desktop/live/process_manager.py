@@ -20,14 +20,14 @@ Reads = Callable[[Any, bytes], None]
 class ProcessManager(QObject):
     """Creates children whose messages and exits are delivered in the GUI thread, until ``close``."""
 
-    _told = Signal(object, object)
+    _received = Signal(object, object)
 
     def __init__(self, bus: Bus, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._bus = bus
         self._ends: list[threading.Thread] = []
         self._closed = False
-        self._told.connect(self._notify, Qt.ConnectionType.QueuedConnection)
+        self._received.connect(self._notify, Qt.ConnectionType.QueuedConnection)
 
     def close(self) -> None:
         """Ignore further exits: the program is ending."""
@@ -91,7 +91,7 @@ class ProcessManager(QObject):
 
     def call_in_gui(self, take: Callable[[Any], None], value: Any) -> None:
         """Call ``take(value)`` in the GUI thread, in order. Any thread."""
-        self._told.emit(take, value)
+        self._received.emit(take, value)
 
     def _notify(self, take: Callable[[Any], None], value: Any) -> None:
         if not (self._closed and isinstance(value, ChildProcess)):
@@ -100,5 +100,5 @@ class ProcessManager(QObject):
 
 def localize_problem(problem: Problem) -> Problem:
     """Localise a problem of a child process, which reports in English with separate values."""
-    what, meaning, advice = (tr(told) if told else "" for told in (problem.what, problem.meaning, problem.advice))
+    what, meaning, advice = (tr(text) if text else "" for text in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)

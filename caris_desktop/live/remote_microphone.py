@@ -42,7 +42,7 @@ class RemoteMicrophone(QObject):
         self._whose = ""
         self._heard_ns = self._asked_ns = self._unreachable_ns = 0
         self._peak = 0
-        self._told = False
+        self._silence_reported = False
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
         self._look.timeout.connect(self.update_status)
         bus.tap(self._hear, (AudioChunk,))
@@ -56,7 +56,7 @@ class RemoteMicrophone(QObject):
             return
         self.close()
         self._whose, self._ask, self._reachable = whose, ask, reachable
-        self._asked_ns, self._told = clock.now_ns(), False
+        self._asked_ns, self._silence_reported = clock.now_ns(), False
         self._show("starting")
         self._look.start()
         ask(True)
@@ -86,17 +86,17 @@ class RemoteMicrophone(QObject):
             self._unreachable_ns = now_ns
         if self._heard_ns > self._asked_ns and now_ns - self._heard_ns < _SILENT_NS:
             peak, self._peak = self._peak, 0
-            self._told = False
+            self._silence_reported = False
             self._show("on", level=round(peak / 32768, 3))
             if before.state != "on":
                 self._settled()
-        elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._told:
+        elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._silence_reported:
             if before.state != "failed":
                 self._show("failed", detail=QT_TR_NOOP("It sends no sound."))
                 self._settled()
             if now_ns - self._unreachable_ns <= _SILENT_NS:
                 return
-            self._told = True
+            self._silence_reported = True
             self._bus.problem(
                 "warning",
                 tr("An open microphone sends no sound: {microphone}.").format(microphone=self._whose),

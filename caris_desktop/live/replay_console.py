@@ -139,15 +139,15 @@ class ReplayConsole(QObject):
         if self._live is not None:
             self._live.start()
         session = self._session
-        told = dict.fromkeys((*session.notices, *session.losses))
-        if told:
+        notices = dict.fromkeys((*session.notices, *session.losses))
+        if notices:
             cut = not session.closed_properly
             self._notify(
                 "warning",
                 tr("This session was interrupted while it was being recorded.")
                 if cut
                 else tr("Part of this session is missing."),
-                " ".join(map(tr, told)),
+                " ".join(map(tr, notices)),
                 tr("The remaining data is shown. Data found by a repair is saved in the session's folder 'recovered'.")
                 if session.repairs
                 else tr("The remaining data is shown. If there is a copy of the session, restore the files from it."),
@@ -252,8 +252,8 @@ class ReplayConsole(QObject):
     def redo(self) -> bool:
         return self._coding.redo()
 
-    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
-        self._coding.import_annotations(path, coder, told)
+    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
+        self._coding.import_annotations(path, coder, on_result)
 
     def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
         self.thumbnail_made.emit(camera, at_ns, image_bgr)
@@ -341,8 +341,8 @@ class ReplayConsole(QObject):
     def robots(self) -> Sequence[RobotChoice]:
         return ()
 
-    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        told(BeforeRecording())
+    def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:
+        on_result(BeforeRecording())
 
     def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None

@@ -111,7 +111,7 @@ class RobotConnections(QObject):
         self._server = QLocalServer(self)
         self._server.setSocketOptions(QLocalServer.SocketOption.UserAccessOption)
         self._server.newConnection.connect(self._on_new_connection)
-        self._told: dict[str, Any] = {}
+        self._sent: dict[str, Any] = {}
         console.state.link.changed.connect(self._on_changed)
         console.state.drive.changed.connect(self._on_changed)
 
@@ -166,8 +166,8 @@ class RobotConnections(QObject):
 
     def _on_changed(self, _value: object) -> None:
         present = self._present()
-        if present != self._told:
-            self._told = present
+        if present != self._sent:
+            self._sent = present
             for client in self._clients:
                 client.send(present)
 

@@ -200,7 +200,7 @@ class LiveSessionLibrary(QObject):
     # Export
 
     def choose_export_folder(
-        self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
+        self, sessions: Sequence[Path], on_folder: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
         name = sessions[0].name if len(sessions) == 1 else f"{self._study.name} {len(sessions)} sessions"
         usual = self._study / "exports" / name
@@ -210,7 +210,7 @@ class LiveSessionLibrary(QObject):
                 return _not_yet_there(usual)
             return _not_yet_there(chosen / name) if _holds_something(chosen) else chosen
 
-        self._slow_work.do(usual_folder, told, self._notify)
+        self._slow_work.do(usual_folder, on_folder, self._notify)
 
     def start_export(
         self,
@@ -346,6 +346,6 @@ def _search(index: StudyIndex, query: SessionQuery, *, updating: bool) -> Librar
     details = [tr(index.message)] if index.message else []
     if unreadable:
         names = ", ".join(session.folder.name for session in unreadable[:3])
-        told = tr("Unreadable: {names} and others.") if len(unreadable) > 3 else tr("Unreadable: {names}.")
-        details.append(told.format(names=names))
+        message = tr("Unreadable: {names} and others.") if len(unreadable) > 3 else tr("Unreadable: {names}.")
+        details.append(message.format(names=names))
     return LibraryStatus(query, sessions, hits, total, updating, " ".join(details), places)

@@ -59,7 +59,7 @@ class _Queued:
 class SpeechQueue(QObject):
     """Queues utterances, passes them to the voice one by one, and maintains ``state.speech``."""
 
-    _end_told = Signal(str, object)  # utterance_id, ends_ns
+    _end_reported = Signal(str, object)  # utterance_id, ends_ns
 
     def __init__(
         self,
@@ -77,8 +77,8 @@ class SpeechQueue(QObject):
         self._waiting: deque[_Queued] = deque()
         self._now: UtteranceChanged | None = None
         self._ends_ns: int | None = None
-        self._told_end: tuple[str, int] = ("", 0)
-        self._end_told.connect(self._on_end_reported, Qt.ConnectionType.QueuedConnection)
+        self._reported_end: tuple[str, int] = ("", 0)
+        self._end_reported.connect(self._on_end_reported, Qt.ConnectionType.QueuedConnection)
         self._reporting = threading.Lock()
         self._reported_on = ""
 
@@ -201,8 +201,8 @@ class SpeechQueue(QObject):
             self._now = self._ends_ns = None
             self._next()
         elif event.state == "started" and self._ends_ns is None:
-            told_id, ends_ns = self._told_end
-            if told_id != event.utterance_id:
+            ended_id, ends_ns = self._reported_end
+            if ended_id != event.utterance_id:
                 ends_ns = event.stamp_ns + round(estimated_duration_s(event.text) * 1e9)
             self._ends_ns = ends_ns
         self._show()
@@ -210,10 +210,12 @@ class SpeechQueue(QObject):
     def on_played(self, sound: PlayedSound, _raw: bytes | None = None) -> None:
         """Set the end time from audio played on this computer, exact to the sample. Any thread."""
         if sound.utterance_id:
-            self._end_told.emit(sound.utterance_id, sound.stamp_ns + len(sound.samples) * 10**9 // sound.sample_rate_hz)
+            self._end_reported.emit(
+                sound.utterance_id, sound.stamp_ns + len(sound.samples) * 10**9 // sound.sample_rate_hz
+            )
 
     def _on_end_reported(self, utterance_id: str, ends_ns: int) -> None:
-        self._told_end = utterance_id, ends_ns
+        self._reported_end = utterance_id, ends_ns
         if self._now is not None and self._now.utterance_id == utterance_id and self._now.state == "started":
             self._ends_ns = ends_ns
             self._show()

@@ -330,8 +330,10 @@ class LiveState(QObject):
         spec = BY_TYPE[type(value)]
         if isinstance(value, CameraState):
             self.state_of(value.camera).update_value(value)
-        told = isinstance(value, CameraState) and value.state != "ended" and value.camera in self.own_cameras.value
-        if isinstance(value, FrameRef) or told:  # a camera that never sent a frame has a reason
+        has_reason = (
+            isinstance(value, CameraState) and value.state != "ended" and value.camera in self.own_cameras.value
+        )
+        if isinstance(value, FrameRef) or has_reason:  # a camera that never sent a frame has a reason
             self._note_camera(value.camera)
         if isinstance(value, (FrameRef, People)):
             self._stream_of(spec.name, value.camera).update_value(value)

@@ -80,8 +80,8 @@ class WizardConsole(Protocol):
         ``run_in_background``.
         """
 
-    def check_before_recording(self, told: Callable[[BeforeRecording], None]) -> None:
-        """Gather the initial contents of the start dialog; ``told`` receives them later."""
+    def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:
+        """Gather the initial contents of the start dialog; ``on_result`` receives them later."""
 
     def microphones(self) -> Sequence[str]:
         """Sound inputs of this computer; the empty name is the system's default."""
@@ -157,10 +157,8 @@ class ReplayControls(Protocol):
 
     def redo(self) -> bool: ...
 
-    def import_annotations(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
-        """Import an .eaf or CSV file as ``coder``'s. Returns at once; ``told`` receives the reason if refused, else
-        empty.
-        """
+    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
+        """Import an .eaf or CSV file as ``coder``'s. Returns at once; ``on_result`` receives the refusal, or ''."""
 
 
 class SessionLibrary(Protocol):
@@ -179,9 +177,9 @@ class SessionLibrary(Protocol):
         """Open the replay of a session in a separate window."""
 
     def choose_export_folder(
-        self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
+        self, sessions: Sequence[Path], on_folder: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
-        """Propose a new export folder; ``told`` receives it later. ``chosen``: the wizard's folder, used itself if
+        """Propose a new export folder; ``on_folder`` receives it later. ``chosen``: the wizard's folder, used itself if
         empty, else a new subfolder.
         """
 

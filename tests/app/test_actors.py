@@ -377,7 +377,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
             people=replace(
                 parts.people,
                 inference=ProcessSpec("inference", bodies.somebody),
-                as_told=lambda body, _scenario: body,
+                as_configured=lambda body, _scenario: body,
             ),
             assistant=replace(
                 parts.assistant,

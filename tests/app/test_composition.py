@@ -88,13 +88,17 @@ def test_a_scenario_says_how_people_are_found(tmp_path: Path) -> None:
     people = composition.parts(study=study).people
     assert people.inference is not None
     told = "model: beside.onnx, input_px: 640, device: cpu, tracker: bytetrack, classes: [chair, dog]"
-    body = people.as_told(people.inference, scenario_with(f"perception: {{{told}, server: 'wss://lab:1'}}\n", tmp_path))
+    body = people.as_configured(
+        people.inference, scenario_with(f"perception: {{{told}, server: 'wss://lab:1'}}\n", tmp_path)
+    )
     (settings,) = body.arguments
     assert settings.tracker == "bytetrack"
     assert (settings.detector.device, settings.detector.things) == ("cpu", ("chair", "dog"))
     assert settings.detector.server == "wss://lab:1"
     assert settings.detector.model == DetectorChoice("beside.onnx", "", tmp_path, 640)
-    assert people.as_told(people.inference, scenario_with("", tmp_path)) == people.inference, "no change, no new start"
+    assert people.as_configured(people.inference, scenario_with("", tmp_path)) == people.inference, (
+        "no change, no new start"
+    )
 
 
 def test_the_shipped_scenarios_share_one_recogniser() -> None:

@@ -268,7 +268,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
     notes = tmp_path / "notes"
     camera = OwnCamera("computer", ProcessSpec("camera computer", bodies.camera_that_notes, (notes,)))
     inference = ProcessSpec("inference", bodies.brightness, ("test",))
-    people = replace(parts.people, inference=inference, as_told=lambda body, _scenario: body)
+    people = replace(parts.people, inference=inference, as_configured=lambda body, _scenario: body)
     console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras((camera,))), scenario)
     statuses: list[PerceptionStatus] = []
     console.state.perception.changed.connect(statuses.append)

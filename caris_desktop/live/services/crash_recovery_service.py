@@ -75,7 +75,7 @@ class CrashRecoveryService(Service):
         self._kept: UnfinishedTrial | None = None
         self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
         self._soon.timeout.connect(self._persist)
-        self._told_to_end = False
+        self._end_expected = False
         self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)
         self._shut_down_soon.timeout.connect(self._on_not_shut_down)
         state.recording.changed.connect(self._on_recording_changed)
@@ -119,18 +119,18 @@ class CrashRecoveryService(Service):
     def expect_end(self) -> None:
         """The program is asked to quit: what follows is no crash."""
         self._shut_down_soon.stop()
-        self._told_to_end = True
+        self._end_expected = True
         self.end()
 
     def expect_shutdown(self) -> None:
         """The computer is shutting down or the user is logging out, which can still be cancelled."""
-        if not self._told_to_end:
+        if not self._end_expected:
             self._shut_down_soon.start()
-        self._told_to_end = True
+        self._end_expected = True
         self.end()
 
     def _on_not_shut_down(self) -> None:
-        self._told_to_end = False
+        self._end_expected = False
         if self._kept is not None:
             self._kept = None
             self._persist()
@@ -168,7 +168,7 @@ class CrashRecoveryService(Service):
     def _persist(self) -> None:
         state, scenario, connection = self._state, self._scenario, self._robot.connection
         folder: Path | None = state.recording.value.folder
-        if folder is None or self._told_to_end:
+        if folder is None or self._end_expected:
             return
         trial = UnfinishedTrial(
             folder,
@@ -183,7 +183,7 @@ class CrashRecoveryService(Service):
             self._slow_work.do(_reporting_errors(lambda: self._write(trial)), lambda _done: None, _notify)
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread
-        if not self._told_to_end:
+        if not self._end_expected:
             unfinished_trial.save_unfinished(self._parts.folder, trial)
 
     # Resuming

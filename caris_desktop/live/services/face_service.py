@@ -49,8 +49,8 @@ class FaceService(Service):
     Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
     """
 
-    _page_told = Signal(object, object)
-    _sound_told = Signal(object)
+    _page_reported = Signal(object, object)
+    _sound_reported = Signal(object)
     _page_ended = Signal(object)
 
     def __init__(
@@ -87,10 +87,10 @@ class FaceService(Service):
         self._shown: Drawing | bytes | None = None
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
         self._drawing.timeout.connect(self._draw)
-        self._page_told.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
-        self._sound_told.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
+        self._page_reported.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
+        self._sound_reported.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
         self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
-        bus.tap(lambda sound, _raw: self._sound_told.emit(sound), (PlayedSound,))
+        bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
         state.people.changed.connect(self._on_people)
         state.frame.changed.connect(self._on_frame)
         for source in PARTICIPANT_SOURCES:
@@ -253,7 +253,7 @@ class FaceService(Service):
         page = self._page = FacePageProcess(
             self._network,
             self._asyncio,
-            on_message=lambda message, _raw: self._page_told.emit(page, message),
+            on_message=lambda message, _raw: self._page_reported.emit(page, message),
             on_exit=lambda _code: self._page_ended.emit(page),
         )
         self._asked_by = asked.actor

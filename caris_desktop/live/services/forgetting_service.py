@@ -51,7 +51,7 @@ class ForgettingService(Service):
         self._child: ChildProcess | None = None
         self._asked = intents.ForgetPerson("")
         self._ended: ForgettingEnded | None = None
-        self._told = 0.0
+        self._reported = 0.0
 
     def handlers(self) -> Handlers:
         return {intents.ForgetPerson: self._forget}
@@ -83,7 +83,7 @@ class ForgettingService(Service):
                 tr("End the recording, then try again."),
                 severity="warning",
             )
-        self._asked, self._ended, self._told = asked, None, 0.0
+        self._asked, self._ended, self._reported = asked, None, 0.0
         self._child = self._children.start(self._body_of(asked.person_id), ended=self._on_ended, heard=self._on_heard)
         self._bus.problem(
             "info",
@@ -96,8 +96,8 @@ class ForgettingService(Service):
     def _on_heard(self, message: Any) -> None:
         if isinstance(message, ForgettingEnded):
             self._ended = message
-        elif isinstance(message, ForgettingProgress) and message.fraction >= self._told + _TOLD_EVERY:
-            self._told = message.fraction
+        elif isinstance(message, ForgettingProgress) and message.fraction >= self._reported + _TOLD_EVERY:
+            self._reported = message.fraction
             self._bus.problem(
                 "info",
                 tr("Erasing the person: {fraction} done.").format(fraction=f"{message.fraction:.0%}"),

@@ -90,8 +90,8 @@ class ListeningService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         wanted = self._body_of(scenario) if scenario.permissions.transcription else None
-        told = scenario.listening
-        self._silence = UseSilence(told.silence_at_least_s, told.silence_at_most_s)
+        settings = scenario.listening
+        self._silence = UseSilence(settings.silence_at_least_s, settings.silence_at_most_s)
         if wanted == self._wanted:
             self._report_silence()
             if self._soon.isActive():

@@ -37,11 +37,11 @@ _PORTRAITS: dict[BlurWho, PortraitsOf] = {
 
 @dataclass(frozen=True, slots=True)
 class PeopleAdapters:
-    """``inference`` is None without perception; ``as_told`` adapts it to a scenario."""
+    """``inference`` is None without perception; ``as_configured`` adapts it to a scenario."""
 
     inference: ProcessSpec | None
     open_presence: Callable[[], tuple[PresenceTracker, list[Event]]]
-    as_told: Callable[[ProcessSpec, Scenario], ProcessSpec] = lambda body, _scenario: body
+    as_configured: Callable[[ProcessSpec, Scenario], ProcessSpec] = lambda body, _scenario: body
 
 
 class PeopleService(Service):
@@ -101,7 +101,7 @@ class PeopleService(Service):
         self._cover = scenario.covers_people
         body = self._parts.inference
         if body is not None:
-            before, self._inference = self._inference, self._parts.as_told(body, scenario)
+            before, self._inference = self._inference, self._parts.as_configured(body, scenario)
             if self._worker is not None and self._inference != before:
                 self._worker.use_body(self._placed(self._inference))
         if self._worker is not None:

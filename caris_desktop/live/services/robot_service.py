@@ -128,7 +128,7 @@ class RobotService(Service):
         self._driving_permitted = True
         self._control_is_new = False
         self._control_since_ns = 0
-        self._told_no_timeout_of = ""
+        self._reported_no_timeout_of = ""
         self._left = False
         self._closed = False
         # Unlimited: a session needs its robot, which may stand where nobody can reach it.
@@ -220,7 +220,7 @@ class RobotService(Service):
             self._settling.cancel()
             self._settling = None
         self._forget_robot()
-        self._told_no_timeout_of = ""  # the alarm ends with the robot and returns with it
+        self._reported_no_timeout_of = ""  # the alarm ends with the robot and returns with it
         self._state.link.set(
             LinkStatus(state="connecting", robot=connection.name, address=connection.address, starts=starts)
         )
@@ -234,13 +234,13 @@ class RobotService(Service):
     async def _settle(
         self, connection: RobotConnection, settle: Callable[[], Coroutine[Any, Any, RobotConnection]]
     ) -> None:
-        told = False
+        reported = False
         while True:
             try:
                 settled = await settle()
             except UserFacingError as refusal:
-                if not told:
-                    told = True
+                if not reported:
+                    reported = True
                     self._problem("error", refusal.what, refusal.meaning, refusal.advice, until="connected")
                 await asyncio.sleep(_SETTLE_AGAIN_S)
             except Exception:
@@ -437,8 +437,8 @@ class RobotService(Service):
         connection = self._connection
         if connection is None or connection.profile.stops_by_itself:
             return
-        if self._told_no_timeout_of != connection.address and self._driving_permitted:
-            self._told_no_timeout_of = connection.address
+        if self._reported_no_timeout_of != connection.address and self._driving_permitted:
+            self._reported_no_timeout_of = connection.address
             self._problem(
                 "warning",
                 tr("The profile does not specify whether this robot stops automatically when the connection is lost."),

@@ -201,7 +201,7 @@ class SessionService(Service):
             self._with.microphone.close()
             self._with.marks.forget()
 
-    def check_before(self, told: Callable[[BeforeRecording], None]) -> None:
+    def check_before(self, on_result: Callable[[BeforeRecording], None]) -> None:
         """Implements :meth:`WizardConsole.check_before_recording`."""
         scenario = self._with.scenario.current
 
@@ -209,4 +209,4 @@ class SessionService(Service):
             free_bytes, bytes_per_hour = self._parts.disk(scenario)
             return BeforeRecording(self._parts.suggested_details(), bytes_per_hour, free_bytes)
 
-        self._slow_work.do(query, told, lambda _failure: told(BeforeRecording()))
+        self._slow_work.do(query, on_result, lambda _failure: on_result(BeforeRecording()))

@@ -125,11 +125,13 @@ class SpeechService(Service):
         self._permitted = scenario.permissions.speech
         if not self._permitted:
             self._fall_silent()
-        told = scenario.speech
+        settings = scenario.speech
         folder = "" if scenario.path is None else str(scenario.path.parent)
         self._use(
             scenario.voice,
-            SynthesisSettings(told.name, told.language, told.rate, told.volume, told.device, folder),
+            SynthesisSettings(
+                settings.name, settings.language, settings.rate, settings.volume, settings.device, folder
+            ),
         )
         self._begin()
 
@@ -278,8 +280,8 @@ class SpeechService(Service):
         if self._settings.at_hand and "{" not in asked.text:
             self.send(Draft(asked.text))
 
-    def _report_both(self, told: UtteranceChanged) -> None:  # any thread
-        self.queue.report(told)
+    def _report_both(self, change: UtteranceChanged) -> None:  # any thread
+        self.queue.report(change)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""

@@ -112,13 +112,13 @@ class TimelineRows(QObject):
         coders = annotation_editing.coders_of(self._acts.document)
         ImportDialog(self._theme, self._view, coders=coders, import_file=self._import_file).open()
 
-    def _import_file(self, path: Path, coder: str, told: Callable[[str], None]) -> None:
+    def _import_file(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
         before = self._acts.document
 
         def taken(refusal: str) -> None:
             if not refusal:
                 self._acts.say(imported_words(before, self._acts.document))
-            told(refusal)
+            on_result(refusal)
 
         self._replay.import_annotations(path, coder, taken)
 
