@@ -119,10 +119,10 @@ class Decisions:
             return self._split(visit.visit_id, visit.visit_id, now_ns, actor)
         if not both_here and visit.here and any(other.here for other in self._visits.of_person(root)):
             return [_here_already(now_ns)]
-        told = next((guess for guess in visit.judgement.guesses if guess.person_id == root), None)
+        suggested = next((guess for guess in visit.judgement.guesses if guess.person_id == root), None)
         others = [guess for guess in visit.judgement.guesses if guess.person_id != root]
         runner_up = others[0].confidence if others else 0.0
-        before, confidence = visit.person_id, 0.0 if told is None else told.confidence
+        before, confidence = visit.person_id, 0.0 if suggested is None else suggested.confidence
         concerned = [visit] if visit.identified else self._visits.of_person(visit.visit_id)
         back = [self._given_to(each, root) for each in concerned] + [self._known.link(visit.visit_id, root)]
         # The console's confidence does not apply to a wizard's decision.

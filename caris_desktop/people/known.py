@@ -60,7 +60,7 @@ class KnownPeople:
         self._rejections: set[tuple[str, str]] = set()
         self._last_seen_utc_ns: dict[str, int] = {}
         self._problem: str = ""
-        self._problem_told = False
+        self._problem_reported = False
         self._day = self.today()
         if store is not None:
             self._load(store)
@@ -300,14 +300,14 @@ class KnownPeople:
         visits = self._read(lambda store: store.visits(person_id), nothing)
         lately = self._read(lambda store: store.history(person_id, at_most=_LOOKED_BACK), nothing)
         words = [entry.text for entry in lately if entry.kind in ("said", "heard")]
-        told = []
+        parts = []
         if visits:
             last = datetime.fromtimestamp(visits[0].utc_ns / 1e9).strftime("%d %B, %H:%M").lstrip("0")
             times = "once" if len(visits) == 1 else f"{len(visits)} times"
-            told.append(f"was here {times} before, last on {last}")
+            parts.append(f"was here {times} before, last on {last}")
         if words:
-            told.append(f"last words: “{words[0]}”")
-        return "; ".join(told)[:_SUMMARY_CHARACTERS]
+            parts.append(f"last words: “{words[0]}”")
+        return "; ".join(parts)[:_SUMMARY_CHARACTERS]
 
     def forget(self, person_id: str) -> tuple[str, ...]:
         """Erase a person here and in the database; return all of their ids. Raises PeopleStoreError."""
@@ -336,9 +336,9 @@ class KnownPeople:
 
     def problems(self, now_ns: int) -> list[Event]:
         """Database problems, reported once."""
-        if not self._problem or self._problem_told:
+        if not self._problem or self._problem_reported:
             return []
-        self._problem_told = True
+        self._problem_reported = True
         return [
             Problem(
                 now_ns,

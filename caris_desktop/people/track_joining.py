@@ -82,8 +82,8 @@ def same_visit(
 
 
 def _alike(visit: Visit, looks: Sequence[PersonLooks], likeness: Likeness) -> float | None:
-    told = [alike for each in looks if (alike := likeness(visit.visit_id, each)) is not None]
-    return sum(told) / len(told) if told else None
+    similarities = [alike for each in looks if (alike := likeness(visit.visit_id, each)) is not None]
+    return sum(similarities) / len(similarities) if similarities else None
 
 
 def _apart_m(one: Spot | None, other: Spot | None) -> float | None:

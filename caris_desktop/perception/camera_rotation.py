@@ -48,13 +48,13 @@ class CameraTurning:
         return heading + (pan or 0.0), tilt or 0.0
 
 
-def _at(told: tuple[tuple[int, float], ...], stamp_ns: int) -> float | None:
+def _at(readings: tuple[tuple[int, float], ...], stamp_ns: int) -> float | None:
     """Interpolated value at that time, or the last one."""
-    place = bisect.bisect_left(told, (stamp_ns, -math.inf))
-    if place == 0 or place == len(told):
-        if not told:
+    place = bisect.bisect_left(readings, (stamp_ns, -math.inf))
+    if place == 0 or place == len(readings):
+        if not readings:
             return None
-        nearest_ns, value = told[0] if place == 0 else told[-1]
+        nearest_ns, value = readings[0] if place == 0 else readings[-1]
         return value if abs(nearest_ns - stamp_ns) <= _NOT_OLDER_NS else None
-    (before_ns, before), (after_ns, after) = told[place - 1], told[place]
+    (before_ns, before), (after_ns, after) = readings[place - 1], readings[place]
     return before + (after - before) * (stamp_ns - before_ns) / (after_ns - before_ns)

@@ -135,8 +135,8 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         failures, away = 0, ""
         work_s = (clock.now_ns() - began_ns) / 1e9
         connection.send(_people(ref, perceived, work_s))
-        for told in (*_embeddings(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
-            connection.send(told)
+        for message in (*_embeddings(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
+            connection.send(message)
         try:
             for face in faces.taken(image_bgr, look, perceived.boxes, perceived.detections.keypoints):
                 connection.send(face)

@@ -149,8 +149,8 @@ class RemoteDetector:
                 if refused
                 else QT_TR_NOOP("{shown} is not a perception server")
             )
-            told_to = localized(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
-            raise DetectorAwayError(told_to) from error
+            advice = localized(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
+            raise DetectorAwayError(advice) from error
         except OtherCertificateError as error:
             other = QT_TR_NOOP("The certificate of {shown} is not the one that was confirmed")
             raise DetectorAwayError(localized(other, shown=self._shown)) from error
@@ -219,10 +219,14 @@ def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
 
 def _greeting(message: str | bytes) -> dict[str, Any]:
     """Parse the greeting. Raises KeyError, TypeError and ValueError if it is invalid."""
-    told = parse_json(message)
-    if told["caris_perception"] != PROTOCOL:
+    greeting = parse_json(message)
+    if greeting["caris_perception"] != PROTOCOL:
         raise ValueError("another version")
-    return {"label": str(told["label"]), "class_names": list(told["class_names"]), "people": list(told["people"])}
+    return {
+        "label": str(greeting["label"]),
+        "class_names": list(greeting["class_names"]),
+        "people": list(greeting["people"]),
+    }
 
 
 def _read(answer: dict[str, Any], scale: float) -> Detections:

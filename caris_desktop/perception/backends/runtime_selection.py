@@ -211,11 +211,11 @@ def _photos() -> list[NDArray[np.uint8]]:
 def _circumstances(weights: Weights, runtimes: tuple[str, ...], threads: int, device: Device) -> str:
     """Hash of everything but the weights that affects the measurement."""
     packages = ("torch", "ultralytics-opencv-headless", "onnxruntime", "openvino")
-    told = [
+    circumstances = [
         __version__, platform.node(), platform.machine(), platform.processor(), os.cpu_count(), threads, device,
         weights.input_px, runtimes, [_version(package) for package in packages],
     ]  # fmt: skip
-    return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+    return hashlib.sha256(repr(circumstances).encode()).hexdigest()[:16]
 
 
 def _version(package: str) -> str:
@@ -240,20 +240,20 @@ def _user_cache_dir() -> Path:
 
 def _recall(path: Path) -> MeasuredChoice | None:
     try:
-        told: Any = parse_json(path.read_text(encoding="utf-8"))
+        stored: Any = parse_json(path.read_text(encoding="utf-8"))
         return MeasuredChoice(
-            str(told["runtime"]),
-            {str(name): float(ms) for name, ms in told["ms"].items()},
-            {str(name): str(why) for name, why in told["why_not"].items()},
+            str(stored["runtime"]),
+            {str(name): float(ms) for name, ms in stored["ms"].items()},
+            {str(name): str(why) for name, why in stored["why_not"].items()},
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
 def _remember(path: Path, choice: MeasuredChoice) -> None:
-    told = {"runtime": choice.runtime, "ms": choice.ms, "why_not": choice.why_not}
+    stored = {"runtime": choice.runtime, "ms": choice.ms, "why_not": choice.why_not}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, json.dumps(told, indent=1).encode(), durable=False)
+        replace_file(path, json.dumps(stored, indent=1).encode(), durable=False)
     except OSError as error:
         log.info("what was measured is not kept: %s", error)

@@ -53,8 +53,8 @@ async def serving(
     )
 
     def admit(_connection: ServerConnection, request: Request) -> Response | None:
-        told_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
-        if token and not hmac.compare_digest(told_token, f"Bearer {token}".encode()):
+        given_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
+        if token and not hmac.compare_digest(given_token, f"Bearer {token}".encode()):
             return _refusal(http.HTTPStatus.UNAUTHORIZED)
         if not token and not is_own_host(request.headers.get_all("Host")):
             return _refusal(http.HTTPStatus.FORBIDDEN)

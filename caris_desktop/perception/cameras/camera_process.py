@@ -84,7 +84,7 @@ class _Running:
         self._chosen = chosen
         self._frames = frames
         self._open = open_one
-        self._refusals_told: set[str] = set()
+        self._refusals_reported: set[str] = set()
         self._hears = False
 
     def serve(self) -> None:
@@ -195,9 +195,9 @@ class _Running:
 
     def _report_refused(self, refused: PictureError) -> None:
         log.info("camera %s: a picture %s", self._chosen.name, refused)
-        if str(refused) in self._refusals_told or len(self._refusals_told) > 3:
+        if str(refused) in self._refusals_reported or len(self._refusals_reported) > 3:
             return
-        self._refusals_told.add(str(refused))
+        self._refusals_reported.add(str(refused))
         self._connection.send(
             Problem(
                 clock.now_ns(),

@@ -202,12 +202,12 @@ def _when(captured_ns: int) -> dict[str, str]:
 
 
 def _given_token(authorization: str) -> bytes:
-    kind, _, told = authorization.strip().partition(" ")
+    kind, _, credentials = authorization.strip().partition(" ")
     if kind.lower() == "bearer":
-        return told.strip().encode()
+        return credentials.strip().encode()
     if kind.lower() == "basic":
         try:
-            return base64.b64decode(told, validate=True).partition(b":")[2]
+            return base64.b64decode(credentials, validate=True).partition(b":")[2]
         except ValueError:
             return b""
     return b""

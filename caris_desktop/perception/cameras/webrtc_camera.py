@@ -229,13 +229,13 @@ class CaptureMoments:
     def note(self, pts: int) -> None:
         self._seen.append(pts)
 
-    def match(self, told_ticks: Sequence[int]) -> None:
+    def match(self, reported_ticks: Sequence[int]) -> None:
         """Match the server's list of capture times."""
         if len(self._seen) < 4:
             return
-        told = sorted(told_ticks)
-        beginnings = [tick - self._seen[-1] for tick in told]
-        fitting = [begun for begun in beginnings if all(_holds(told, begun + pts) for pts in self._seen)]
+        in_order = sorted(reported_ticks)
+        beginnings = [tick - self._seen[-1] for tick in in_order]
+        fitting = [begun for begun in beginnings if all(_holds(in_order, begun + pts) for pts in self._seen)]
         if len(fitting) == 1:
             self._beginning = fitting[0]
 
