@@ -36,8 +36,8 @@ def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
     """
     parts = [_SIGNATURE]
     for kind, content, whole in _chunks(png):
-        told = _text(kind, content)
-        if told is None or told[0] not in texts:
+        entry = _text(kind, content)
+        if entry is None or entry[0] not in texts:
             parts.append(whole)
         if kind == b"IHDR":
             parts += [
@@ -50,7 +50,7 @@ def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
 
 def texts_of(png: bytes) -> dict[str, str]:
     """Texts of a PNG file by name. Raises PhotoFileError."""
-    return dict(told for told in (_text(kind, content) for kind, content, _ in _chunks(png)) if told is not None)
+    return dict(entry for entry in (_text(kind, content) for kind, content, _ in _chunks(png)) if entry is not None)
 
 
 def change_texts(path: Path, texts: Mapping[str, str]) -> None:

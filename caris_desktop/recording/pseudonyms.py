@@ -107,8 +107,8 @@ def _key(name: str) -> str:
 def _scrubber(session: Session) -> Callable[[bytes], bytes]:
     """Replace robot addresses by the profile name in JSON and text."""
     robot = session.header.get("robot")
-    told = robot if isinstance(robot, dict) else {}
-    chosen = [(str(told.get("profile") or ""), str(told.get("address") or ""))]
+    entry = robot if isinstance(robot, dict) else {}
+    chosen = [(str(entry.get("profile") or ""), str(entry.get("address") or ""))]
     chosen += [(event.name, event.address) for _, event in session.values(BY_TYPE[RobotChosen].name)]
     profiles = [name for name, _ in chosen if name and "://" not in name]
     default = json.dumps(profiles[0] if profiles else _ROBOT)[1:-1].encode()

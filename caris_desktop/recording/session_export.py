@@ -209,7 +209,7 @@ def export_all(
     ``on_written`` gets each completed folder. An interruption (KeyboardInterrupt, an exception of ``progress``) leaves
     complete exports only.
     """
-    told = _Throttled(progress)
+    report_progress = _Throttled(progress)
     unknown = [name for name in request.formats if name not in BY_FORMAT]
     if unknown or not request.formats:
         return ExportFinished((), (_unknown_format(", ".join(unknown)),))
@@ -229,7 +229,7 @@ def export_all(
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def report(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
-            told((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
+            report_progress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
 
         report(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
@@ -255,14 +255,14 @@ def export_all(
         done_weight += weight
     for name in together if sessions else ():
         title = localized(BY_FORMAT[name].title)
-        told(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
+        report_progress(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
         try:
             target = _export_combined(name, sessions, request)
             written.append(target)
             on_written(target)
         except ExportError as error:
             problems.append(_message_for(title, error))
-    told(1.0, QT_TR_NOOP("done"), now=True)
+    report_progress(1.0, QT_TR_NOOP("done"), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
 
@@ -509,9 +509,9 @@ def _failure(out: Path, error: OSError) -> ExportError:
     return ExportError(localized(failed, folder=out, why=error.strerror or error))
 
 
-def _message_for(name: str, told: object) -> LocalizedText:
+def _message_for(name: str, message: object) -> LocalizedText:
     """Prefix a message with a session's name; both keep their template values."""
-    return localized(QT_TR_NOOP("{name}: {told}"), name=name, told=localized(str(told)))
+    return localized(QT_TR_NOOP("{name}: {told}"), name=name, told=localized(str(message)))
 
 
 def _unknown_format(name: str) -> str:

@@ -512,15 +512,15 @@ def _time_of(line: _Line, column: int, factor: int, *, start: bool) -> int:
     text = _cell(line, column)
     at_ms = _milliseconds(text, factor)
     if at_ms is None:
-        raise AnnotationError(_no_time(start=start, told=bool(text)), number=line.number, word=text[:40])
+        raise AnnotationError(_no_time(start=start, given=bool(text)), number=line.number, word=text[:40])
     return at_ms
 
 
-def _no_time(*, start: bool, told: bool) -> str:
-    """Message for an invalid (``told``) or missing start or end."""
-    if told and start:
+def _no_time(*, start: bool, given: bool) -> str:
+    """Message for an invalid (``given``) or missing start or end."""
+    if given and start:
         return QT_TR_NOOP("Line {number}, start: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
-    if told:
+    if given:
         return QT_TR_NOOP("Line {number}, end: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
     if start:
         return QT_TR_NOOP("Line {number}, start: the time is missing. Use seconds or hh:mm:ss.mmm.")

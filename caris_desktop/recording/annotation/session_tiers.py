@@ -199,13 +199,13 @@ class TimelineBuilder:
         )
 
     def _visits(self) -> tuple[Visit, ...]:
-        told = visits_of(
+        recorded = visits_of(
             self._people,
             started_ns=self._session.started_ns,
             ended_ns=self._session.ended_ns,
             pauses=self._paused_spans(),
         )
-        return told or seen_throughout(self._session)
+        return recorded or seen_throughout(self._session)
 
     def marks(self) -> tuple[FinalMark, ...]:
         return final_marks_of(self._marks, ended_ns=self._session.ended_ns)

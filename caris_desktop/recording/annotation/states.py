@@ -51,8 +51,8 @@ def answer_words(asked: LlmExchange) -> str:
 
 
 def link_words(change: LinkChanged) -> str:
-    told = QT_TR_NOOP("{link}: {state} ({detail})") if change.detail else QT_TR_NOOP("{link}: {state}")
-    return localized(told, link=state(change.link), state=state(change.state), detail=localized(change.detail))
+    message = QT_TR_NOOP("{link}: {state} ({detail})") if change.detail else QT_TR_NOOP("{link}: {state}")
+    return localized(message, link=state(change.link), state=state(change.state), detail=localized(change.detail))
 
 
 def emergency_words(change: EmergencyStopChanged) -> str:

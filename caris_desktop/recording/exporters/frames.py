@@ -295,12 +295,15 @@ def _readme(session: Session, yolo: _Yolo, mot: _Mot, *, driving: Written, dialo
     without = f" {missing} detections of people without a frame in the video were left out.\n" if missing else ""
     sequences = ", ".join(sequence.folder.name for sequence in mot.sequences.values()) or "none"
     clock = session.clock
-    told = robot_clock(session).summary(
+    clock_summary = robot_clock(session).summary(
         utc_ns_at=clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
     )
     robot = "In this session, the robot's clock is unknown."
-    if told is not None:
-        robot = f"In this session, it is accurate to {told.uncertainty_ms:.1f} ms ({told.estimates} measurements)."
+    if clock_summary is not None:
+        robot = (
+            f"In this session, it is accurate to {clock_summary.uncertainty_ms:.1f} ms "
+            f"({clock_summary.estimates} measurements)."
+        )
     return f"""# Data card: session {session.folder.name}
 
 Recorded by CARIS Desktop {version} in a Wizard-of-Oz study: a person (the wizard) drove the robot and chose what it

@@ -202,14 +202,14 @@ def _checked(facts: SessionData) -> str:
 
 def _scenarios(facts: SessionData) -> str:
     """``Tour guide, from 2:22 Mental health check``."""
-    told: list[str] = []
+    titles: list[str] = []
     before = ""
     for opened in facts.of(ScenarioOpened):
         if opened.title != before:
             at_s = max(0, round(facts.session.clock.session_s(opened.stamp_ns)))
-            told.append(f"from {at_s // 60}:{at_s % 60:02} {opened.title}" if told else opened.title)
+            titles.append(f"from {at_s // 60}:{at_s % 60:02} {opened.title}" if titles else opened.title)
         before = opened.title
-    return ", ".join(told)
+    return ", ".join(titles)
 
 
 def when_text(session: Session) -> str:

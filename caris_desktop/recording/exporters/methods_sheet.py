@@ -251,15 +251,15 @@ class _Answers:
         if not any(people):
             return ""
         identities = sum(one.identities for one in seen)
-        told = (
+        remark = (
             "as counted by the console: "
             f"{number_of(identities, 'identity', 'identities')} from its detector and tracker, which may give one "
             "person several."
         )
         if len(people) == 1:
-            return f"At most {number_of(people[0], 'person', 'people')} at once, {told}"
+            return f"At most {number_of(people[0], 'person', 'people')} at once, {remark}"
         median = f"{statistics.median(people):g}"
-        return f"At most {min(people)} to {max(people)} at once in a session (median {median}), {told}"
+        return f"At most {min(people)} to {max(people)} at once in a session (median {median}), {remark}"
 
     def _wizards(self) -> SheetSection:
         wizards = self._of.wizards()
@@ -389,7 +389,7 @@ class _Answers:
         by_cause: dict[str, list[AlarmRecord]] = {}
         for alarm in alarms:
             by_cause.setdefault(alarm.cause, []).append(alarm)
-        told = [
+        sentences = [
             f"{group[0].what.rstrip('.')}: {number_of(len(group), 'alarm')},"
             f" {duration_text(sum(one.stood_s for one in group))} in total."
             for group in sorted(by_cause.values(), key=len, reverse=True)
@@ -403,7 +403,7 @@ class _Answers:
             f" {'the session' if whole == 1 else f'{concerned} of {whole} sessions'}; {seen_to} dismissed,"
             f" {len(alarms) - seen_to - stood_on} ended automatically, {stood_on} active when a session ended."
         )
-        return [SheetItem("What went wrong during the sessions?", " ".join((answer, *told)), sources)]
+        return [SheetItem("What went wrong during the sessions?", " ".join((answer, *sentences)), sources)]
 
     def _language_model(self) -> SheetSection:
         if not self._of.models:
@@ -648,13 +648,13 @@ class _Answers:
         gaps = self._of.gaps()
         parts += filter(None, [gaps_words([gap.gap_s for gap in gaps if gap.first])])
         by_means = {means: [gap.gap_s for gap in gaps if gap.means == means] for means in MEANS_WORDS}
-        told = [
+        medians = [
             f"{MEANS_WORDS[means]} {quantile(gaps_s, 0.5):.2f} s (n = {len(gaps_s)})"
             for means, gaps_s in by_means.items()
             if gaps_s
         ]
-        if told:
-            parts.append(f"Median by means of speech: {listing(told)}.")
+        if medians:
+            parts.append(f"Median by means of speech: {listing(medians)}.")
         reaction = SummaryStats.of([reply.delay_s for one in self._of.known for reply in one.measures.reactions])
         if reaction is not None:
             parts.append(
@@ -668,7 +668,7 @@ class _Answers:
         steps = self._of.steps()
         if not steps:
             return []
-        told = []
+        step_texts = []
         for records in steps.values():
             begun = [record for record in records if record.visits]
             planned = max(record.expected_s for record in records)
@@ -681,11 +681,11 @@ class _Answers:
                 "late in {} of {}": sum(record.late_s >= LATE_FROM_S for record in records),
             }
             facts += [words.format(count, len(records)) for words, count in often.items() if count]
-            told.append(f"{records[-1].title} ({', '.join(filter(None, facts))})")
+            step_texts.append(f"{records[-1].title} ({', '.join(filter(None, facts))})")
         return [
             SheetItem(
                 "Which protocol did the wizard follow, and how closely?",
-                f"{number_of(len(steps), 'step').capitalize()}: {'; '.join(told)}.",
+                f"{number_of(len(steps), 'step').capitalize()}: {'; '.join(step_texts)}.",
                 events_named(ProtocolOpened, StepEntered, ProtocolEnded),
                 "Why steps were skipped or took longer, if relevant.",
             )

@@ -112,8 +112,8 @@ class _TableFile:
 def _field(column: Column) -> Any:
     import pyarrow as pa
 
-    told = {"unit": column.unit, "clock": column.clock, "description": column.description}
-    return pa.field(column.name, _type(column.kind), metadata={key: value for key, value in told.items() if value})
+    metadata = {"unit": column.unit, "clock": column.clock, "description": column.description}
+    return pa.field(column.name, _type(column.kind), metadata={key: value for key, value in metadata.items() if value})
 
 
 def _type(kind: Kind) -> Any:

@@ -179,17 +179,17 @@ _PATHS = re.compile(r"/(?:home|Users|root)/|[A-Za-z]:\\Users\\")
 def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
     """Warn about paths of this computer; the recording itself is not rewritten."""
     own = (str(Path.home()), str(session.folder.absolute().parent))
-    told = 0
+    count = 0
     for _, value in session.values("event/problem", "status"):
         text = "\n".join(_texts(to_jsonable(value)))
-        told += bool(_PATHS.search(text)) or any(path in text for path in own)
-    if told:
+        count += bool(_PATHS.search(text)) or any(path in text for path in own)
+    if count:
         warn(
             QT_TR_NOOP(
                 "%n message(s) in events.mcap contain folder names of the recording computer, which may "
                 "reveal who used it. They are in the archive as recorded.",
                 "",
-                told,
+                count,
             )
         )
 
@@ -219,7 +219,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         names.sort(key=lambda name: (name == MANIFEST_NAME, name == _HEAD, bool(_HEADS.fullmatch(name))))
     sizes = {name: (session.folder / name).stat().st_size for name in names}
     whole, done = max(1, sum(sizes.values())), 0
-    told_anew: dict[str, tuple[str, str]] = {}
+    new_checksums: dict[str, tuple[str, str]] = {}
     sizes_anew: dict[str, tuple[str, int]] = {}
 
     def copied(count: int) -> None:
@@ -232,7 +232,7 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         description, original = _description(name), ""
         scrubbed = _scrubbed(session, name) if session.pseudonymised else None
         if scrubbed is not None and scrubbed.left_out:
-            told_anew[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
+            new_checksums[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
             context.warn(localized(scrubbed.left_out, file=name))
             continue
         if scrubbed is not None and scrubbed.name != name:
@@ -248,14 +248,14 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         elif session.pseudonymised and name == _EVENTS and _copy_scrubbed(session, source, target):
             original = _sha256(source, lambda _: None)
             description += f" {_SCRUBBED}"
-        elif name == MANIFEST_NAME and told_anew:
-            target.write_bytes(_manifest_renewed(source.read_bytes(), told_anew))
+        elif name == MANIFEST_NAME and new_checksums:
+            target.write_bytes(_manifest_renewed(source.read_bytes(), new_checksums))
             description += " Of files that are not as they were recorded it has the checksums of these copies."
         else:
             _copy(source, target)
         sha256 = _sha256(target, copied)
         if original:
-            told_anew[name] = original, sha256
+            new_checksums[name] = original, sha256
             sizes_anew[name] = scrubbed.name if scrubbed is not None else name, target.stat().st_size
         yield _Packed(
             name=target.relative_to(folder.parent).as_posix(),
@@ -368,12 +368,12 @@ def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
     header = parse_json(head)
     files = header.get("files")
     if isinstance(files, list) and all(isinstance(file, dict) for file in files):
-        told = [
+        entries = [
             {**file, "name": name, "bytes": size}
             for file in files
             for name, size in [anew.get(str(file.get("name")), (file.get("name"), file.get("bytes")))]
         ]
-        header["files"] = [file for file in told if file["name"]]
+        header["files"] = [file for file in entries if file["name"]]
     return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
@@ -391,13 +391,13 @@ def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes 
     return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
-def _manifest_renewed(content: bytes, told_anew: dict[str, tuple[str, str]]) -> bytes:
+def _manifest_renewed(content: bytes, new_checksums: dict[str, tuple[str, str]]) -> bytes:
     """Manifest with the checksums of the copies; lines of files changed earlier stay."""
     lines = content.decode("utf-8", "surrogateescape").splitlines(keepends=True)
-    for name, (original, copy) in told_anew.items():
+    for name, (original, copy) in new_checksums.items():
         line = re.compile(rf"{original} [ *]{re.escape(name)}\n?")
-        told = f"{copy}  {name}\n" if copy else ""
-        lines = [told if line.fullmatch(one) else one for one in lines]
+        new_line = f"{copy}  {name}\n" if copy else ""
+        lines = [new_line if line.fullmatch(one) else one for one in lines]
     return "".join(lines).encode("utf-8", "surrogateescape")
 
 
@@ -448,7 +448,7 @@ def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, 
         here = f"{path}{name}"
         kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
         kind = kinds[0] if kinds else {}
-        told = str(kind.get("type", "any")) + (" or null" if len(field.get("anyOf", ())) > len(kinds) else "")
+        type_text = str(kind.get("type", "any")) + (" or null" if len(field.get("anyOf", ())) > len(kinds) else "")
         meaning = (
             f"One of {', '.join(kind['enum'])}." if "enum" in kind else " ".join(kind.get("description", "").split())
         )
@@ -461,7 +461,7 @@ def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, 
         elif kind.get("properties"):
             yield here, "grid", unit, meaning
         else:
-            yield here, told, unit, meaning
+            yield here, type_text, unit, meaning
 
 
 _OF_NUMBERS = f"""\
@@ -553,7 +553,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
     folder_id = f"{quote(folder)}/"
     of_session = [file for file in packed if file.name.startswith(f"{folder}/")]
     others = [file for file in packed if file not in of_session]
-    told = [_property(name, trial[name]) for name in _TOLD_OF_TRIAL if trial.get(name)]
+    properties = [_property(name, trial[name]) for name in _TOLD_OF_TRIAL if trial.get(name)]
     participant = trial.get("participant", "")
     root: Entity = {
         "@id": "./",
@@ -569,9 +569,9 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
         "mentions": [{"@id": "#recording"}, {"@id": "#packing"}],
     }
     entities: list[Entity] = []
-    if told:
-        root["additionalProperty"] = [{"@id": entity["@id"]} for entity in told]
-        entities += told
+    if properties:
+        root["additionalProperty"] = [{"@id": entity["@id"]} for entity in properties]
+        entities += properties
     if participant:
         root["about"] = {"@id": "#participant"}
         entities.append(

@@ -186,13 +186,13 @@ class Table:
 def key_columns(session: Session) -> tuple[Column, ...]:
     """Leading columns of every row, in formats whose files are joined across sessions."""
     trial = session.trial
-    told = (
+    columns = (
         ("session", "Name of the session folder.", session.folder.name),
         ("participant", "The participant, as entered at the start.", trial.get("participant", "")),
         ("condition", "The condition, as entered at the start.", trial.get("condition", "")),
         ("trial", "The trial, as entered at the start.", trial.get("trial", "")),
     )
-    return tuple(_constant(name, description, plain_text(value)) for name, description, value in told)
+    return tuple(_constant(name, description, plain_text(value)) for name, description, value in columns)
 
 
 def _constant(name: str, description: str, value: str) -> Column:

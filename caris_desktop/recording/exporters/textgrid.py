@@ -79,8 +79,8 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
 
 def _sounds(session: Session) -> Iterator[_Span]:
     taken = {FILE_NAME.casefold()}
-    told = session.header.get("audio")
-    for row in told if isinstance(told, list) else ():
+    entries = session.header.get("audio")
+    for row in entries if isinstance(entries, list) else ():
         try:
             name = f"{PurePath(row['file_name']).stem}.TextGrid"
             first_us = (row["first_stamp_ns"] - session.started_ns) // 1000

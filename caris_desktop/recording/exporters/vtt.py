@@ -105,8 +105,8 @@ def _line(text: str) -> str:
 
 
 def _videos(session: Session) -> list[_Video]:
-    told = session.header.get("videos")
-    videos = [_video(row) for row in told] if isinstance(told, list) else []
+    entries = session.header.get("videos")
+    videos = [_video(row) for row in entries] if isinstance(entries, list) else []
     return [video for video in videos if video is not None]
 
 

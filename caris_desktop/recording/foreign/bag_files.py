@@ -268,12 +268,12 @@ class Ros1Bag:
         return _unfolded(data, compression, _u32(fields.get("size", b"")))
 
     def _connect(self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
-        told = _ros1_fields(data)
+        connection = _ros1_fields(data)
         channels[_u32(fields.get("conn", b""))] = BagChannel(
             topic=_topic(fields.get("topic", b"").decode("utf-8", "replace")),
-            type=type_spelling(told.get("type", b"").decode("utf-8", "replace")),
+            type=type_spelling(connection.get("type", b"").decode("utf-8", "replace")),
             encoding="ros1",
-            definition=told.get("message_definition", b"").decode("utf-8", "replace"),
+            definition=connection.get("message_definition", b"").decode("utf-8", "replace"),
             definition_form="ros1msg",
         )
 
@@ -520,8 +520,8 @@ def _metadata(path: Path) -> dict[str, Any] | None:
     try:
         if path.stat().st_size > _MAX_METADATA_BYTES:
             raise BagError(f"{path} is far too large for bag metadata.")
-        told = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data
-        information = told["rosbag2_bagfile_information"]
+        document = parse_yaml(path.read_text(encoding="utf-8"), finite=False).data
+        information = document["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
             raise TypeError("no description of a bag")  # noqa: TRY301 - reported with the others
     except FileNotFoundError:

@@ -545,9 +545,9 @@ def _write_header(
     videos: tuple[VideoInfo, ...],
     own: OwnSession | None,
 ) -> None:
-    told = own.header if own is not None else {}
-    trial = told.get("trial")
-    scenario = told.get("scenario")
+    header = own.header if own is not None else {}
+    trial = header.get("trial")
+    scenario = header.get("scenario")
     named = {
         key: str(scenario[key]) for key in ("title", "file", "sha256") if isinstance(scenario, dict) and key in scenario
     }

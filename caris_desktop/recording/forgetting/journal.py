@@ -66,14 +66,14 @@ class Journal:
 
     def was_done(self, path: Path, what: str) -> bool:
         """True if the change was made and the file is still as it left it."""
-        told = self._changes.get((self.name_of(path), what))
-        if told is None:
+        change = self._changes.get((self.name_of(path), what))
+        if change is None:
             return False
         try:
             # Or as a later step left it.
             return digest_of(path) in self._left
         except FileNotFoundError:
-            return told.after == ""
+            return change.after == ""
 
     def replace(self, path: Path, what: str, make: Callable[[Path], int]) -> None:
         """Replace a file by what ``make`` writes to the given path; ``make`` returns the number of changes.
@@ -139,8 +139,8 @@ def first_line_of(journal: Path) -> dict[str, Any]:
     """First line of a journal. Raises OSError."""
     with journal.open("rb") as file:
         line = file.readline()
-    told = parse_json(line) if line.endswith(b"\n") else {}
-    return told if isinstance(told, dict) else {}
+    first = parse_json(line) if line.endswith(b"\n") else {}
+    return first if isinstance(first, dict) else {}
 
 
 def digest_of(path: Path) -> str:

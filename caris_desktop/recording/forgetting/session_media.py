@@ -45,7 +45,7 @@ class SessionMedia:
     def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
         """Redact video and photos. Raises OSError."""
         videos = [video for video in self._recorded_entries("videos") if self._seen.seen_by(str(video.get("camera")))]
-        told = {str(video.get("file_name")) for video in self._recorded_entries("videos")}
+        recorded_names = {str(video.get("file_name")) for video in self._recorded_entries("videos")}
         for number, video in enumerate(videos):
             path = self._folder / str(video.get("file_name"))
             if not path.is_file():
@@ -59,7 +59,7 @@ class SessionMedia:
 
                 self._cover_video(path, video, report)
         if self._seen.any and isinstance(self._session.header.get("videos"), list):
-            self._treat_other_videos(told)
+            self._treat_other_videos(recorded_names)
         self._treat_photos(how)
 
     def _recorded_entries(self, what: str) -> list[dict[str, Any]]:
@@ -109,12 +109,12 @@ class SessionMedia:
         if index.is_file():
             self._journal.remove(index, "video")
 
-    def _treat_other_videos(self, told: set[str]) -> None:
+    def _treat_other_videos(self, recorded_names: set[str]) -> None:
         """Remove videos that a repair set aside: the times of their frames are unknown."""
         for path in sorted(self._folder.rglob("*")):
             film = path.suffix.lower() in _FILM and path.is_file() and not path.is_symlink()
             outside = path.relative_to(self._folder).parts[0].startswith("export-")
-            if film and not outside and not (path.parent == self._folder and path.name in told):
+            if film and not outside and not (path.parent == self._folder and path.name in recorded_names):
                 self._remove_video(path)
 
     # Photos
@@ -134,7 +134,7 @@ class SessionMedia:
 
     def _photos(self) -> Iterator[tuple[Path, tuple[Area, ...]]]:
         """Each photo, with the person's areas in it."""
-        told: set[Path] = set()
+        recorded_paths: set[Path] = set()
         for _, data in messages_of(self._folder / "events.mcap", lambda topic: topic == _PHOTO):
             try:
                 photo = parse_json(data)
@@ -144,10 +144,10 @@ class SessionMedia:
                 continue
             if not path.resolve().is_relative_to(self._folder.resolve()):
                 continue
-            told.add(path)
+            recorded_paths.add(path)
             if not path.exists():
                 path = path.with_name(_ASIDE) / path.name
-                told.add(path)
+                recorded_paths.add(path)
             moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
             areas = {area for at_ns in moments for area in self._seen.areas_at(camera, at_ns)}
             meant = (str(photo.get("person_id") or ""), *map(str, photo.get("person_ids") or ()))
@@ -155,7 +155,7 @@ class SessionMedia:
                 areas = {WHOLE}
             yield path, tuple(sorted(areas))
         for path in photos_of(self._folder / "photos", self._ids):
-            if path not in told:
+            if path not in recorded_paths:
                 yield path, (WHOLE,)
 
     # Sound

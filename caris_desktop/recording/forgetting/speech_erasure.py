@@ -113,11 +113,11 @@ def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
 
 def without_words(message: str, utterance_ids: frozenset[str]) -> tuple[str, int]:
     """Recorded message without the texts of these utterances, and the number of changed texts."""
-    told = _read(message, utterance_ids)
-    words = [key for key in _WORDS if isinstance(told.get(key), str) and told[key] not in ("", FORGOTTEN)]
+    fields = _read(message, utterance_ids)
+    words = [key for key in _WORDS if isinstance(fields.get(key), str) and fields[key] not in ("", FORGOTTEN)]
     if not words:
         return message, 0
-    return json.dumps(told | dict.fromkeys(words, FORGOTTEN), separators=(",", ":")), 1
+    return json.dumps(fields | dict.fromkeys(words, FORGOTTEN), separators=(",", ":")), 1
 
 
 def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
     if named is None or json.loads(named[1]) not in utterance_ids:
         return {}
     try:
-        told = json.loads(message)
+        fields = json.loads(message)
     except (ValueError, RecursionError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return fields if isinstance(fields, dict) else {}

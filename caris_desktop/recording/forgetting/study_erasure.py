@@ -538,7 +538,7 @@ class _Forgetting:
         """Note the erasure in the session header and update the checksums."""
         header = folder / "session.json"
         try:
-            told = read_header(folder)
+            recorded = read_header(folder)
         except SessionError as error:
             self._problems.append(_message_for(folder, error))
             return
@@ -550,7 +550,7 @@ class _Forgetting:
             covered = {
                 change.file.removeprefix(inside) for change in changes if change.what == "video" and change.after
             }
-            data = _sealed(told, folder, begun, removed=removed, covered=covered)
+            data = _sealed(recorded, folder, begun, removed=removed, covered=covered)
             if any(change.what == "text" and change.file.endswith(".mcap") for change in changes):
                 _report_checksum_of_scenario(data, folder)
             content = (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
@@ -673,8 +673,8 @@ class _Forgetting:
                 for change in sorted(changes, key=lambda change: (change.file, change.what))
             ],
         }
-        told = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "receipts": [*_receipts_in(path), receipt]}
-        replace_file(path, (json.dumps(told, indent=2, ensure_ascii=False) + "\n").encode(), durable=True)
+        content = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "receipts": [*_receipts_in(path), receipt]}
+        replace_file(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode(), durable=True)
 
     _progress_at = 0.0
 
@@ -694,8 +694,8 @@ class _Forgetting:
             self._problems.append(_message_for(folder, localized(QT_TR_NOOP("{file} is missing"), file=error.filename)))
 
 
-def _message_for(folder: Path, told: object) -> LocalizedText:
-    return localized(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=told)
+def _message_for(folder: Path, message: object) -> LocalizedText:
+    return localized(QT_TR_NOOP("{name}: {told}"), name=folder.name, told=message)
 
 
 def _may_hold(path: Path, sentences: Sentences) -> bool:
@@ -783,11 +783,11 @@ def _sealed(
 
 def _report_checksum_of_scenario(header: dict[str, Any], folder: Path) -> None:
     """Update the checksum of the scenario's text to the recorded one."""
-    told = header.get("scenario")
+    entry = header.get("scenario")
     opened = [parse_json(data) for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _SCENARIO)]
     checksums = {str(event.get("file_name")): str(event.get("sha256")) for event in opened}
-    if isinstance(told, dict) and told.get("sha256") not in checksums.values():
-        header["scenario"] = {**told, "sha256": checksums.get(str(told.get("file")), "")}
+    if isinstance(entry, dict) and entry.get("sha256") not in checksums.values():
+        header["scenario"] = {**entry, "sha256": checksums.get(str(entry.get("file")), "")}
 
 
 def _steps(changes: list[Change]) -> dict[str, dict[str, int]]:
@@ -807,13 +807,13 @@ def _counts(found: Any) -> dict[str, int]:
 
 def _receipts_in(path: Path) -> list[Any]:
     try:
-        told = parse_json(path.read_bytes())["receipts"]
+        stored = parse_json(path.read_bytes())["receipts"]
     except FileNotFoundError:
         return []
     except (ValueError, KeyError, TypeError):
         _log.warning("%s cannot be read and is begun anew", path, exc_info=True)
         return []
-    receipts = told if isinstance(told, list) else []
+    receipts = stored if isinstance(stored, list) else []
     for receipt in receipts:
         for file in receipt.get("files", ()) if isinstance(receipt, dict) else ():
             # Earlier versions wrote checksums, from which names can be guessed.

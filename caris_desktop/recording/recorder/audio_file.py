@@ -43,7 +43,7 @@ class AudioFile:
         self.first_stamp_ns = first.stamp_ns
         self.samples = 0
         self._deviation_s = 0.0
-        self._told_samples = 0
+        self._reported_samples = 0
         self._block: AudioBlock | None = None
         self.file = DiskFile(path, on_full=on_full)
         self.file.write(self._header())
@@ -93,8 +93,8 @@ class AudioFile:
 
     def update_header(self) -> None:
         """Update the header, so that readers find all samples so far even after a kill."""
-        if self.samples != self._told_samples:
-            self._told_samples = self.samples
+        if self.samples != self._reported_samples:
+            self._reported_samples = self.samples
             self.file.patch(0, self._header())
 
     def close(self) -> None:

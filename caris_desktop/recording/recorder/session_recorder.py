@@ -121,12 +121,12 @@ class SessionRecorder:
         self._sound_from_ns = self.started_ns
         self._goes_on_ns = 0
         self._video_ended = self._audio_ended = False
-        self._on_reserve = self._told_reserve = self._told_slow = self._told_scarce = False
+        self._on_reserve = self._reported_reserve = self._reported_slow = self._reported_scarce = False
         self._behind_ns = 0
-        self._told_behind = False
+        self._reported_behind = False
         self._spared_because = ""
         self._lowered: dict[str, int] = {}
-        self._told_lowered = False
+        self._reported_lowered = False
         self._pauses: list[list[int | None]] = []
         self._clock = SessionClock(start.header.anchor, self.started_ns)
         self._latched: dict[str, _Held] = {}
@@ -322,7 +322,7 @@ class SessionRecorder:
         """Do periodic work. Call at least ten times per second."""
         now_ns = time.monotonic_ns()
         self._take_media_results()
-        if self._on_reserve and not self._told_reserve:
+        if self._on_reserve and not self._reported_reserve:
             self._live_on_reserve()
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
@@ -626,9 +626,9 @@ class SessionRecorder:
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
         _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
         self._lowered[change.camera] = change.step
-        if change.change == "lowered" and not self._told_lowered:
+        if change.change == "lowered" and not self._reported_lowered:
             # Once per session: the recorder's report has updates, and every dropped frame is counted.
-            self._told_lowered = True
+            self._reported_lowered = True
             self.problem(
                 "warning",
                 localized(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
@@ -700,9 +700,9 @@ class SessionRecorder:
             self._on_reserve = True
 
     def _report_behind(self, behind_s: float) -> None:
-        if behind_s < _BEHIND_S or self._told_behind:
+        if behind_s < _BEHIND_S or self._reported_behind:
             return
-        self._told_behind = True
+        self._reported_behind = True
         self.problem(
             "warning",
             localized(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
@@ -716,7 +716,7 @@ class SessionRecorder:
 
     def _live_on_reserve(self) -> None:
         """Restrict the recording to events."""
-        self._told_reserve = True
+        self._reported_reserve = True
         self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
         self.problem(
@@ -734,8 +734,8 @@ class SessionRecorder:
         free = _megabytes(disk.free_bytes or 0)
         if disk.stage == "out" and self._video_permitted:
             self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} left."), free=free))
-        elif disk.stage != "ample" and not self._told_scarce:
-            self._told_scarce = True
+        elif disk.stage != "ample" and not self._reported_scarce:
+            self._reported_scarce = True
             self.problem(
                 "warning",
                 localized(QT_TR_NOOP("The disk is filling up: {free} left."), free=free)
@@ -753,8 +753,8 @@ class SessionRecorder:
                 QT_TR_NOOP("Delete or move files that you do not need."),
                 cause="disk",
             )
-        if disk.slow and not self._told_slow:
-            self._told_slow = True
+        if disk.slow and not self._reported_slow:
+            self._reported_slow = True
             self.problem(
                 "warning",
                 localized(
@@ -778,7 +778,7 @@ class SessionRecorder:
     def _end_video(self, what: str) -> None:
         if self._video_ended or not self._video_permitted:
             return
-        self._video_ended = self._told_scarce = True
+        self._video_ended = self._reported_scarce = True
         self._media.end_videos()
         self.problem(
             "error",

@@ -70,8 +70,10 @@ class SessionTimeline:
     @property
     def end_ns(self) -> int:
         """End of the session, including the recording of its end event."""
-        told_ns = int(self._ends_ns[-1]) if self._index.count else 0
-        return max(self.session.started_ns, self.session.ended_ns, min(told_ns, self.session.ended_ns + _END_TOLD_NS))
+        recorded_ns = int(self._ends_ns[-1]) if self._index.count else 0
+        return max(
+            self.session.started_ns, self.session.ended_ns, min(recorded_ns, self.session.ended_ns + _END_TOLD_NS)
+        )
 
     def state_at(self, at_ns: int) -> list[Any]:
         """State at a time: the newest value of each state stream and key.

@@ -191,10 +191,10 @@ class VideoReader:
 class _Video:
     """One file. ``times`` is valid after :meth:`prepare`; the file is opened for the first image."""
 
-    def __init__(self, path: Path, first_ns: int, told_bytes: int | None) -> None:
-        """``told_bytes`` is the file's size when its session was closed."""
+    def __init__(self, path: Path, first_ns: int, recorded_bytes: int | None) -> None:
+        """``recorded_bytes`` is the file's size when its session was closed."""
         self.path = path
-        self._told_bytes = told_bytes
+        self._recorded_bytes = recorded_bytes
         self.times = FrameTimes.none()
         self._first_ns = first_ns
         self._container: Any = None
@@ -214,7 +214,7 @@ class _Video:
             return self._read_own_times() or f"The frame times of {self.path.name} cannot be read: {error}."
         if not self.path.is_file():
             return f"{self.path.name} is missing."
-        if self._told_bytes is not None and self.path.stat().st_size < self._told_bytes:
+        if self._recorded_bytes is not None and self.path.stat().st_size < self._recorded_bytes:
             content = content_of(self.path)
             self.times = self.times.first(0 if content is None else len(content.times_s))
             return f"{self.path.name} is truncated: {self.times.count} frames are left."
@@ -303,9 +303,9 @@ class _Video:
 
 def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, int]]:
     """Path, camera and first stamp of each video: by the header, else by the files present."""
-    told = session.header.get("videos")
+    entries = session.header.get("videos")
     files: dict[str, tuple[Path, str, int]] = {}
-    for entry in told if isinstance(told, list) else ():
+    for entry in entries if isinstance(entries, list) else ():
         try:
             name, camera, first_ns = str(entry["file_name"]), str(entry["camera"]), int(entry["first_stamp_ns"])
         except (KeyError, TypeError, ValueError):

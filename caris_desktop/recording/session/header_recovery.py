@@ -48,10 +48,10 @@ def rebuilt_header(folder: Path, *, missing: bool) -> dict[str, Any] | None:
             clock = SessionClock(anchor, started_ns)
             scenario = _first(file, index, ScenarioOpened)
             robot = _first(file, index, RobotChosen)
-            told = _metadata(index).get("format_version", "")
+            version = _metadata(index).get("format_version", "")
             return {
                 "format": FORMAT,
-                "format_version": int(told) if told.isdecimal() else _LAST_UNTOLD_VERSION,
+                "format_version": int(version) if version.isdecimal() else _LAST_UNTOLD_VERSION,
                 "program_version": _metadata(index).get("program_version", ""),
                 "scenario": {"title": "", "file": "", "sha256": ""}
                 if scenario is None
@@ -95,12 +95,12 @@ def _beginning(file: IO[bytes], index: BlockIndex) -> tuple[ClockAnchor, int] | 
     for only in (numbers, list(index.channels)):
         for message, content in _messages(file, index, only):
             try:
-                told = json.loads(content)
-                stamp_ns = told["stamp_ns"]
+                fields = json.loads(content)
+                stamp_ns = fields["stamp_ns"]
             except (ValueError, KeyError, TypeError, RecursionError):
                 continue
             # Messages with a robot stamp are published in robot time, which differs from their arrival.
-            if isinstance(stamp_ns, int) and message.publish_ns > 0 and told.get("robot_stamp_ns") is None:
+            if isinstance(stamp_ns, int) and message.publish_ns > 0 and fields.get("robot_stamp_ns") is None:
                 # Values from before the session are older than it, and arrived at its start.
                 return ClockAnchor(stamp_ns, message.publish_ns), message.log_ns - message.publish_ns + stamp_ns
     return None

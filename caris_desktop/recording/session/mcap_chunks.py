@@ -93,10 +93,10 @@ class Channel:
         for _ in ("name", "encoding"):
             body = body[4 + int.from_bytes(body[:4], "little") :]
         try:
-            told = json.loads(body[4 : 4 + int.from_bytes(body[:4], "little")])
+            schema = json.loads(body[4 : 4 + int.from_bytes(body[:4], "little")])
         except (ValueError, RecursionError):
             return None
-        return told if isinstance(told, dict) else None
+        return schema if isinstance(schema, dict) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

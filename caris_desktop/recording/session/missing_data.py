@@ -71,16 +71,16 @@ def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
 
 def recorded_losses(header: Mapping[str, Any]) -> tuple[str, ...]:
     """Missing data found by a repair, as sentences."""
-    told = header.get("losses")
-    return tuple(words.read_loss(str(sentence)) for sentence in told) if isinstance(told, list) else ()
+    losses = header.get("losses")
+    return tuple(words.read_loss(str(sentence)) for sentence in losses) if isinstance(losses, list) else ()
 
 
 def lost_values(header: Mapping[str, Any]) -> dict[str, int]:
     """Number of lost values per stream, as found by a repair."""
-    told = header.get("lost")
-    if not isinstance(told, dict):
+    counts = header.get("lost")
+    if not isinstance(counts, dict):
         return {}
-    return {str(name): count for name, count in told.items() if isinstance(count, int) and count > 0}
+    return {str(name): count for name, count in counts.items() if isinstance(count, int) and count > 0}
 
 
 def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
@@ -89,20 +89,20 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
         return ()
     sentences: list[str] = []
     others: list[str] = []
-    for name, told_bytes in _recorded_files(header):
+    for name, recorded_bytes in _recorded_files(header):
         path = folder / name
         try:
             found_bytes = path.stat().st_size
         except (OSError, ValueError):
             found_bytes = -1
-        if found_bytes >= told_bytes:
+        if found_bytes >= recorded_bytes:
             continue
-        what = _medium(path, header, found_bytes, told_bytes)
+        what = _medium(path, header, found_bytes, recorded_bytes)
         if what:
             sentences.append(what)
         else:
             left = words.FILE_MISSING if found_bytes < 0 else words.FILE_SHORTER
-            others.append(localized(left, file=name, left=found_bytes, all=told_bytes))
+            others.append(localized(left, file=name, left=found_bytes, all=recorded_bytes))
     sentences += others[:_MAX_TOLD]
     if len(others) > _MAX_TOLD:
         sentences.append(words.further_files_words(len(others) - _MAX_TOLD))
@@ -111,7 +111,7 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
 
 def recorded_bytes_of(header: Mapping[str, Any], name: str) -> int | None:
     """Size of a file when the session was closed; None if the header lacks it."""
-    return next((size for told, size in _recorded_files(header) if told == name), None)
+    return next((size for recorded, size in _recorded_files(header) if recorded == name), None)
 
 
 def _recorded_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
@@ -127,16 +127,16 @@ def _recorded_files(header: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
             yield name, size
 
 
-def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes: int) -> str:
+def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, recorded_bytes: int) -> str:
     """Loss of a video or audio file in frames and seconds; empty for other files."""
     video = _entry(header, "videos", path.name)
     if video is not None:
-        told = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}
+        values = {"file": path.name, "count": video.get("frames"), "camera": video.get("camera")}
         if found_bytes < 0:
-            return localized(words.VIDEO_MISSING, **told)
+            return localized(words.VIDEO_MISSING, **values)
         content = content_of(path)
         left = 0 if content is None else len(content.times_s)
-        return localized(words.pictures_left_words(left), **told)
+        return localized(words.pictures_left_words(left), **values)
     sound = _entry(header, "audio", path.name)
     if sound is None:
         return ""
@@ -146,7 +146,7 @@ def _medium(path: Path, header: Mapping[str, Any], found_bytes: int, told_bytes:
         lasts_s = 0.0
     if found_bytes < 0:
         return localized(words.SOUND_MISSING, file=path.name, seconds=f"{lasts_s:.1f}")
-    left_s = lasts_s * found_bytes / max(1, told_bytes)
+    left_s = lasts_s * found_bytes / max(1, recorded_bytes)
     return localized(words.SOUND_CUT_OFF, file=path.name, seconds=f"{lasts_s:.1f}", left=f"{left_s:.1f}")
 
 

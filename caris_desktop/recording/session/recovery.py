@@ -185,7 +185,7 @@ class _Repair:
         if not wanting:
             return RepairReport(False)  # another process was first
         begun_s = time.monotonic()
-        told = len(self._losses)
+        losses_before = len(self._losses)
         if wanting == "end":
             self._repair_events()
             if self._finished:
@@ -204,7 +204,7 @@ class _Repair:
         # The manifest from the close shows later changes. It is never rewritten.
         if not (self._folder / MANIFEST_NAME).exists():
             write_manifest(self._folder)
-        sentences = (*self._sentences, *self._losses[told:])
+        sentences = (*self._sentences, *self._losses[losses_before:])
         for sentence in sentences:
             _log.info("%s: %s", self._folder, sentence)
         _log.info("%s: repaired in %.1f s", self._folder, time.monotonic() - begun_s)
@@ -339,8 +339,8 @@ class _Repair:
         if lost:
             early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
             what = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
-            told = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
-            self._losses.append(localized(what, **told))
+            values = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
+            self._losses.append(localized(what, **values))
         elif self._expected is None and not self._complete:
             self._losses.append(QT_TR_NOOP("The number of values missing at the end of events.mcap is unknown."))
         elif self._damaged_bytes:
@@ -392,7 +392,7 @@ class _Repair:
         return sounds
 
     def _repair_videos(self) -> list[dict[str, Any]]:
-        told = {
+        recorded = {
             str(entry.get("file_name")): entry for entry in self._header.get("videos") or () if isinstance(entry, dict)
         }
         videos = []
@@ -400,13 +400,13 @@ class _Repair:
             frames.sort(key=lambda ref: ref.stamp_ns)
         for path in sorted(self._folder.glob("video-*.mp4")):
             if inside(self._folder, path.name):
-                video = self._repair_video(path, told.get(path.name, {}))
+                video = self._repair_video(path, recorded.get(path.name, {}))
                 if video is not None:
                     videos.append(video)
         self._count_lost_frames(videos)
         return videos
 
-    def _repair_video(self, path: Path, told: dict[str, Any]) -> dict[str, Any] | None:
+    def _repair_video(self, path: Path, entry: dict[str, Any]) -> dict[str, Any] | None:
         self._cut_tail(path)
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
@@ -414,7 +414,7 @@ class _Repair:
                 localized(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
             )
             return None
-        camera = str(told.get("camera") or camera_of_video(path.name, self._record.frames))
+        camera = str(entry.get("camera") or camera_of_video(path.name, self._record.frames))
         recorded = self._record.frames.get(camera, [])
         index = index_path(path)
         lines = media_repair.index_lines(path, content, recorded, self._times.clock)
@@ -444,7 +444,7 @@ class _Repair:
             delay_ms=times.delay_ms,
             uncertainty_ms=times.worst_uncertainty_ms,
         )
-        return {**told, **asdict(info)}
+        return {**entry, **asdict(info)}
 
     def _cut_tail(self, path: Path) -> None:
         """Move an incomplete fragment at the end of a video aside: it is unusable and breaks some players."""

@@ -62,7 +62,7 @@ def responses_of(
     said = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
     turns = [item for item in said if item.speaker == "participant"]
     starts_ns = [turn.start_ns or 0 for turn in turns]
-    told = {(event.turn_id, event.reply_id): event for event in timed}
+    by_reply = {(event.turn_id, event.reply_id): event for event in timed}
     found: list[Response] = []
     answered: set[tuple[str, bool]] = set()
     for reply in said:
@@ -81,7 +81,7 @@ def responses_of(
             turn.utterance_id, reply.utterance_id, reply.origin, ended_ns, heard_ns, first, reply.requested_ns,
             person_id=turn.person_id,
         )  # fmt: skip
-        event = told.get((turn.utterance_id, reply.utterance_id))
+        event = by_reply.get((turn.utterance_id, reply.utterance_id))
         if event is not None:
             response = replace(
                 response, means=event.means, text_ns=event.text_ns, suggested_ns=event.suggested_ns

@@ -73,8 +73,8 @@ class Session:
     @property
     def repairs(self) -> tuple[str, ...]:
         """All repairs so far, as user texts."""
-        told = self.header.get("repairs")
-        return tuple(str(sentence) for sentence in told) if isinstance(told, list) else ()
+        repairs = self.header.get("repairs")
+        return tuple(str(sentence) for sentence in repairs) if isinstance(repairs, list) else ()
 
     @property
     def identity(self) -> tuple[Any, ...]:

@@ -422,9 +422,9 @@ def content_signature(folder: Path) -> str:
     except OSError:
         # No annotations; unreadable ones have no signature until they are readable.
         pass
-    told = "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
+    ages_and_sizes = "|".join(f"{name}:{_age_and_size(f'{folder}/{name}')}" for name in names)
     # Annotation files are named after coders, whose names must not leak.
-    return hashlib.sha256(told.encode("utf-8", "surrogateescape")).hexdigest()
+    return hashlib.sha256(ages_and_sizes.encode("utf-8", "surrogateescape")).hexdigest()
 
 
 _MEDIA = (".mp4", ".wav", ".txt", ".csv")
