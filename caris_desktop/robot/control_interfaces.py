@@ -178,7 +178,7 @@ class RobotControls:
         self._servers: dict[tuple[str, str], _Server] = {}
         self._readings: list[RosbridgeTopic] = []
         self._values: dict[str, ControlValue] = {}
-        self._told_s = -math.inf
+        self._reported_s = -math.inf
         self._timer: asyncio.TimerHandle | None = None
         self._held = False
         self._driving_permitted = True
@@ -434,13 +434,13 @@ class RobotControls:
     def _report_values_soon(self) -> None:
         if self._timer is None:
             self._timer = self._loop.call_at(
-                max(self._told_s + READINGS_EVERY_S, self._loop.time()), self._report_values
+                max(self._reported_s + READINGS_EVERY_S, self._loop.time()), self._report_values
             )
 
     def _report_values(self) -> None:
         self._timer = None
         if self._values:
-            self._told_s = self._loop.time()
+            self._reported_s = self._loop.time()
             self._emit(ControlReadings(now_ns(), dict(self._values)))
 
 

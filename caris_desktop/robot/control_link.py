@@ -92,14 +92,14 @@ class ControlLink:
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardChangeDetector()
         self._movement = MovementCheck(profile)
-        self._movement_told = MovementChanged(0, "unknown")
+        self._reported_movement = MovementChanged(0, "unknown")
         # From Stop until the robot is stationary, or is driven from here again.
         self._stopping = False
         self._stop_ns = 0
         self._lease = MotionLease(profile.driving_limits, rate_hz=profile.command_rate_hz, allow=self._allow)
         self._unread = UnreadCommands(rate_hz=profile.command_rate_hz)
         # The last velocity on this connection.
-        self._told = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         self._zeros_again: list[asyncio.TimerHandle] = []
         # Last holder of the lease, who stopped, and who switched the guard.
         self._driver: Actor = CONSOLE
@@ -112,8 +112,8 @@ class ControlLink:
         self._connected = False
         self._silent = False
         self._drives_count_from_ns = 0
-        self._told_missing: list[str] = []
-        self._told_unproven = False
+        self._reported_missing: list[str] = []
+        self._reported_unproven = False
         self._looking_around: asyncio.Task[None] | None = None
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
@@ -362,7 +362,7 @@ class ControlLink:
         """Send all due velocities, and schedule the next call."""
         while (leased := self._lease.next_twist(self._loop.time())) is not None:
             self._pass_on(leased)
-        if self._told.moving and self._unread.late(self._loop.time()):
+        if self._commanded.moving and self._unread.late(self._loop.time()):
             # If it was suspended, this is the last message that it reads on waking up.
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.set_sent(ZERO_TWIST)
@@ -373,7 +373,7 @@ class ControlLink:
             self._timer.cancel()
             self._timer = None
         due_s = self._lease.due_s()
-        if self._told.moving:
+        if self._commanded.moving:
             due_s = min(due_s, self._unread.late_from_s())
         if due_s != float("inf"):
             self._timer = self._loop.call_at(due_s, self._move)
@@ -385,8 +385,8 @@ class ControlLink:
             # What the network does not accept now would arrive late.
             self._end_drive(QT_TR_NOOP("The commands cannot be sent over the network"))
         elif full and leased.twist.moving:
-            self._lease.set_sent(self._told)
-        elif not full or self._told.moving:
+            self._lease.set_sent(self._commanded)
+        elif not full or self._commanded.moving:
             # The first zero is always sent; more would queue up like velocities.
             self._send_twist(leased.twist, leased.source)
 
@@ -436,7 +436,7 @@ class ControlLink:
             message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
         else:
             message = encode_twist(twist)
-        self._told = twist
+        self._commanded = twist
         if self._velocity.publish(message):
             self._unread.sent(self._loop.time(), moving=twist.moving)
             self._handled.ask()
@@ -481,8 +481,8 @@ class ControlLink:
                     )
                 )
                 self._ros.factory.reconnect(NOT_HANDLED)
-            elif self._handled.unproven and not self._told_unproven:
-                self._told_unproven = True
+            elif self._handled.unproven and not self._reported_unproven:
+                self._reported_unproven = True
                 self._put(
                     Problem(
                         now_ns(),
@@ -542,10 +542,10 @@ class ControlLink:
         if state == "standing" and (self._odometry is None or self._odometry.stamp_ns > self._stop_ns):
             self._stopping = False
         stopped = self._stopping or self._lease.latched
-        told = self._movement_told
-        if (state, stopped) != (told.state, told.stopped):
-            self._report_movement(MovementChanged(now_ns(), state, stopped, told.publishers))
-            if state in ("uncommanded", "commanded_elsewhere") and told.state != state:
+        reported = self._reported_movement
+        if (state, stopped) != (reported.state, reported.stopped):
+            self._report_movement(MovementChanged(now_ns(), state, stopped, reported.publishers))
+            if state in ("uncommanded", "commanded_elsewhere") and reported.state != state:
                 self._in_background(self._find_publishers())
         if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
             # Against another publisher: zero while it lasts.
@@ -553,7 +553,7 @@ class ControlLink:
             self._move()
 
     def _report_movement(self, movement: MovementChanged) -> None:
-        self._movement_told = movement
+        self._reported_movement = movement
         self._put(movement)
 
     async def _find_publishers(self) -> None:
@@ -566,8 +566,8 @@ class ControlLink:
             return
         names = answer.get("publishers")
         found = tuple(sorted(name for name in names if isinstance(name, str))) if isinstance(names, list) else ()
-        if self._connected and found != self._movement_told.publishers:
-            self._report_movement(replace(self._movement_told, stamp_ns=now_ns(), publishers=found[:10]))
+        if self._connected and found != self._reported_movement.publishers:
+            self._report_movement(replace(self._reported_movement, stamp_ns=now_ns(), publishers=found[:10]))
 
     def _take_velocity(self, message: Any) -> None:
         stamped = self._profile.velocity.type == "TwistStamped"
@@ -640,7 +640,7 @@ class ControlLink:
         self._silent = False
         if self._looking_around is not None:
             self._looking_around.cancel()
-        self._told = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         self._unread.forget()
         self._handled.link_lost()
         self._forget_zeros()
@@ -712,9 +712,9 @@ class ControlLink:
                 self._emergency_stop.on_inventory(inventory)
                 self._maps.on_inventory(inventory)
                 missing = missing_from(self._profile, inventory)
-                if missing != self._told_missing and (missing or self._told_missing):
+                if missing != self._reported_missing and (missing or self._reported_missing):
                     self._put(problem_of_missing(missing) if missing else nothing_is_missing())
-                self._told_missing = missing
+                self._reported_missing = missing
                 if not missing:
                     return
             await asyncio.sleep(pause_s)

@@ -192,15 +192,15 @@ async def take_offer(ros: RosbridgeClient) -> RobotOffer:
     publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
     # A topic with neither has nodes unknown to rosapi.
-    told = [topic for topic in asked if publishers[topic] or subscribers[topic]]
+    used = [topic for topic in asked if publishers[topic] or subscribers[topic]]
     return RobotOffer(
         inventory.topics,
         services,
         actions,
         dialect,
         distribution,
-        publishers={topic: publishers[topic] for topic in told},
-        subscribers={topic: subscribers[topic] for topic in told},
+        publishers={topic: publishers[topic] for topic in used},
+        subscribers={topic: subscribers[topic] for topic in used},
     )
 
 
@@ -282,9 +282,9 @@ async def check_streams(
         for check in _offered_checks(profile, inventory):
             say(check)
         await asyncio.sleep(seconds)
-        bridge_told = inventory is not None and await _bridge_subscribes(ros, ears)
+        bridge_reports = inventory is not None and await _bridge_subscribes(ros, ears)
         for named, kind in inputs:
-            say(await _listened_to(ros, named, kind, bridge_told=bridge_told))
+            say(await _listened_to(ros, named, kind, bridge_reports=bridge_reports))
         for ear in ears:
             say(ear.verdict(offset_ns))
             ear.close()
@@ -413,7 +413,7 @@ async def _with_what_is_heard(ros: RosbridgeClient, offer: RobotOffer) -> RobotO
     joints: dict[str, None] = {}
 
     def take_transforms(message: Any) -> None:
-        for transform in message_conversion.decode_tf_message(message, unusable=lambda *_told: None):
+        for transform in message_conversion.decode_tf_message(message, unusable=lambda *_reason: None):
             frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
 
     def take_joints(message: Any) -> None:
@@ -503,8 +503,8 @@ class _StreamListener:
         self._message = message
         self._heard_ns = time.time_ns()
         if self._tree is not None:
-            told = message_conversion.decode_tf_message(message, unusable=lambda *_told: None)
-            self._tree.add(told, static=self._named.field == "tf_static")
+            transforms = message_conversion.decode_tf_message(message, unusable=lambda *_reason: None)
+            self._tree.add(transforms, static=self._named.field == "tf_static")
 
     def verdict(self, offset_ns: int | None) -> StreamCheck:
         named = self._named
@@ -600,7 +600,7 @@ async def _bridge_subscribes(ros: RosbridgeClient, ears: list[_StreamListener]) 
     return False
 
 
-async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, bridge_told: bool) -> StreamCheck:
+async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, bridge_reports: bool) -> StreamCheck:
     def verdict(state: StreamState, detail: str) -> StreamCheck:
         return StreamCheck(named.field, named.label, named.topic, state, None, None, detail)
 
@@ -613,7 +613,7 @@ async def _listened_to(ros: RosbridgeClient, named: NamedTopic, kind: str, *, br
     if not listeners:
         # A topic with neither has nodes unknown to rosapi.
         return verdict("good", QT_TR_NOOP("The robot has this topic."))
-    if bridge_told and not await _lets_through(ros, named.topic, kind, set(speakers)):
+    if bridge_reports and not await _lets_through(ros, named.topic, kind, set(speakers)):
         refused = QT_TR_NOOP(
             "Subscribers: {who}. But rosbridge does not publish it: its topics_glob does not allow this topic."
         )

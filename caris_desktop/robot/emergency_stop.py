@@ -69,7 +69,7 @@ class EmergencyStop:
         # None before the robot has listed them.
         self._services: frozenset[str] | None = None
         self._reached = False
-        self._told_unreached = False
+        self._reported_unreached = False
         self._again: asyncio.TimerHandle | None = None
         self._again_after_s = TRIED_AGAIN_AFTER_S
         self._connected_s = 0.0
@@ -98,7 +98,7 @@ class EmergencyStop:
         self._asked += 1
         self._asked_by = command.actor
         if command.latched:
-            self._reached = self._told_unreached = False
+            self._reached = self._reported_unreached = False
             self._latch(wizard=True, by="wizard")
             self._stopped.cancel_goals("emergency stop", command.actor)
             # Reported for every request: the wizard must see that it is set.
@@ -221,9 +221,9 @@ class EmergencyStop:
     def _not_reached(self, name: str) -> None:
         """No receiver on the robot accepts the latched stop."""
         self._try_again_later()
-        if self._told_unreached:
+        if self._reported_unreached:
             return
-        self._told_unreached = True
+        self._reported_unreached = True
         self._emit(
             Problem(
                 now_ns(),
@@ -310,11 +310,11 @@ class EmergencyStop:
         if latched and unanswered and self._offered(service) is None:
             self._not_reached(service)
             return
-        again = latched and self._told_unreached
+        again = latched and self._reported_unreached
         if latched:
             self._reached = not unanswered
             if unanswered:
-                self._told_unreached = True
+                self._reported_unreached = True
                 self._try_again_later()
             else:
                 self._try_no_more()

@@ -292,13 +292,13 @@ class ObstacleGuard:
             fraction = min(fraction, _stopping_fraction(room_s, reaction_s, braking_s))
             ways_m = np.where(contact_s > 0.0, contact_s * approach_mps + margin_m, np.maximum(gaps_m, 0.0))
             distance_m = min(distance_m, float(ways_m.min()))
-        told_m = distance_m if distance_m <= _REPORTED_M else None
+        reported_m = distance_m if distance_m <= _REPORTED_M else None
         allowed_mps = fraction * fastest_mps
         if fraction < 1.0 and allowed_mps < (_START_MPS if self._blocked else _CREEP_MPS):
             self._blocked = True
-            return GuardLimit(0.0, "blocked", told_m)
+            return GuardLimit(0.0, "blocked", reported_m)
         self._blocked = False
-        return GuardLimit(fraction, "slowing" if fraction < 0.99 else "clear", told_m)
+        return GuardLimit(fraction, "slowing" if fraction < 0.99 else "clear", reported_m)
 
     def _points_near(self, within_m: float, now_s: float) -> tuple[Array, NDArray[np.bool_]]:
         """Scanned and remembered points in the robot frame, and which of them may be legs."""
@@ -470,35 +470,35 @@ class GuardChangeDetector:
     _ORDER: tuple[GuardState, ...] = ("absent", "overridden", "clear", "slowing", "blind", "blocked")
 
     def __init__(self) -> None:
-        self._told: GuardLimit | None = None
-        self._told_s = -math.inf
+        self._reported: GuardLimit | None = None
+        self._reported_s = -math.inf
         self._better_since_s: float | None = None
 
     def forget(self) -> None:
         """Report the next limit in any case."""
-        self._told = None
-        self._told_s = -math.inf
+        self._reported = None
+        self._reported_s = -math.inf
         self._better_since_s = None
 
     def of(self, limit: GuardLimit, now_s: float, *, stamp_ns: int) -> GuardChanged | None:
-        told = self._told
-        if told is not None:
-            if limit.state != told.state:
-                worse = self._ORDER.index(limit.state) > self._ORDER.index(told.state)
-                switched = "overridden" in (limit.state, told.state)
+        reported = self._reported
+        if reported is not None:
+            if limit.state != reported.state:
+                worse = self._ORDER.index(limit.state) > self._ORDER.index(reported.state)
+                switched = "overridden" in (limit.state, reported.state)
                 if not (worse or switched):
                     # Noise makes a limit flicker; its end is reported once it lasts.
                     if self._better_since_s is None:
                         self._better_since_s = now_s
                     if now_s - self._better_since_s < self.BETTER_AFTER_S:
                         return None
-                elif not switched and limit.state != "blocked" and now_s - self._told_s < self.EVERY_S:
+                elif not switched and limit.state != "blocked" and now_s - self._reported_s < self.EVERY_S:
                     return None
             else:
                 self._better_since_s = None
-                if now_s - self._told_s < self.EVERY_S or _alike(limit, told):
+                if now_s - self._reported_s < self.EVERY_S or _alike(limit, reported):
                     return None
-        self._told, self._told_s, self._better_since_s = limit, now_s, None
+        self._reported, self._reported_s, self._better_since_s = limit, now_s, None
         return GuardChanged(stamp_ns, limit.state, limit.distance_m, limit.detail)
 
 
@@ -515,12 +515,12 @@ def _share(most: float, value: float) -> float:
     return most / abs(value) if abs(value) > 1e-9 else 1.0
 
 
-def _alike(limit: GuardLimit, told: GuardLimit) -> bool:
-    if limit.detail != told.detail or (limit.distance_m is None) != (told.distance_m is None):
+def _alike(limit: GuardLimit, reported: GuardLimit) -> bool:
+    if limit.detail != reported.detail or (limit.distance_m is None) != (reported.distance_m is None):
         return False
-    if limit.distance_m is None or told.distance_m is None:
+    if limit.distance_m is None or reported.distance_m is None:
         return True
-    return abs(limit.distance_m - told.distance_m) < max(0.05, 0.1 * told.distance_m)
+    return abs(limit.distance_m - reported.distance_m) < max(0.05, 0.1 * reported.distance_m)
 
 
 def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: bool) -> Array:

@@ -52,7 +52,7 @@ class RobotHead:
         self._emit = emit
         self._at: tuple[float, float] | None = None
         self._target: tuple[float, float] | None = None
-        self._told_ns = 0
+        self._reported_ns = 0
         self._sent_s = -math.inf
         self._next: MoveHead | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -142,17 +142,17 @@ class RobotHead:
 
     def _take_joints(self, message: Any) -> None:
         head = self._head
-        told = decode_joint_state(message)
-        if head is None or not ({head.pan_joint, head.tilt_joint} & told.positions.keys()):
+        joints = decode_joint_state(message)
+        if head is None or not ({head.pan_joint, head.tilt_joint} & joints.positions.keys()):
             return
         before = self._at or (0.0, 0.0)
         self._at = (
-            head.pan_sign * told.positions.get(head.pan_joint, head.pan_sign * before[0]),
-            head.tilt_sign * told.positions.get(head.tilt_joint, head.tilt_sign * before[1]),
+            head.pan_sign * joints.positions.get(head.pan_joint, head.pan_sign * before[0]),
+            head.tilt_sign * joints.positions.get(head.tilt_joint, head.tilt_sign * before[1]),
         )
-        if self._ros.arrival_ns - self._told_ns >= TELL_EVERY_NS:
-            self._told_ns = self._ros.arrival_ns
-            self._emit(HeadState(self._ros.arrival_ns, told.robot_stamp_ns, *self._at))
+        if self._ros.arrival_ns - self._reported_ns >= TELL_EVERY_NS:
+            self._reported_ns = self._ros.arrival_ns
+            self._emit(HeadState(self._ros.arrival_ns, joints.robot_stamp_ns, *self._at))
 
 
 def _clamped(angle_rad: float, range_rad: tuple[float, float]) -> float:

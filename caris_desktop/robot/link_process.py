@@ -132,20 +132,20 @@ class LinkReporter:
         self._address = without_credentials(address)
         self._put = outbox.put
         self.problems = ProblemReporter(outbox.put)
-        self._told_unreachable = False
+        self._reported_unreachable = False
         self._was_connected = False
 
     def changed(self, state: LinkState, detail: str = "") -> None:
         if state == "connected":
-            self._told_unreachable = False
+            self._reported_unreachable = False
             self._was_connected = True
         self._put(LinkChanged(now_ns(), self._link, state, self._address, detail))
 
     def unreachable(self, what: str, advice: str) -> None:
         logger.debug("%s: %s", self._link, what)
-        if self._told_unreachable:
+        if self._reported_unreachable:
             return
-        self._told_unreachable = True
+        self._reported_unreachable = True
         # A robot that was connected before stays "lost" until it is back; the detail is the reason.
         self.changed("lost" if self._was_connected else "connecting", what)
         # One Problem suffices for an absent robot; the control link reports for both.

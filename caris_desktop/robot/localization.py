@@ -114,7 +114,7 @@ class TransformTree:
 
     def add(self, transforms: Iterable[Transform], *, static: bool = False) -> set[str]:
         """Add transforms; return their child frames. ``static`` ones hold at all times."""
-        told = set()
+        changed = set()
         for transform in transforms:
             child = transform.child_frame
             if child == transform.parent_frame or not child:
@@ -132,13 +132,13 @@ class TransformTree:
                 edge.history = edge.history or PoseHistory()
                 edge.history.add(transform.robot_stamp_ns, edge.newest)
                 edge.newest = edge.history.newest
-            told.add(child)
-        return told
+            changed.add(child)
+        return changed
 
-    def depends_on(self, parent: str, child: str, told: set[str]) -> bool:
-        """True if the path from ``child`` to ``parent`` uses one of the frames ``told``."""
+    def depends_on(self, parent: str, child: str, changed: set[str]) -> bool:
+        """True if the path from ``child`` to ``parent`` uses one of the frames ``changed``."""
         ways = self._branches(parent, child)
-        return ways is not None and any(frame in told for way in ways for frame in way)
+        return ways is not None and any(frame in changed for way in ways for frame in way)
 
     def newest_stamp_ns(self, parent: str, child: str) -> int | None:
         """Newest stamp on the path; None if nothing on it moves, or there is none."""
@@ -215,20 +215,20 @@ class PoseTracker:
         self._odometry: Odometry | None = None
         self._poses_in_odom: PoseHistory | None = None
         self._map_from_odom: Pose2D | None = None
-        self._told_ns = 0
+        self._reported_ns = 0
 
     def take_transforms(self, transforms: Iterable[Transform], *, stamp_ns: int, static: bool) -> RobotPose | None:
-        told = self.tree.add(transforms, static=static)
+        changed = self.tree.add(transforms, static=static)
         map_frame, base_frame = self._frames.map, self._frames.base
-        if static or map_frame == base_frame or not self.tree.depends_on(map_frame, base_frame, told):
+        if static or map_frame == base_frame or not self.tree.depends_on(map_frame, base_frame, changed):
             return None
         self._transforms_ns = stamp_ns
-        if stamp_ns - self._told_ns < _LEAST_PERIOD_NS:
+        if stamp_ns - self._reported_ns < _LEAST_PERIOD_NS:
             return None
         pose = self.tree.lookup(map_frame, base_frame)
         if pose is None:
             return None
-        self._told_ns = stamp_ns
+        self._reported_ns = stamp_ns
         return RobotPose(stamp_ns, self.tree.newest_stamp_ns(map_frame, base_frame), pose)
 
     def take_pose(self, pose: RobotPose) -> RobotPose | None:
@@ -240,7 +240,7 @@ class PoseTracker:
             self._map_from_odom = pose.pose_in_map @ odom_from_base.inverse()
         if self._transforms_are_live(pose.stamp_ns):
             return None
-        self._told_ns = pose.stamp_ns
+        self._reported_ns = pose.stamp_ns
         return pose
 
     def take_odometry(self, odometry: Odometry) -> RobotPose | None:
@@ -250,9 +250,9 @@ class PoseTracker:
             self._poses_in_odom.add(odometry.robot_stamp_ns, Pose3D.on_floor(odometry.pose_in_odom))
         if self._map_from_odom is None or self._transforms_are_live(odometry.stamp_ns):
             return None
-        if odometry.stamp_ns - self._told_ns < _LEAST_PERIOD_NS:
+        if odometry.stamp_ns - self._reported_ns < _LEAST_PERIOD_NS:
             return None
-        self._told_ns = odometry.stamp_ns
+        self._reported_ns = odometry.stamp_ns
         return RobotPose(odometry.stamp_ns, odometry.robot_stamp_ns, self._map_from_odom @ odometry.pose_in_odom)
 
     def map_from_base(self, *, robot_stamp_ns: int | None, now_ns: int) -> Pose2D | None:

@@ -91,7 +91,7 @@ class RobotMaps:
         self._in_background = in_background
         self._offer = _offer(self._services, dialect)
         self._mapping: bool | None = None
-        self._told = False
+        self._reported = False
         self._busy = ""
         self._initial_pose: RosbridgeTopic | None = None
         if profile.initial_pose is not None:
@@ -114,12 +114,12 @@ class RobotMaps:
 
     def link_heard(self) -> None:
         """Repeat the state after link trouble, since displays have cleared it."""
-        if self._told:
+        if self._reported:
             self._set_mapping(self._mapping)
 
     def link_lost(self) -> None:
         self._mapping = None
-        self._told = False
+        self._reported = False
 
     def set_initial_pose(self, command: SetInitialPose) -> str:
         """Set the initial pose; return the reason for a refusal, or an empty text."""
@@ -262,7 +262,7 @@ class RobotMaps:
 
     def _set_mapping(self, mapping: bool | None) -> None:
         self._mapping = mapping
-        self._told = True
+        self._reported = True
         offer = self._offer
         self._emit(
             MappingChanged(

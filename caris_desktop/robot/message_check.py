@@ -95,7 +95,7 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
     """
     if not isinstance(typedefs, list) or not 0 < len(typedefs) <= _MOST_TYPEDEFS:
         raise ValueError("rosapi reports no fields")
-    told: dict[str, tuple[FieldType, ...]] = {}
+    nested: dict[str, tuple[FieldType, ...]] = {}
     first: tuple[FieldType, ...] | None = None
     for typedef in typedefs:
         if not isinstance(typedef, dict) or not isinstance(typedef.get("type"), str):
@@ -108,9 +108,9 @@ def definition_from_rosapi(typedefs: Any) -> Definition:
             FieldType(str(name), str(kind), None if length == -1 else max(0, int(length)))
             for name, kind, length in zip(*lists, strict=True)
         )
-        told[plain_name(typedef["type"])] = fields
+        nested[plain_name(typedef["type"])] = fields
         first = fields if first is None else first
-    return Definition(first or (), told)
+    return Definition(first or (), nested)
 
 
 def coerce_to_definition(

@@ -144,15 +144,15 @@ class MovementCheck:
 
     def _follows(self) -> bool:
         """True if the odometry shows a tenth of the last velocity in its main direction."""
-        sent, told = self._sent[-1][1], self._twist
+        sent, measured = self._sent[-1][1], self._twist
         drifts_mps, drifts_radps = self._drift()
         turns = _direction(sent)[0] == "turn"
         if turns:
             wanted, least = abs(sent.turn_radps), 0.02
-            along = max(told.turn_radps * math.copysign(1.0, sent.turn_radps), drifts_radps)
+            along = max(measured.turn_radps * math.copysign(1.0, sent.turn_radps), drifts_radps)
         else:
             wanted, least = math.hypot(sent.forward_mps, sent.left_mps), 0.01
-            along = (told.forward_mps * sent.forward_mps + told.left_mps * sent.left_mps) / wanted
+            along = (measured.forward_mps * sent.forward_mps + measured.left_mps * sent.left_mps) / wanted
             along = max(along, drifts_mps)
         return along >= max(_FOLLOWS_SHARE * wanted, least)
 

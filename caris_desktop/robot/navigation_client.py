@@ -45,7 +45,7 @@ class _Goal:
     distance_left_m: float | None = None
     cancelling: str | None = None
     cancelled_by: Actor = ""
-    told_ns: int = 0
+    reported_ns: int = 0
 
 
 class Navigator:
@@ -197,20 +197,20 @@ class Navigator:
         if goal is None or goal.wire_id != wire_id:
             return
         decode = decode_move_base_feedback if self._moves_base else decode_navigate_to_pose_feedback
-        told = decode(feedback)
-        if told.pose_in_map is not None:
-            self._pose_in_map = told.pose_in_map
-        self._robot_tells_distance = told.distance_left_m is not None
+        decoded = decode(feedback)
+        if decoded.pose_in_map is not None:
+            self._pose_in_map = decoded.pose_in_map
+        self._robot_tells_distance = decoded.distance_left_m is not None
         self.goal_active(wire_id)
         self._progress(
-            told.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.asked.target_in_map)
+            decoded.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.asked.target_in_map)
         )
 
     def _progress(self, distance_left_m: float | None) -> None:
         goal = self._goal
         if goal is not None:
             self._goal = replace(goal, distance_left_m=distance_left_m)
-            if goal.state == "active" and now_ns() - goal.told_ns >= PROGRESS_EVERY_NS:
+            if goal.state == "active" and now_ns() - goal.reported_ns >= PROGRESS_EVERY_NS:
                 self._notify()
 
     def _beeline_m(self, target_in_map: Pose2D) -> float | None:
@@ -229,7 +229,7 @@ class Navigator:
     def _notify(self, detail: str = "") -> None:
         goal = self._goal
         if goal is not None:
-            self._goal = replace(goal, told_ns=now_ns())
+            self._goal = replace(goal, reported_ns=now_ns())
             self._emit(
                 GoalChanged(
                     now_ns(),

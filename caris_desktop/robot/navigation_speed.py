@@ -48,15 +48,15 @@ class NavigationSpeed:
         self._wanted_mps: float | None = None
         self._wanted_by: Actor = CONSOLE
         self._kept_mps: float | None = None
-        self._told_failure = False
+        self._reported_failure = False
         self._asked = 0
         self._topic: RosbridgeTopic | None = None
-        told_by = server.speed_limit if server is not None else None
-        self._reconfigure = told_by.reconfigure if told_by is not None else None
-        self._parameters = told_by.parameters if told_by is not None else ()
-        if told_by is not None and told_by.topic is not None:
+        interface = server.speed_limit if server is not None else None
+        self._reconfigure = interface.reconfigure if interface is not None else None
+        self._parameters = interface.parameters if interface is not None else ()
+        if interface is not None and interface.topic is not None:
             self._topic = RosbridgeTopic(
-                ros, told_by.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1
+                ros, interface.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1
             )
             self._topic.advertise()
 
@@ -67,7 +67,7 @@ class NavigationSpeed:
             self.apply()
 
     def link_connected(self) -> None:
-        self._told_failure = False
+        self._reported_failure = False
         self.apply()
 
     def link_lost(self) -> None:
@@ -136,9 +136,9 @@ class NavigationSpeed:
         if asked != self._asked:
             return  # a newer limit was sent meanwhile; its answer counts
         self._persist(None if reason else limit_mps, self._wanted_by)
-        if not reason or self._told_failure:
+        if not reason or self._reported_failure:
             return
-        self._told_failure = True
+        self._reported_failure = True
         logger.warning("The navigation's speed: %s", reason)
         own = self._server.max_mps if self._server is not None else None
         self._emit(

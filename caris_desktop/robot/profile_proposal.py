@@ -192,8 +192,8 @@ def _navigation(offer: RobotOffer, action: str) -> NavigationServer:
         # The speed of a ROS 1 planner cannot be queried, so no limit is configured.
         return NavigationServer("move_base", action)
     limits = sorted(topic for topic, kind in offer.topics.items() if same_type(kind, "nav2_msgs/SpeedLimit"))
-    told_by = SpeedLimitInterface(topic=limits[0]) if limits else None
-    return NavigationServer("navigate_to_pose", action, speed_limit=told_by)
+    speed_limit = SpeedLimitInterface(topic=limits[0]) if limits else None
+    return NavigationServer("navigate_to_pose", action, speed_limit=speed_limit)
 
 
 def may_stop(service: str) -> bool:

@@ -247,20 +247,22 @@ class ServiceSpeaker:
 
     needs_link = True
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, told: SpeechService) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect, service: SpeechService) -> None:
         self._ros = ros
-        self._told = told
-        package, _, name = plain_name(told.type).partition("/")
+        self._service_settings = service
+        package, _, name = plain_name(service.type).partition("/")
         self._kind = service_type_name(dialect, package, name)
         self._stop_kind = service_type_name(dialect, "std_srvs", "Trigger")
-        self.can_stop = told.stop is not None
+        self.can_stop = service.stop is not None
 
     async def say(self, text: str, *, within_s: float) -> None:
-        await self._ask(self._told.name, self._kind, fill_template(self._told.request, text), within_s)
+        await self._ask(
+            self._service_settings.name, self._kind, fill_template(self._service_settings.request, text), within_s
+        )
 
     async def stop(self) -> None:
-        if self._told.stop is not None:
-            await self._ask(self._told.stop, self._stop_kind, {}, ANSWERS_WITHIN_S)
+        if self._service_settings.stop is not None:
+            await self._ask(self._service_settings.stop, self._stop_kind, {}, ANSWERS_WITHIN_S)
 
     async def close(self) -> None:
         """The link closes."""
@@ -280,21 +282,21 @@ class WebSpeaker:
 
     needs_link = False
 
-    def __init__(self, told: SpeechWeb) -> None:
-        self._told = told
+    def __init__(self, web: SpeechWeb) -> None:
+        self._web_settings = web
         self._client: Any = None
-        self.can_stop = told.stop is not None
+        self.can_stop = web.stop is not None
 
     async def say(self, text: str, *, within_s: float) -> None:
-        url = self._told.url.replace(VALUE, quote(text, safe=""))
-        if self._told.body is None:
+        url = self._web_settings.url.replace(VALUE, quote(text, safe=""))
+        if self._web_settings.body is None:
             await self._ask("GET", url, within_s)
         else:
-            await self._ask("POST", url, within_s, json=fill_template(self._told.body, text))
+            await self._ask("POST", url, within_s, json=fill_template(self._web_settings.body, text))
 
     async def stop(self) -> None:
-        if self._told.stop is not None:
-            await self._ask("POST", self._told.stop, ANSWERS_WITHIN_S)
+        if self._web_settings.stop is not None:
+            await self._ask("POST", self._web_settings.stop, ANSWERS_WITHIN_S)
 
     async def close(self) -> None:
         if self._client is not None:

@@ -41,31 +41,31 @@ class RobotSound:
         self,
         ros: RosbridgeClient,
         dialect: Dialect,
-        told: AudioInterface,
+        interface: AudioInterface,
         *,
         put: Callable[[AudioChunk], None],
         problems: ProblemReporter,
         offset_at: Callable[[int], OffsetEstimate | None],
     ) -> None:
         self._ros = ros
-        self._told = told
+        self._interface = interface
         self._put = put
         self._problems = problems
         self._offset_at = offset_at
-        self._form = AudioForm(told.format, told.rate_hz, told.channels)
+        self._form = AudioForm(interface.format, interface.rate_hz, interface.channels)
         self._clock = SoundClock()
         self._mp3: Mp3Stream | None = None
         self._ears: list[tuple[RosbridgeTopic, Callable[[Any], None]]] = []
-        if told.topic is not None:
-            data_type = type_name(dialect, _PACKAGE, told.type)
-            topic = RosbridgeTopic(ros, told.topic, data_type, queue_length=_QUEUED, every_message=True)
+        if interface.topic is not None:
+            data_type = type_name(dialect, _PACKAGE, interface.type)
+            topic = RosbridgeTopic(ros, interface.topic, data_type, queue_length=_QUEUED, every_message=True)
             self._ears.append((topic, self._take))
-            if told.info is not None:
-                info = RosbridgeTopic(ros, told.info, type_name(dialect, _PACKAGE, "AudioInfo"))
+            if interface.info is not None:
+                info = RosbridgeTopic(ros, interface.info, type_name(dialect, _PACKAGE, "AudioInfo"))
                 self._ears.append((info, self._take_info))
         self._speaker: RosbridgeTopic | None = None
-        if told.speaker is not None:
-            self._speaker = RosbridgeTopic(ros, told.speaker, type_name(dialect, _PACKAGE, "AudioData"))
+        if interface.speaker is not None:
+            self._speaker = RosbridgeTopic(ros, interface.speaker, type_name(dialect, _PACKAGE, "AudioData"))
 
     def listen(self, on: bool) -> None:
         """Start or stop the robot's microphone stream."""
@@ -108,7 +108,7 @@ class RobotSound:
                 meaning=QT_TR_NOOP("Speech during this time is neither heard nor recorded."),
                 advice=localized(
                     QT_TR_NOOP("Compare 'audio' in the robot profile with what the robot publishes on {topic}."),
-                    topic=self._told.topic,
+                    topic=self._interface.topic,
                 ),
             )
             return

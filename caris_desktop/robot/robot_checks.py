@@ -204,8 +204,8 @@ def picture_advice(named: NamedTopic, inventory: RobotInventory) -> str:
     kind = inventory.topics.get(named.topic)
     if named.types == ("sensor_msgs/Image",):
         compressed = same_type(kind or "", "sensor_msgs/CompressedImage")
-        told = localized(QT_TR_NOOP("{topic} is compressed: remove 'type: Image'."), topic=named.topic)
-        return told if compressed else ""
+        advice = localized(QT_TR_NOOP("{topic} is compressed: remove 'type: Image'."), topic=named.topic)
+        return advice if compressed else ""
     raw = named.topic if kind is not None else named.topic.removesuffix("/compressed")
     if not same_type(inventory.topics.get(raw, ""), "sensor_msgs/Image"):
         return ""

@@ -72,11 +72,11 @@ class Sensors:
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
         self._scans_since_ns: int | None = None
-        self._told_frames: set[str] = set()
-        self._told_lost = False
+        self._reported_frames: set[str] = set()
+        self._reported_lost = False
         self._scan_stamps = StampAge()
         self._odometry: Odometry | None = None
-        self._told_transforms: set[str] = set()
+        self._reported_transforms: set[str] = set()
         self.pose_in_map: Pose2D | None = None
         self._subscribe()
 
@@ -86,8 +86,8 @@ class Sensors:
         self._transforms_since_ns = self._scans_since_ns = None
         self._scan_stamps = StampAge()
         self._odometry = None
-        self._told_frames.clear()
-        self._told_lost = False
+        self._reported_frames.clear()
+        self._reported_lost = False
         self.pose_in_map = None
 
     def clear_path(self) -> None:
@@ -228,9 +228,9 @@ class Sensors:
         return before.pose_in_odom @ moved_by(twist, elapsed_s)
 
     def _complain_of_transform(self, parent: str, child: str, why: str) -> None:
-        if child not in self._told_transforms and len(self._told_transforms) >= 20:
+        if child not in self._reported_transforms and len(self._reported_transforms) >= 20:
             return
-        self._told_transforms.add(child)
+        self._reported_transforms.add(child)
         self._report.problems.count(
             f"transform {child}",
             severity="warning",
@@ -249,10 +249,10 @@ class Sensors:
         self._put_pose(self._poses.take_pose(pose))
 
     def _take_transforms(self, message: Any, *, static: bool = False) -> None:
-        told = decode_tf_message(message, unusable=self._complain_of_transform)
-        if told and self._transforms_since_ns is None:
+        transforms = decode_tf_message(message, unusable=self._complain_of_transform)
+        if transforms and self._transforms_since_ns is None:
             self._transforms_since_ns = self._ros.arrival_ns
-        self._put_pose(self._poses.take_transforms(told, stamp_ns=self._ros.arrival_ns, static=static))
+        self._put_pose(self._poses.take_transforms(transforms, stamp_ns=self._ros.arrival_ns, static=static))
         if self.pose_in_map is None:
             self._complain_of_place()
 
@@ -277,11 +277,11 @@ class Sensors:
     def _complain_of_place(self) -> None:
         since_ns = self._transforms_since_ns
         wanted = self._profile.map is not None or self._profile.navigation is not None
-        if self._told_lost or not wanted or since_ns is None:
+        if self._reported_lost or not wanted or since_ns is None:
             return
         if self._ros.arrival_ns - since_ns < PLACE_KNOWN_AFTER_NS:
             return
-        self._told_lost = True
+        self._reported_lost = True
         frames = self._profile.frames
         self._put(
             Problem(
@@ -311,9 +311,9 @@ class Sensors:
         since_ns = self._transforms_since_ns
         if since_ns is None or self._ros.arrival_ns - since_ns < FRAMES_KNOWN_AFTER_NS:
             return
-        if frame in self._told_frames or len(self._told_frames) >= 20:
+        if frame in self._reported_frames or len(self._reported_frames) >= 20:
             return
-        self._told_frames.add(frame)
+        self._reported_frames.add(frame)
         self._report.problems.count(
             f"frame {frame}",
             severity="warning",

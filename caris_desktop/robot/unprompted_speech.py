@@ -58,10 +58,10 @@ class UnpromptedSpeech:
 
     def _was_asked(self, text: str) -> bool:
         since_ns = now_ns() - int(LONGEST_UTTERANCE_S * 1e9)
-        told = _plain(text)
+        plain = _plain(text)
         recent = [asked for at_ns, asked in self._asked if at_ns > since_ns]
         # Some robots report a long text in parts.
-        return told in recent or (len(told) >= _PART_AT_LEAST and any(told in asked for asked in recent))
+        return plain in recent or (len(plain) >= _PART_AT_LEAST and any(plain in asked for asked in recent))
 
     def _finish(self) -> None:
         if self._timer is not None:

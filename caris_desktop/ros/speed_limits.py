@@ -38,5 +38,5 @@ def decode_reconfigured(answer: Any, names: Sequence[str]) -> dict[str, float]:
     doubles = config.get("doubles", [])
     if not isinstance(doubles, list):
         raise MessageError("Reconfigure.config.doubles must be a list")
-    told = [message_of(double, "DoubleParameter") for double in doubles]
-    return {str(one["name"]): number(one, "value", "DoubleParameter") for one in told if one.get("name") in names}
+    parameters = [message_of(double, "DoubleParameter") for double in doubles]
+    return {str(one["name"]): number(one, "value", "DoubleParameter") for one in parameters if one.get("name") in names}
