@@ -375,14 +375,14 @@ class ScenarioDocument:
 
     # ---- within
 
-    def _change(self, told: KeyPath, data: dict[str, Any], path: KeyPath, value: Any) -> None:
-        """``data`` include ``value`` at ``path``; ``told`` is the place that the user changed."""
+    def _change(self, changed: KeyPath, data: dict[str, Any], path: KeyPath, value: Any) -> None:
+        """``data`` include ``value`` at ``path``; ``changed`` is the place that the user changed."""
         names = self._names_before(path)
 
         def write(text: str) -> str:
             return without(text, path) if value is ABSENT else with_value(text, path, value, names)
 
-        self._persist(told, data, write, goes_on=value is not ABSENT)
+        self._persist(changed, data, write, goes_on=value is not ABSENT)
 
     def _before_step(self, path: KeyPath) -> _State:
         """State before the present undo step, if it continues at that place."""

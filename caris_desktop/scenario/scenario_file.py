@@ -108,12 +108,12 @@ def save_text(
         ``replaces``.
     """
     if path.is_file() and hashlib.sha256(_read(path)).hexdigest() != replaces:
-        told = (
+        message = (
             tr("{path} was changed elsewhere in the meantime. It was not overwritten.")
             if replaces
             else tr("{path} already exists. It was not overwritten.")
         )
-        raise OtherFileError(told.format(path=_shown(path)))
+        raise OtherFileError(message.format(path=_shown(path)))
     if came_from is not None and came_from.resolve().parent != path.resolve().parent:
         text = _SCHEMA_COMMENT.sub(lambda _match: _schema_comment(path), text, count=1)
     if len(text.encode("utf-8")) > MAX_FILE_BYTES:
