@@ -48,16 +48,16 @@ class PathTopic:
     def __init__(self, wiring: Wiring, name: str) -> None:
         self._wiring = wiring
         self._topic = wiring.publishes(name, "nav_msgs", "Path")
-        self._told = 0
-        self._told_goal: str | None = None
+        self._published = 0
+        self._published_goal: str | None = None
 
     def publish_due(self) -> None:
         """Publish due messages; called after every simulation step."""
         robot = self._wiring.robot
         now = (robot.plans_made, robot.goal_id)
-        if now == (self._told, self._told_goal):
+        if now == (self._published, self._published_goal):
             return
-        self._told, self._told_goal = now
+        self._published, self._published_goal = now
         points = np.array(robot.path_in_map, dtype=np.float32).reshape(-1, 2)
         frame = self._wiring.frame(self._wiring.dress.map_frame)
         message = encode_path(self._wiring.dialect, points, stamp_ns=self._wiring.stamp_ns(), frame_id=frame)
@@ -67,20 +67,22 @@ class PathTopic:
 class MoveBaseTopics:
     """move_base, or only its simple goal topic."""
 
-    def __init__(self, wiring: Wiring, told: Navigation) -> None:
+    def __init__(self, wiring: Wiring, navigation: Navigation) -> None:
         self._wiring = wiring
         self._robot = wiring.robot
         self._steps = 0
         self._numbers = itertools.count(1)
-        self._path = PathTopic(wiring, told.path) if told.path else None
+        self._path = PathTopic(wiring, navigation.path) if navigation.path else None
         self._server: ActionlibServer | None = None
-        if told.name is not None:
+        if navigation.name is not None:
             self._server = ActionlibServer(
-                wiring, told.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
+                wiring, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
             )
-        wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
-        if told.planner is not None:
-            wiring.serves(f"{told.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
+        wiring.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
+        if navigation.planner is not None:
+            wiring.serves(
+                f"{navigation.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure
+            )
 
     def _reconfigure(self, request: Message) -> Message:
         """Speed parameters of a DWAPlannerROS, of which the lower applies."""
@@ -132,8 +134,8 @@ class MoveBaseTopics:
 class NavigateToPoseAction:
     """NavigateToPose action of ROS 2, as rosbridge carries it, and the status topic of every ROS action."""
 
-    def __init__(self, wiring: Wiring, told: Navigation) -> None:
-        if told.name is None:
+    def __init__(self, wiring: Wiring, navigation: Navigation) -> None:
+        if navigation.name is None:
             raise ValueError("a robot of ROS 2 navigates by an action")
         self._wiring = wiring
         self._robot = wiring.robot
@@ -142,16 +144,16 @@ class NavigateToPoseAction:
         self._uuids: dict[str, bytes] = {}
         self._numbers = itertools.count(1)
         self._steps = 0
-        self._path = PathTopic(wiring, told.path) if told.path else None
-        name = wiring.dress.absolute(told.name)
+        self._path = PathTopic(wiring, navigation.path) if navigation.path else None
+        name = wiring.dress.absolute(navigation.name)
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
         wiring.server.actions[name] = Action(kind, self._start, self._cancel)
         cancel_type = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
         wiring.server.services[f"{name}/_action/cancel_goal"] = SimulatedService(cancel_type, self._cancel_service)
         self._status = wiring.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
-        wiring.obeys(told.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
-        if told.speed_limit is not None:
-            wiring.obeys(told.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
+        wiring.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
+        if navigation.speed_limit is not None:
+            wiring.obeys(navigation.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
 
     def _on_speed_limit(self, message: Message) -> None:
         limit, percentage = decode_speed_limit(message)

@@ -40,19 +40,19 @@ class HeadOnRos:
             return
         angles = dict.fromkeys(_WHEELS, 0.0)
         if self._wiring.dress.head is not None:
-            head, told = self._wiring.robot.head, self._wiring.dress.head
-            angles |= {told.pan_joint: head.pan_rad, told.tilt_joint: told.tilt_sign * head.tilt_rad}
+            head, interface = self._wiring.robot.head, self._wiring.dress.head
+            angles |= {interface.pan_joint: head.pan_rad, interface.tilt_joint: interface.tilt_sign * head.tilt_rad}
         message = encode_joint_state(self._wiring.dialect, angles, stamp_ns=self._wiring.stamp_ns())
         self._wiring.publish(self._joint_states, message)
 
     def turning_frames(self) -> list[Placement]:
         """Present frames of the joints."""
-        told, robot = self._wiring.dress.head, self._wiring.robot
-        if told is None:
+        interface, robot = self._wiring.dress.head, self._wiring.robot
+        if interface is None:
             return []
         camera = robot.body.robot_from_camera
         pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + robot.head.pan_rad)
-        pan_frame, tilt_frame = (self._wiring.frame(name) for name in told.frames)
+        pan_frame, tilt_frame = (self._wiring.frame(name) for name in interface.frames)
         return [
             Placement(self._wiring.frame(self._wiring.dress.base_frame), pan_frame, pan, robot.body.camera_height_m),
             Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
@@ -87,20 +87,22 @@ class HeadOnRos:
             self._turn(name, target_rad, share * self._wiring.robot.body.head.fastest_radps)
 
     def _head_interface(self) -> tuple[HeadTopics, Head]:
-        told = self._wiring.dress.head
-        if told is None:
+        interface = self._wiring.dress.head
+        if interface is None:
             raise MessageError("the robot has no head")
-        return told, self._wiring.robot.head
+        return interface, self._wiring.robot.head
 
     def _now_rad(self, joint: str) -> float:
-        told, head = self._head_interface()
-        if joint not in (told.pan_joint, told.tilt_joint):
-            raise MessageError(f"there is no joint '{joint}'; the head has {told.pan_joint} and {told.tilt_joint}")
-        return head.pan_rad if joint == told.pan_joint else told.tilt_sign * head.tilt_rad
+        interface, head = self._head_interface()
+        if joint not in (interface.pan_joint, interface.tilt_joint):
+            raise MessageError(
+                f"there is no joint '{joint}'; the head has {interface.pan_joint} and {interface.tilt_joint}"
+            )
+        return head.pan_rad if joint == interface.pan_joint else interface.tilt_sign * head.tilt_rad
 
     def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
-        told, head = self._head_interface()
-        if joint == told.pan_joint:
+        interface, head = self._head_interface()
+        if joint == interface.pan_joint:
             head.pan_to(target_rad, speed_radps=speed_radps)
         else:
-            head.tilt_to(told.tilt_sign * target_rad, speed_radps=speed_radps)
+            head.tilt_to(interface.tilt_sign * target_rad, speed_radps=speed_radps)

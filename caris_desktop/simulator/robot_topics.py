@@ -143,18 +143,18 @@ class RobotTopics:
         self._periodic.append(_Periodic(steps, topic, publish))
 
     def _navigation(self) -> MoveBaseTopics | NavigateToPoseAction | None:
-        told = self._wiring.dress.navigation
-        if told is None:
+        navigation = self._wiring.dress.navigation
+        if navigation is None:
             return None
         kind = MoveBaseTopics if self._wiring.dialect.value == 1 else NavigateToPoseAction
-        return kind(self._wiring, told)
+        return kind(self._wiring, navigation)
 
     def _speech_of_robot_model(self, *, muted: bool) -> SpeechOnTopics | SpeechOnAction | None:
         match self._wiring.dress.speech:
-            case SpeechTopics() as told:
-                return SpeechOnTopics(self._wiring, told, muted=muted)
-            case SpeechAction() as told:
-                return SpeechOnAction(self._wiring, told, muted=muted)
+            case SpeechTopics() as interface:
+                return SpeechOnTopics(self._wiring, interface, muted=muted)
+            case SpeechAction() as interface:
+                return SpeechOnAction(self._wiring, interface, muted=muted)
         return None
 
     def _offer_sensors(self) -> None:
@@ -192,8 +192,10 @@ class RobotTopics:
             self._stop_state = wiring.publishes(dress.stop_state, "std_msgs", "Bool", latched=True)
             wiring.publish(self._stop_state, message_conversion.encode_bool(False))
         if dress.stop_service:
-            told = dress.stop_service
-            wiring.serves(told.name, told.package, told.type, lambda arguments: self._set_stop(told, arguments))
+            service = dress.stop_service
+            wiring.serves(
+                service.name, service.package, service.type, lambda arguments: self._set_stop(service, arguments)
+            )
 
     def _offer_velocity(self, velocity: VelocityInput) -> None:
         kind = "TwistStamped" if velocity.type == "TwistStamped" else "Twist"
@@ -262,15 +264,15 @@ class RobotTopics:
         )
         wiring.publish(topic, message)
 
-    def _publish_battery(self, topic: str, told: BatteryTopic) -> None:
+    def _publish_battery(self, topic: str, interface: BatteryTopic) -> None:
         wiring, stamp_ns, fraction = self._wiring, self._wiring.stamp_ns(), self._robot.battery_fraction
-        if told.kind == "Float32 percent":
+        if interface.kind == "Float32 percent":
             wiring.publish(topic, {"data": 100.0 * fraction})
             return
         message = message_conversion.encode_battery_state(
             wiring.dialect, BatteryState(stamp_ns, fraction), stamp_ns=stamp_ns, voltage_v=22.0 + 3.2 * fraction
         )
-        if told.kind == "BatteryState percent":
+        if interface.kind == "BatteryState percent":
             message["percentage"] = 100.0 * fraction
         wiring.publish(topic, message)
 
@@ -353,8 +355,8 @@ class RobotTopics:
         if not self._robot.place(pose):
             raise CallFailed(f"the robot does not fit at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m")
 
-    def _set_stop(self, told: StopService, arguments: Message) -> Message:
-        stopped = truth(arguments, told.field, "args") is told.stopping
+    def _set_stop(self, service: StopService, arguments: Message) -> Message:
+        stopped = truth(arguments, service.field, "args") is service.stopping
         self._stop_robot(stopped)
         return {"success": True, "message": "latched" if stopped else "cleared"}
 

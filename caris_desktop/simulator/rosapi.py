@@ -25,8 +25,8 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
 
     def topics(_: Message) -> Message:
         names = sorted(server.topics)
-        told = {"topics": names, "types": [server.topics[name].type for name in names]}
-        return told if dialect is Dialect.ROS1 else {**told, "typedefs_full_text": []}
+        answer = {"topics": names, "types": [server.topics[name].type for name in names]}
+        return answer if dialect is Dialect.ROS1 else {**answer, "typedefs_full_text": []}
 
     def topic_type(arguments: Message) -> Message:
         topic = server.topics.get(name_in(arguments, "topic"))

@@ -28,14 +28,14 @@ class SoundOnRos:
     ``/simulator/say``; ``/simulator/prepare`` only synthesises. std_msgs/Bool on ``SPEAKING_TOPIC`` is true meanwhile.
     """
 
-    def __init__(self, wiring: Wiring, told: AudioTopics, lines: Sequence[str] = ()) -> None:
+    def __init__(self, wiring: Wiring, interface: AudioTopics, lines: Sequence[str] = ()) -> None:
         self._wiring = wiring
         self._steps = 0
         self._random = np.random.default_rng(5)
         self._played_s = 0.0
         self.microphone = Microphone()
-        self._topic = wiring.publishes(told.microphone, "audio_common_msgs", "AudioData")
-        wiring.obeys(told.speaker, "audio_common_msgs", "AudioData", self._on_sound)
+        self._topic = wiring.publishes(interface.microphone, "audio_common_msgs", "AudioData")
+        wiring.obeys(interface.speaker, "audio_common_msgs", "AudioData", self._on_sound)
         wiring.obeys(SAY_TOPIC, "std_msgs", "String", self._on_say)
         wiring.serves("/simulator/prepare", "simulator", "Say", self._prepare)
         wiring.serves("/simulator/say", "simulator", "Say", self._say)

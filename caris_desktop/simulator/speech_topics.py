@@ -17,13 +17,15 @@ logger = logging.getLogger(__name__)
 class SpeechOnTopics:
     """std_msgs/String in; Bool while it speaks, and Empty to stop it, if the model has them."""
 
-    def __init__(self, wiring: Wiring, told: SpeechTopics, *, muted: bool) -> None:
+    def __init__(self, wiring: Wiring, interface: SpeechTopics, *, muted: bool) -> None:
         self._wiring = wiring
         self.voice = Voice(self._on_speaking, muted=muted)
-        wiring.obeys(told.topic, "std_msgs", "String", self._on_say)
-        if told.stop is not None:
-            wiring.obeys(told.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
-        self._speaking = wiring.publishes(told.speaking, "std_msgs", "Bool", latched=True) if told.speaking else None
+        wiring.obeys(interface.topic, "std_msgs", "String", self._on_say)
+        if interface.stop is not None:
+            wiring.obeys(interface.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
+        self._speaking = (
+            wiring.publishes(interface.speaking, "std_msgs", "Bool", latched=True) if interface.speaking else None
+        )
         self._on_speaking(False)
 
     def publish_due(self) -> None:
@@ -41,13 +43,13 @@ class SpeechOnTopics:
 class SpeechOnAction:
     """pal_interaction_msgs/TtsAction: one sentence at a time; a newer goal preempts the present one."""
 
-    def __init__(self, wiring: Wiring, told: SpeechAction, *, muted: bool) -> None:
+    def __init__(self, wiring: Wiring, interface: SpeechAction, *, muted: bool) -> None:
         self.voice = Voice(self._on_speaking, muted=muted)
         self._goal_id: str | None = None
         self._text = ""
         self._begun = False
         self._server = ActionlibServer(
-            wiring, told.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
+            wiring, interface.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
         )
 
     def publish_due(self) -> None:

@@ -289,7 +289,7 @@ def _part_of(dialect: Dialect, type_: str, part: int = 0) -> str | None:
 
 
 def _typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
-    told: list[dict[str, Any]] = []
+    typedefs: list[dict[str, Any]] = []
     waiting, seen = [(type_, part)], {type_}
     while waiting:
         name, which = waiting.pop(0)
@@ -297,12 +297,12 @@ def _typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
         if definition is None:
             continue
         entries = list(_fields(definition))
-        told.append(_typedef(name, entries))
+        typedefs.append(_typedef(name, entries))
         for entry in entries:
             if entry.type not in _PRIMITIVES and entry.type not in seen:
                 seen.add(entry.type)
                 waiting.append((entry.type, 0))
-    return told
+    return typedefs
 
 
 def _typedef(name: str, entries: list[_Field]) -> dict[str, Any]:
