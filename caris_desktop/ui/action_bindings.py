@@ -480,8 +480,8 @@ class Actions(QObject):
         else:
             handlers = self._answering.get(spec.group, self._handlers)
         handler = getattr(handlers, spec.callback)
-        told = handler() if spec.argument is None else handler(spec.argument)
-        return told if isinstance(told, str) else ""
+        refusal = handler() if spec.argument is None else handler(spec.argument)
+        return refusal if isinstance(refusal, str) else ""
 
     def available(self, action_id: str) -> bool:
         spec = self.spec(action_id)

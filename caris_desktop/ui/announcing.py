@@ -64,8 +64,8 @@ class Announcements(QObject):
             case _:
                 own = False
         if own or getattr(event, "actor", "").startswith(OTHER_WIZARD):
-            told = event_sentence(event, partial(name_of, self._console))
-            announce(self._window, "" if told is None else told[1])
+            sentence = event_sentence(event, partial(name_of, self._console))
+            announce(self._window, "" if sentence is None else sentence[1])
 
 
 def announce(widget: QWidget, text: str) -> None:

@@ -26,9 +26,13 @@ CATEGORIES = (SAID, MOVED, PEOPLE, SESSION, PROBLEMS)
 
 def event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | None:
     """Category and sentence of an event; None for events that only the recording needs."""
-    told = _event_sentence(event, name_of)
+    sentence = _event_sentence(event, name_of)
     by = _by_whom(event)
-    return told if told is None or not by else (told[0], tr("{what} · by {whom}").format(what=told[1], whom=by))
+    return (
+        sentence
+        if sentence is None or not by
+        else (sentence[0], tr("{what} · by {whom}").format(what=sentence[1], whom=by))
+    )
 
 
 def _assistant_sentence(setting: str, name: str) -> str:
@@ -53,10 +57,10 @@ def _by_whom(event: object) -> str:
     actor: Actor = getattr(event, "actor", "")
     if actor.startswith(OTHER_WIZARD):
         return tr("wizard {name}").format(name=actor.removeprefix(OTHER_WIZARD))
-    told = isinstance(event, events.AlarmChanged | events.DriveEnded | events.GuardChanged) or bool(
+    not_sent = isinstance(event, events.AlarmChanged | events.DriveEnded | events.GuardChanged) or bool(
         getattr(event, "detail", "")
     )
-    if actor in ("", WIZARD) or (actor == CONSOLE and told):
+    if actor in ("", WIZARD) or (actor == CONSOLE and not_sent):
         return ""
     whom = in_words(actor)
     return tr(whom)

@@ -154,14 +154,14 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
 def settle(specs: Iterable[ActionSpec], choices: Choices) -> ResolvedBindings:
     """Resolve the bindings: the wizard's choices where possible, which take precedence over the scenario's keys."""
     standard = list(specs)
-    told: list[str] = []
+    messages: list[str] = []
     chosen: dict[str, Keys] = {}
     for spec in standard:
         keys = choices.get(name_of_row(spec))
         if keys is not None:
             why = _broken(spec, keys, standard)
             if why:
-                told.append(tr("“{act}”: {why}").format(act=spec.text, why=why))
+                messages.append(tr("“{act}”: {why}").format(act=spec.text, why=why))
             else:
                 chosen[spec.id] = keys
     firm = [spec for spec in standard if spec.id in chosen or not spec.own_key]
@@ -175,16 +175,16 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> ResolvedBindings:
         loser = next(each for each in reversed(ids) if each in chosen)
         del chosen[loser]
         other = next(each for each in ids if each != loser)
-        told.append(
+        messages.append(
             tr("“{act}”: {key} is already assigned to “{other}”.").format(
                 act=by_id[loser].text, key=key, other=by_id[other].text
             )
         )
-    return _with_own_keys(standard, rows, tuple(told))
+    return _with_own_keys(standard, rows, tuple(messages))
 
 
 def _with_own_keys(
-    standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], told: tuple[str, ...]
+    standard: Sequence[ActionSpec], firm: Sequence[ActionSpec], messages: tuple[str, ...]
 ) -> ResolvedBindings:
     taken = {normalized(key): spec for spec in firm for key in (*spec.keys, *spec.driving_keys)}
     settled = {spec.id: spec for spec in firm}
@@ -199,7 +199,9 @@ def _with_own_keys(
             clashes.append((spec, other))
             # The row stays without a key, so that the shortcut sheet can assign another one.
             settled[spec.id] = replace(spec, keys=())
-    return ResolvedBindings(tuple(settled[spec.id] for spec in standard if spec.id in settled), told, tuple(clashes))
+    return ResolvedBindings(
+        tuple(settled[spec.id] for spec in standard if spec.id in settled), messages, tuple(clashes)
+    )
 
 
 def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:

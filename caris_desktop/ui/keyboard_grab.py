@@ -40,12 +40,12 @@ class KeyboardGrab(QObject):
         self._until_s = 0.0
         self._look = QTimer(self, interval=_LOOK_EVERY_MS)
         self._look.timeout.connect(self._release_if_focus_moved)
-        self._told = QTimer(self, singleShot=True, interval=_TOLD_MS)
+        self._report_timer = QTimer(self, singleShot=True, interval=_TOLD_MS)
 
     @property
     def just_taken(self) -> bool:
         """Whether a keyboard grab reported by the X server is our own."""
-        return self._holder is not None or self._told.isActive()
+        return self._holder is not None or self._report_timer.isActive()
 
     def hold_during_close(self, closing: QWidget, main: QWidget) -> None:
         """Grab the keyboard for the window behind ``closing``: its parent, else ``main``."""
@@ -77,5 +77,5 @@ class KeyboardGrab(QObject):
         self._look.stop()
         if self._holder is not None:
             holder, self._holder = self._holder, None
-            self._told.start()
+            self._report_timer.start()
             holder.setKeyboardGrabEnabled(False)

@@ -70,7 +70,7 @@ class LayoutStore(QObject):
         self._console = console
         self._kept = LayoutFile(wizards)
         self._show_scenario = show_scenario
-        self._told: LayoutNode | None = None
+        self._recorded: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
         self._in_replay = False
         self._borrowers: tuple[QWidget, ...] = ()
@@ -378,7 +378,7 @@ class LayoutStore(QObject):
         self._fit()
 
     def _begin_reporting(self) -> None:
-        self._told = None
+        self._recorded = None
         self.rest.start()
 
     def record_layout(self) -> None:
@@ -386,8 +386,8 @@ class LayoutStore(QObject):
         if not self._docks.isVisible():
             self.rest.start()
             return
-        tree, before = self._docks.tree, self._told
-        self._told = tree
+        tree, before = self._docks.tree, self._recorded
+        self._recorded = tree
         if tree is None:
             return
         if before is None and self._of_scenario is not None:

@@ -132,8 +132,8 @@ class ProblemCards(InSight):
     def _place(self) -> None:
         place = self._free_place() if self._cards else None
         self._asked_for = self._asked_for and bool(self._cards) and place is None
-        told = gravest(self._cards).problem if self._cards and place is None else None
-        self.line.show_problem(told, len(self._cards), opened=self._asked_for)
+        problem = gravest(self._cards).problem if self._cards and place is None else None
+        self.line.show_problem(problem, len(self._cards), opened=self._asked_for)
         if place is None and self._asked_for:
             place = in_the_corner(Rect(0, 0, self._over.width(), self._over.height()), self._height_for)
         self.setVisible(place is not None)
@@ -231,7 +231,7 @@ class ProblemCard(QWidget):
         self._only_called = False
         self._count = 1 if alarm is None else alarm.times
         self._folded = () if alarm is None else alarm.folded
-        self._told_why = "" if alarm is None else alarm.why
+        self._shown_why = "" if alarm is None else alarm.why
         self._what = QLabel()
         self._meaning = QLabel()
         self._advice = QLabel()
@@ -277,10 +277,10 @@ class ProblemCard(QWidget):
 
     def show_alarm(self, alarm: Alarm) -> None:
         problem = _as_problem(alarm)
-        shown = (self.problem, self._count, self._folded, self._told_why)
+        shown = (self.problem, self._count, self._folded, self._shown_why)
         if (problem, alarm.times, alarm.folded, alarm.why) == shown:
             return
-        self._count, self._folded, self._told_why = alarm.times, alarm.folded, alarm.why
+        self._count, self._folded, self._shown_why = alarm.times, alarm.folded, alarm.why
         self.show_problem(problem)
 
     def start_going_away(self) -> None:
@@ -298,7 +298,7 @@ class ProblemCard(QWidget):
         also = ""
         if self._folded:
             also = tr("Caused by this: {what}").format(what=" ".join(self._folded[-2:]))
-        texts = (what, self.problem.meaning, self.problem.advice, self._told_why, also)
+        texts = (what, self.problem.meaning, self.problem.advice, self._shown_why, also)
         small = self._theme.font(tokens.STATUS_PX + 1)
         large = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
         for label, text, role in zip(self._labels, texts, ("text", "dim", "text", "dim", "dim"), strict=True):

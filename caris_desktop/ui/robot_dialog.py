@@ -457,8 +457,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.saved.emit(choice)
 
     def _show_failure(self, failure: UserFacingError) -> None:
-        told = " ".join(map(tr, (failure.what, failure.meaning, failure.advice)))
-        self._note.show_note("red", "warning-octagon", told)
+        text = " ".join(map(tr, (failure.what, failure.meaning, failure.advice)))
+        self._note.show_note("red", "warning-octagon", text)
 
     # ---- display
 

@@ -149,7 +149,7 @@ class StatusBar(Bar, InSight):
         """``first`` are at the left end, then ``news``, to which all other items yield."""
         super().__init__()
         self._in_replay = False
-        self._told: tuple[object, ...] = ()
+        self._shown_states: tuple[object, ...] = ()
         self.setObjectName("status_bar")
         self.setFixedHeight(HEIGHT_PX)
         self._theme = theme
@@ -201,7 +201,7 @@ class StatusBar(Bar, InSight):
 
     def _on_changed(self, _value: object) -> None:
         """Update at once on a new state; mere counters wait for the next refresh."""
-        if self._states() != self._told:
+        if self._states() != self._shown_states:
             self.refresh()
 
     def _states(self) -> tuple[object, ...]:
@@ -218,7 +218,7 @@ class StatusBar(Bar, InSight):
 
     def refresh(self) -> None:
         state, items = self._console.state, self.items
-        self._told = self._states()
+        self._shown_states = self._states()
         link: LinkStatus = state.link.value
         role, said = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
@@ -299,18 +299,18 @@ class StatusBar(Bar, InSight):
 
         The bar's tooltip shows hidden items, an item's own its elided text.
         """
-        told = {name: item for name, item in self.items.items() if item.text}
+        with_text = {name: item for name, item in self.items.items() if item.text}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
-        widths += [item.full_px for item in told.values()]
+        widths += [item.full_px for item in with_text.values()]
         news_px = min(self._news.full_px, _NEWS_PX[1])
         widths += [] if self._news.isHidden() else [news_px]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
         gone = []
         for name in _MAY_GO if self._news.isHidden() else (*_MAY_GO, "video"):
-            left_out = name in told and told[name].role == "dim" and missing_px > 0
+            left_out = name in with_text and with_text[name].role == "dim" and missing_px > 0
             if left_out:
-                missing_px -= told[name].full_px + _GAP_PX
-                gone.append(told[name].text)
+                missing_px -= with_text[name].full_px + _GAP_PX
+                gone.append(with_text[name].text)
             self.items[name].leave_out(left_out)
         self.setToolTip("\n".join(gone))
         self.setAccessibleDescription(", ".join(gone))

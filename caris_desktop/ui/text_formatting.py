@@ -374,23 +374,23 @@ def _has_no_kind(words: str) -> bool:
 
 def person_state(box: PersonBox) -> str:
     """State of a detected person in a word or two; nothing for the usual or unknown."""
-    told = (
+    words = (
         tr("sitting") if box.posture == "sitting" else "",
         tr("hand raised") if box.hand_raised else "",
         tr("faces robot") if box.facing else "",
     )
-    return " · ".join(word for word in told if word)
+    return " · ".join(word for word in words if word)
 
 
-def no_picture(age_s: float | None, told: CameraState | None) -> str:
-    """Placeholder text for a lost camera's image; ``told``: the camera's reported state."""
-    if told is not None and told.state == "ended":
-        return tr(told.detail) or tr("The camera stream has ended. A recording continues without it.")
+def no_picture(age_s: float | None, state: CameraState | None) -> str:
+    """Placeholder text for a lost camera's image; ``state``: the camera's reported state."""
+    if state is not None and state.state == "ended":
+        return tr(state.detail) or tr("The camera stream has ended. A recording continues without it.")
     if age_s is None:
         lost = tr("No picture yet. The console is trying again.")
     else:
         lost = tr("No picture for {time}. The console is trying again.").format(time=age(age_s))
-    why = tr(told.detail) if told is not None and told.state in ("lost", "connecting") else ""
+    why = tr(state.detail) if state is not None and state.state in ("lost", "connecting") else ""
     return " ".join(filter(None, (lost, why)))
 
 

@@ -138,7 +138,7 @@ def test_people_are_told_and_have_their_card_wherever_the_panel_is(window: MainW
     for _ in range(3):
         window.dock_host.toggle_floating("people")
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
-        panel._told.refresh()
+        panel._regions.refresh()
         panel.open_card(person_id)
         assert panel.card is not None and panel.card.isVisible()
         panel.card.close_card()

@@ -33,8 +33,8 @@ class LevelsButton(ActionButton):
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
         self.set_label(tr("Automatic") if acting else "", look="amber" if acting else "ghost")
-        told = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
-        self.setToolTip("\n".join((tr("Assistance levels"), *told)))
+        lines = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
+        self.setToolTip("\n".join((tr("Assistance levels"), *lines)))
         self.setAccessibleName(tr("Assistance levels"))
         self.setEnabled(self._state.present.live)
 

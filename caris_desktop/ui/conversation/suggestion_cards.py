@@ -124,10 +124,10 @@ class SuggestionCards(QWidget):
         if status.state == "asking":
             return tr("{model} is writing suggestions based on {grounds}").format(model=status.model, grounds=grounds)
         edit = self._context.actions.key_text("edit_suggestion_1")
-        told = [tr("Suggested by {model}, based on {grounds}").format(model=status.model, grounds=grounds)]
+        parts = [tr("Suggested by {model}, based on {grounds}").format(model=status.model, grounds=grounds)]
         if edit:
-            told.append(tr("{key} edit first").format(key=edit))
-        return " · ".join(told)
+            parts.append(tr("{key} edit first").format(key=edit))
+        return " · ".join(parts)
 
 
 class _Card(QAbstractButton):

@@ -121,7 +121,7 @@ class TranscriptView(QAbstractScrollArea):
         self._field.entered.connect(self._on_written)
         # Leaving without Enter discards the edit.
         self._field.left.connect(self.give_up_writing)
-        self._told = AccessibleRegions(
+        self._regions = AccessibleRegions(
             self.viewport(), self.viewport(), lambda: _spots(self), self._on_accessible_press
         )
         theme.changed.connect(self._on_theme_changed)
@@ -322,14 +322,14 @@ class TranscriptView(QAbstractScrollArea):
         row = self._row_of(utterance_id)
         if row is None or not self._may_change:
             return
-        told = self._rows[row]
+        utterance = self._rows[row]
         self._make_current(utterance_id)
         self._writing = (act, utterance_id)
         self._field.setFont(self._theme.font(WORDS_PX))
         self._field.setPlaceholderText(tr("Tags separated by commas, then Enter") if act == "tags" else "")
         named = tr("Tags of {said}") if act == "tags" else tr("Transcript text: {said}")
-        self._field.setAccessibleName(named.format(said=told.text))
-        self._field.setPlainText(", ".join(told.tags) if act == "tags" else told.text)
+        self._field.setAccessibleName(named.format(said=utterance.text))
+        self._field.setPlainText(", ".join(utterance.tags) if act == "tags" else utterance.text)
         self._field.moveCursor(QTextCursor.MoveOperation.End)
         self._place_field()
         self._field.show()
@@ -368,13 +368,13 @@ class TranscriptView(QAbstractScrollArea):
 
     def buttons(self, row: int) -> list[tuple[RowButton, QRect]]:
         """Buttons of a turn with their rectangles in the viewport."""
-        told = self._rows[row]
-        if not self._may_change or told.utterance_id not in (self._current, self._hovered):
+        utterance = self._rows[row]
+        if not self._may_change or utterance.utterance_id not in (self._current, self._hovered):
             return []
         rect, placed = self.row_rect(row), []
         right = rect.right() - SIDE_PX + 6
         for button in reversed(_BUTTONS):
-            if told.changeable or button.act not in _OF_HEARD_ONLY:
+            if utterance.changeable or button.act not in _OF_HEARD_ONLY:
                 right -= _BUTTON_PX
                 placed.append((button, QRect(right, rect.top() + 2, _BUTTON_PX, _BUTTON_PX)))
         return placed[::-1]
@@ -450,8 +450,8 @@ class TranscriptView(QAbstractScrollArea):
         self._current = utterance_id
         row = self._row_of(utterance_id)
         if row is not None:
-            told = self._rows[row]
-            self.setAccessibleDescription(told.spoken)
+            utterance = self._rows[row]
+            self.setAccessibleDescription(utterance.spoken)
             self._bring_into_view(row)
         self.viewport().update()
 
@@ -512,11 +512,11 @@ def _spots(view: TranscriptView) -> list[AccessibleRegion]:
     """Accessible regions: visible turns and their buttons."""
     spots = []
     for row in view.visible_rows() if view.rows else ():
-        told = view.rows[row]
-        about = tr("Selected") if told.utterance_id == view.current else ""
-        spots.append(AccessibleRegion((told.utterance_id, "pick"), told.spoken, view.row_rect(row), about))
+        utterance = view.rows[row]
+        about = tr("Selected") if utterance.utterance_id == view.current else ""
+        spots.append(AccessibleRegion((utterance.utterance_id, "pick"), utterance.spoken, view.row_rect(row), about))
         spots += [
-            AccessibleRegion((told.utterance_id, button.act), f"{tr(button.tip)}: {told.words}", place)
+            AccessibleRegion((utterance.utterance_id, button.act), f"{tr(button.tip)}: {utterance.words}", place)
             for button, place in view.buttons(row)
         ]
     return spots

@@ -164,7 +164,7 @@ class _EntryList(QWidget):
         self._breaks: Sequence[int] = ()
         self.asked_again: PaletteItem | None = None
         self.setMouseTracking(True)
-        self._told = AccessibleRegions(self, self, self._spots, self._on_accessible_press)
+        self._regions = AccessibleRegions(self, self, self._spots, self._on_accessible_press)
 
     @property
     def entries(self) -> tuple[PaletteItem, ...]:

@@ -121,8 +121,10 @@ def link_words(measured: TrafficMeasured) -> str:
     name = _LINK_WORDS.get(measured.link, measured.link)
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
-    told = tr("{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} rejected")
-    return told.format(
+    template = tr(
+        "{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} rejected"
+    )
+    return template.format(
         name=name,
         encoding=tr(_ENCODINGS[measured.encoding]),
         topics=len(measured.topics),
@@ -277,10 +279,10 @@ def detection_words(perception: PerceptionStatus) -> list[str]:
     lines = [tr("Person detector: {model}").format(model=perception.model)] if perception.model else []
     if not perception.looks_per_s:
         return lines
-    told = ", ".join(
+    rates = ", ".join(
         f"{text_formatting.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items()
     )
-    looks = tr("Detector runs per second: {told}").format(told=told)
+    looks = tr("Detector runs per second: {told}").format(told=rates)
     took = [] if perception.inference_ms is None else [tr("{took:.0f} ms per run").format(took=perception.inference_ms)]
     return [*lines, " · ".join((looks, *took))]
 
@@ -294,8 +296,8 @@ _HEALTH_WORDS: dict[Health, str] = {
 
 def process_words(health: dict[str, Health]) -> list[str]:
     """Child processes, named as in a system monitor; failed ones first."""
-    told = sorted(health.items(), key=lambda each: (each[1] == "running", each[0]))
-    parts = ", ".join(f"{title_of(name)} {tr(_HEALTH_WORDS[how])}" for name, how in told)
+    in_order = sorted(health.items(), key=lambda each: (each[1] == "running", each[0]))
+    parts = ", ".join(f"{title_of(name)} {tr(_HEALTH_WORDS[how])}" for name, how in in_order)
     return [tr("Processes: {parts}").format(parts=parts)] if parts else []
 
 

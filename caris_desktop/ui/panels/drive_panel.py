@@ -301,9 +301,9 @@ class DrivePanel(Panel):
             return tr("Release to stop."), "dim"
         if going_to:
             speed, as_drive_says = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
-            told = tr("{speed}. {key} stops the robot.") if speed else tr("{key} stops the robot.")
-            told = told.format(speed=speed, key=self.table.key_text("stop"))
-            return told, "dim" if as_drive_says else "amber"
+            text = tr("{speed}. {key} stops the robot.") if speed else tr("{key} stops the robot.")
+            text = text.format(speed=speed, key=self.table.key_text("stop"))
+            return text, "dim" if as_drive_says else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
         return sentence, "amber" if owner in ("nowhere", "dialog", "menu", "elsewhere") else "dim"

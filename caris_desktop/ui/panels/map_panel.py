@@ -58,11 +58,11 @@ class MapPanel(Panel):
         self._follows_on_map = False  # in the odometry frame the view always follows the robot
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
-        self._told = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
+        self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
         layout = layouts.vbox(self, margins_px=0)
         layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
-        self.tools.told.connect(self._on_reported)
+        self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_title_widgets()
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
@@ -388,10 +388,10 @@ class MapPanel(Panel):
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, GoalChanged) and event.state not in text_formatting.UNDER_WAY:
-            told = event_messages.event_sentence(event, str)
+            sentence = event_messages.event_sentence(event, str)
             role = {"reached": "good", "failed": "bad"}.get(event.state, "hint")
-            if told is not None:
-                self._ended = (told[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)
+            if sentence is not None:
+                self._ended = (sentence[1], role, time.monotonic() + GOAL_ENDED_SHOWN_S)
             self._refresh()
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
@@ -450,7 +450,7 @@ class MapPanel(Panel):
             return
         state = self.state
         self.view.show_chips(self._chips())
-        self._told.changed()
+        self._description.changed()
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
         if not state.present.live:

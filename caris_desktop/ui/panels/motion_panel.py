@@ -98,7 +98,7 @@ class MotionPanel(Panel):
         for part in (self._widget, self._widget.viewport()):
             part.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._told = ThrottledAccessibleDescription(self._widget, self.value_text)
+        self._description = ThrottledAccessibleDescription(self._widget, self.value_text)
         self._widget.ci.setContentsMargins(0, 0, 0, 0)
         self._widget.ci.layout.setSpacing(4)
         self._plots: list[Any] = []
@@ -233,7 +233,7 @@ class MotionPanel(Panel):
     def _draw(self) -> None:
         state = self.state
         self._say()
-        self._told.changed()
+        self._description.changed()
         self._note_limits()
         still = self._paused_at_ns is not None and self._drawn_ns == self._paused_at_ns
         if not self.isVisible() or not self.in_view or still:

@@ -77,7 +77,7 @@ class PeoplePanel(Panel):
         column.addWidget(self._empty)
         self._stack.addWidget(centered)
         self._stack.addWidget(self.list)
-        self._told = AccessibleRegions(
+        self._regions = AccessibleRegions(
             holder, self.list.viewport(), self.list.accessible_spots, self.list.press_accessible
         )
         layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
@@ -467,9 +467,9 @@ class PeoplePanel(Panel):
 
     def _report_decision(self) -> None:
         """Describe the decision with the current name: the event precedes the rows that follow from it."""
-        told = event_messages.event_sentence(self._decided, self._name_of)
-        if told is not None:
-            self._undo.say(told[1])
+        sentence = event_messages.event_sentence(self._decided, self._name_of)
+        if sentence is not None:
+            self._undo.say(sentence[1])
 
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)

@@ -198,8 +198,10 @@ def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: di
         has = {"person": photo.person_ids, "tag": photo.tags, "camera": (photo.camera,)}[kind]
         if what not in has:
             return False
-    told = " ".join((time_of(photo), text_formatting.camera_title(photo.camera), *people_of(photo, names), *photo.tags))
-    return all(word in told.casefold() for word in text.casefold().split())
+    searched = " ".join(
+        (time_of(photo), text_formatting.camera_title(photo.camera), *people_of(photo, names), *photo.tags)
+    )
+    return all(word in searched.casefold() for word in text.casefold().split())
 
 
 def time_of(photo: PhotoEntry) -> str:
@@ -413,8 +415,8 @@ class LargePhoto(QWidget):
         self.picture.show_jpeg(b"" if photo.deleted else photo.preview_jpeg)
         pose = photo.pose_in_map
         where = "" if pose is None else tr("robot at {x:.1f}, {y:.1f} m").format(x=pose.x_m, y=pose.y_m)
-        told = (time_of(photo), text_formatting.camera_title(photo.camera), ", ".join(people_of(photo, names)), where)
-        self.about.setText(" · ".join(part for part in told if part))
+        parts = (time_of(photo), text_formatting.camera_title(photo.camera), ", ".join(people_of(photo, names)), where)
+        self.about.setText(" · ".join(part for part in parts if part))
         if other or (before is not None and before.tags != photo.tags):
             self.tags.setText(", ".join(photo.tags))
         if other:

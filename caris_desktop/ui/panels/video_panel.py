@@ -68,7 +68,7 @@ class VideoPanel(Panel):
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
         self._seen = SeenLately()
-        self._told = ThrottledAccessibleDescription(
+        self._description = ThrottledAccessibleDescription(
             self.view, lambda: video_description(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
         )
         self.strip = CameraStrip(self.theme, self)
@@ -302,7 +302,7 @@ class VideoPanel(Panel):
         self.view.show_state(state.state_of(state.camera.value).value)
         self.view.show_age(age_s, late=state.frame.arrives_late)
         self._seen.add(self.view, now_s)
-        self._told.changed()
+        self._description.changed()
         self.strip.refresh()
 
     def _hints(self) -> list[tuple[str, str]]:

@@ -57,8 +57,8 @@ class MergePage(QWidget):
             side.addWidget(face, 0, Qt.AlignmentFlag.AlignHCenter)
             side.addWidget(name)
             both.addLayout(side, 1)
-        self._told = QLabel(wordWrap=True)
-        self._told.setObjectName("merge_told")
+        self._consequence = QLabel(wordWrap=True)
+        self._consequence.setObjectName("merge_told")
         back = ActionButton(theme, tr("Back"), icon="caret-left")
         back.setObjectName("merge_back")
         back.clicked.connect(self._on_back)
@@ -77,7 +77,7 @@ class MergePage(QWidget):
             button.clicked.connect(lambda _checked=False, index=number: self._choose(self._ids[index]))
             column.addWidget(button)
         column.addWidget(self._both)
-        column.addWidget(self._told)
+        column.addWidget(self._consequence)
         column.addLayout(row)
         column.addStretch(1)
         theme.restyle_on_change(self._style)
@@ -104,7 +104,7 @@ class MergePage(QWidget):
         self._title.setText(tr("Are these the same person?") if comparing else who)
         self._field.setVisible(not comparing)
         self._both.setVisible(comparing)
-        self._told.setVisible(comparing)
+        self._consequence.setVisible(comparing)
         self._do.setVisible(comparing)
         fits = [] if comparing else self._who_fits(person)
         for number, button in enumerate(self._offered):
@@ -129,7 +129,7 @@ class MergePage(QWidget):
             face.show_person(each)
             name.setText(text_formatting.person_name(each))
         goes, stays = who_stays(person, other)
-        self._told.setText(
+        self._consequence.setText(
             tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.").format(
                 goes=text_formatting.person_name(goes), stays=text_formatting.person_name(stays)
             )
@@ -157,6 +157,6 @@ class MergePage(QWidget):
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._told.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self._consequence.setFont(self._theme.font(tokens.STATUS_PX + 1))
         for name in self._names:
             name.setFont(self._theme.font(tokens.STATUS_PX + 1))

@@ -29,7 +29,7 @@ class PeopleModel(QAbstractListModel):
         self._present = present
         self._camera = ""
         self._persons: list[PersonRow] = []
-        self._told: list[tuple[object, ...]] = []
+        self._shown: list[tuple[object, ...]] = []
         self._row_of: dict[str, int] = {}
         self._known: frozenset[str] = frozenset()
         self._captions: dict[int, str] = {}
@@ -100,19 +100,19 @@ class PeopleModel(QAbstractListModel):
         there = {person.person_id for person in self._persons}
         if len(there ^ wanted) > _MANY:
             self.beginResetModel()
-            self._persons, self._told = list(ordered), [()] * len(ordered)
+            self._persons, self._shown = list(ordered), [()] * len(ordered)
             self.endResetModel()
             return
         for row in reversed(range(len(self._persons))):
             if self._persons[row].person_id not in wanted:
                 self.beginRemoveRows(root, row, row)
-                del self._persons[row], self._told[row]
+                del self._persons[row], self._shown[row]
                 self.endRemoveRows()
         for place, person in enumerate(ordered):
             if person.person_id not in there:
                 self.beginInsertRows(root, place, place)
                 self._persons.insert(place, person)
-                self._told.insert(place, ())
+                self._shown.insert(place, ())
                 self.endInsertRows()
             elif self._persons[place].person_id != person.person_id:
                 came_from = next(
@@ -120,7 +120,7 @@ class PeopleModel(QAbstractListModel):
                 )
                 if self.beginMoveRows(root, came_from, came_from, root, place):
                     self._persons.insert(place, self._persons.pop(came_from))
-                    self._told.insert(place, self._told.pop(came_from))
+                    self._shown.insert(place, self._shown.pop(came_from))
                     self.endMoveRows()
 
     def refresh_ages(self) -> None:
@@ -137,8 +137,8 @@ class PeopleModel(QAbstractListModel):
                     self.knows(person.person_id),
                     self.is_unconfirmed(person.person_id),
                 )
-            if seen != self._told[row]:
-                self._told[row] = seen
+            if seen != self._shown[row]:
+                self._shown[row] = seen
                 self.dataChanged.emit(self.index(row), self.index(row))
 
     def seen(self, person: PersonRow) -> str:

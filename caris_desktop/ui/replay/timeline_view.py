@@ -74,7 +74,7 @@ class TimelineView(QWidget):
         self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
-        self._told = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
+        self._description = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
         self.acts = TimelineCommands(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
         self.acts.timeline_wanted.connect(lambda: self.open_wanted.emit(True))
@@ -274,7 +274,7 @@ class TimelineView(QWidget):
         if playback.end_ns != self._shown_end_ns:
             self._show_session()
         self.canvas.show_position(self.acts.ms_of(playback.position_ns), playing=playback.playing)
-        self._told.changed()
+        self._description.changed()
 
     def _on_selection_changed(self) -> None:
         active = self.canvas.active
@@ -285,7 +285,7 @@ class TimelineView(QWidget):
         self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
         self._fact.setText(self._fact_text())
         self._fact.setToolTip(self._fact.text())
-        self._told.changed()
+        self._description.changed()
         self.update()
 
     def _accessible_text(self) -> str:
@@ -345,7 +345,7 @@ class TimelineView(QWidget):
             bar.setSingleStep(max(1, round(page / 10)))
             bar.setValue(round(value))
             bar.blockSignals(False)
-        self._told.changed()
+        self._description.changed()
 
     def _on_scrolled_across(self, start_ms: int) -> None:
         self.canvas.scroll_across_to(float(start_ms))

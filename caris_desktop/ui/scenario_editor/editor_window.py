@@ -268,18 +268,18 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         for row, page in enumerate(self.pages):
             names = {key.name for key in page.section.keys}
             wrong = sum(bool(mistake.path) and mistake.path[0] in names for mistake in document.mistakes)
-            title = told = tr(page.section.title)
+            title = text = tr(page.section.title)
             if wrong:
-                told = tr("{section}, errors: %n", "", wrong).format(section=title)
+                text = tr("{section}, errors: %n", "", wrong).format(section=title)
                 title = f"{title}  !"
             elif names & changed:
-                told = tr("{section}, changed").format(section=title)
+                text = tr("{section}, changed").format(section=title)
                 title = f"{title}  •"
             item = self.nav.item(row)
             if item.text() != title:
                 item.setText(title)
-                item.setToolTip(told)
-                item.setData(Qt.ItemDataRole.AccessibleTextRole, told)
+                item.setToolTip(text)
+                item.setData(Qt.ItemDataRole.AccessibleTextRole, text)
                 item.setForeground(self._theme.color("red" if wrong else "text"))
 
     def _show_preview(self) -> None:

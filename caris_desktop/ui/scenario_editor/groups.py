@@ -107,10 +107,10 @@ class _Holder(FormPart):
     def refresh(self) -> None:
         for part in self.parts:
             part.refresh()
-        told = self.context.editing.mistakes_at(self.path)
-        if told or not self.mistake_label.isHidden():
-            self.mistake_label.setText("\n".join(sentence_at(mistake, self.title) for mistake in told))
-            self.mistake_label.setVisible(bool(told))
+        mistakes = self.context.editing.mistakes_at(self.path)
+        if mistakes or not self.mistake_label.isHidden():
+            self.mistake_label.setText("\n".join(sentence_at(mistake, self.title) for mistake in mistakes))
+            self.mistake_label.setVisible(bool(mistakes))
 
     def reveal(self, path: KeyPath) -> Field | None:
         if path[: len(self.path)] != self.path:
@@ -468,8 +468,8 @@ class EntryRow(FormPart):
             self._refresh_card(data)
         if self._is_text_group:
             self._refresh_more(data)
-        told = self.context.editing.mistakes_at(self.path) if self._group is not None else []
-        self._show_mistakes("\n".join(sentence_at(mistake, "") for mistake in told))
+        mistakes = self.context.editing.mistakes_at(self.path) if self._group is not None else []
+        self._show_mistakes("\n".join(sentence_at(mistake, "") for mistake in mistakes))
         if self._robot_button is not None:
             self._robot_button.refresh()
 

@@ -99,10 +99,10 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         rows = []
         for key, phrase in zip(keys, group.phrases, strict=False):
             own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
-            told = _reported_taken(phrase.key, taken, colors)
+            remark = _reported_taken(phrase.key, taken, colors)
             rows.append(
                 f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
-                f'<td style="padding:3px 0">{escape(phrase.say)}{own}{told}</td></tr>'
+                f'<td style="padding:3px 0">{escape(phrase.say)}{own}{remark}</td></tr>'
             )
         parts.append(f"<table>{''.join(rows)}</table>")
     filler = _valued(document, "filler")
@@ -115,16 +115,16 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
         parts.append(_line(escape(tr("Gestures, if the robot supports them:")), colors, "dim"))
         keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
         for key, gesture in zip(keys, gestures, strict=False):
-            told = _reported_taken(gesture.key, taken, colors)
-            parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{told}", colors))
+            remark = _reported_taken(gesture.key, taken, colors)
+            parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{remark}", colors))
     return "".join(parts)
 
 
 def _reported_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
     if key not in taken:
         return ""
-    told = escape(tr("{key} already has another function: {what}").format(key=key, what=taken[key]))
-    return f'<br><span style="color:{colors.amber}">{told}</span>'
+    remark = escape(tr("{key} already has another function: {what}").format(key=key, what=taken[key]))
+    return f'<br><span style="color:{colors.amber}">{remark}</span>'
 
 
 def _taken(document: ScenarioDocument) -> dict[str, str]:
@@ -174,8 +174,8 @@ def _places(document: ScenarioDocument, colors: Colors) -> str:
         if place is None:
             break
         led = ", ".join(step.title for step in steps if step.go_to == place.name)
-        told = tr(" · used in step {steps}").format(steps=led) if led else ""
-        dim = f'<span style="color:{colors.dim}">{escape(told)}</span>'
+        remark = tr(" · used in step {steps}").format(steps=led) if led else ""
+        dim = f'<span style="color:{colors.dim}">{escape(remark)}</span>'
         parts.append(_line(f"{_cap(key or '', colors)} {escape(place.name)}{dim}", colors))
     if len(parts) == 1:
         parts.append(_line(escape(tr("No places yet. The first place you add is on Alt+1.")), colors, "dim"))
@@ -210,11 +210,11 @@ def _assistant(document: ScenarioDocument, colors: Colors) -> str:
         return _heading(said, colors, "amber")
     settings, levels = _valued(document, "assistant"), _valued(document, "assistance")
     parts = [_heading(tr("Instructions to the model before a question"), colors)]
-    told = [("", settings.system_prompt)]
-    told += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
-    told += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
-    told += [(tr("notes"), settings.notes)]
-    for when, text in told:
+    texts = [("", settings.system_prompt)]
+    texts += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
+    texts += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
+    texts += [(tr("notes"), settings.notes)]
+    for when, text in texts:
         if text:
             head = f'<span style="color:{colors.dim}">{escape(when)}: </span>' if when else ""
             parts.append(_line(f"{head}“{escape(text)}”", colors))

@@ -29,7 +29,7 @@ class WizardKeys(QObject):
         self._actions = actions
         self._tell = tell
         self._choices: dict[str, Keys] = {}
-        self._told: frozenset[str] = frozenset()
+        self._reported: frozenset[str] = frozenset()
         wizards.changed.connect(self.take_up)
         actions.rebuilt.connect(self._report_fallbacks)
         self.take_up()
@@ -97,8 +97,8 @@ class WizardKeys(QObject):
 
     def _report_fallbacks(self) -> None:
         fallen_back = frozenset(self._actions.settled.fallen_back)
-        news = fallen_back - self._told
-        self._told = fallen_back
+        news = fallen_back - self._reported
+        self._reported = fallen_back
         if news:
             self._tell(
                 tr("Some of your keys cannot be used here."),

@@ -140,20 +140,20 @@ class PhraseRows(QWidget):
             for spec, _other in self._actions.settled.clashes
             if spec.intent is perform_nth_gesture and spec.argument <= len(scenario.gestures)
         ]
-        told = [
+        sentences = [
             tr("{key} already has another function: “{phrase}” has no key.").format(
                 key=cap_text(phrase.key), phrase=phrase.say
             )
             for phrase in keyless
         ]
-        told += [
+        sentences += [
             tr("{key} already has another function: the gesture “{gesture}” has no key.").format(
                 key=cap_text(gesture.key), gesture=gesture.title
             )
             for gesture in gestures
         ]
-        self._keyless.setText(" ".join(told))
-        self._keyless.setVisible(bool(told))
+        self._keyless.setText(" ".join(sentences))
+        self._keyless.setVisible(bool(sentences))
 
     def _style(self) -> None:
         self._theme.style_text(self._keyless, "amber", tokens.STATUS_PX)

@@ -34,8 +34,8 @@ def video_description(view: FrameView, names: Iterable[str]) -> str:
     """People in view and label texts, or the message in place of the picture."""
     if view.frame is None:
         return _sentences(view.words_without_picture())
-    told = ", ".join(names)
-    people = tr("In the picture: {names}").format(names=told) if told else tr("Nobody in the picture")
+    listed = ", ".join(names)
+    people = tr("In the picture: {names}").format(names=listed) if listed else tr("Nobody in the picture")
     return _sentences((people, *_chips(view.chips)))
 
 

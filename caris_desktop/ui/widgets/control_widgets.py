@@ -108,7 +108,7 @@ class _ToggleFace(ControlWidget):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._use = use
-        self._told: bool | None = None
+        self._reported: bool | None = None
         self._asked: bool | None = None
         self._asked_at_s = float("-inf")
         self._switch = Switch(theme, control.title)
@@ -124,7 +124,7 @@ class _ToggleFace(ControlWidget):
         asked_lately = time.monotonic() - self._asked_at_s < _SETTLE_S
         if self._asked is not None and (asked_lately or self.control.reading is None):
             return self._asked
-        return self._told
+        return self._reported
 
     def _on_clicked(self) -> None:
         wanted = not self._shown()
@@ -134,7 +134,7 @@ class _ToggleFace(ControlWidget):
         self._refresh()
 
     def show_reading(self, value: ControlValue | None) -> None:
-        self._told = None if value is None else bool(value)
+        self._reported = None if value is None else bool(value)
         self._refresh()
 
     def show_state(self, state: str) -> None:
@@ -235,7 +235,7 @@ class _SliderFace(_TitledFace):
         self._steps = _SLIDER_STEPS
         if control.step > 0:
             self._steps = max(1, round((control.highest - control.lowest) / control.step))
-        self._told: float | None = None
+        self._reported: float | None = None
         self._set: float | None = None
         self._sent: float | None = None
         self._last_use_s = float("-inf")
@@ -292,7 +292,7 @@ class _SliderFace(_TitledFace):
             self._use(self._set)
 
     def show_reading(self, value: ControlValue | None) -> None:
-        self._told = None if value is None or isinstance(value, str) else float(value)
+        self._reported = None if value is None or isinstance(value, str) else float(value)
         self._follow()
 
     def show_state(self, state: str) -> None:
@@ -307,17 +307,17 @@ class _SliderFace(_TitledFace):
     def _follow(self) -> None:
         """Follow the reported value, unless the wizard has just moved the slider."""
         lately = time.monotonic() - self._last_use_s < _SETTLE_S or self._slider.isSliderDown()
-        shown = self._set if lately or self._told is None else self._told
+        shown = self._set if lately or self._reported is None else self._reported
         if shown is not None and not lately:
             control = self.control
             share = (shown - control.lowest) / (control.highest - control.lowest or 1.0)
             with QSignalBlocker(self._slider):
                 self._slider.setValue(round(min(1.0, max(0.0, share)) * self._steps))
-            self._sent = self._set = None if self._told is not None else self._set
+            self._sent = self._set = None if self._reported is not None else self._set
         self._refresh()
 
     def _refresh(self) -> None:
-        shown = self._set if self._set is not None else self._told
+        shown = self._set if self._set is not None else self._reported
         self.value_text = tr("not set yet") if shown is None else value_words(self.control, shown)
         self._value.setText(self.value_text)
 
@@ -336,7 +336,7 @@ class _ChoiceFace(_TitledFace):
         super().__init__(theme, control)
         self._use = use
         self._chosen: ControlValue | None = None
-        self._told: ControlValue | None = None
+        self._reported: ControlValue | None = None
         self._buttons: list[tuple[Choice, ActionButton]] = []
         self._list: DropDown | None = None
         if len(control.choices) <= _CHOICES_SIDE_BY_SIDE:
@@ -367,8 +367,8 @@ class _ChoiceFace(_TitledFace):
         self._refresh()
 
     def show_reading(self, value: ControlValue | None) -> None:
-        if value != self._told:
-            self._told = value
+        if value != self._reported:
+            self._reported = value
             self._chosen = None
         self._refresh()
 
@@ -381,7 +381,7 @@ class _ChoiceFace(_TitledFace):
         self._refresh()
 
     def _refresh(self) -> None:
-        value = self._chosen if self._chosen is not None else self._told
+        value = self._chosen if self._chosen is not None else self._reported
         index = next((at for at, choice in enumerate(self.control.choices) if choice.value == value), -1)
         self.value_text = self.control.choices[index].title if index >= 0 else ""
         for at, (_choice, button) in enumerate(self._buttons):

@@ -117,7 +117,7 @@ class FrameView(QWidget):
         self._late = False
         self._lost_reason = ""
         self._camera = ""
-        self._told: CameraState | None = None
+        self._camera_state: CameraState | None = None
         self._out_of_reach = False
         self._chips: list[tuple[str, str]] = []
         self._model: CameraModel | None = None
@@ -232,9 +232,9 @@ class FrameView(QWidget):
             self._image = self._pixels = self._frame = self._spot = None
             self.update()
 
-    def show_state(self, told: CameraState | None) -> None:
+    def show_state(self, state: CameraState | None) -> None:
         """Set the reported state of this computer's camera."""
-        self._told = told
+        self._camera_state = state
 
     def show_lost_reason(self, reason: str) -> None:
         """Set the text added when the video is lost."""
@@ -321,8 +321,8 @@ class FrameView(QWidget):
             return tr("No live picture"), old.format(
                 age=text_formatting.age(self._age_s or 0.0), reason=self._lost_reason
             )
-        if self._camera and (self._freshness == "lost" or self._told is not None):
-            silent = text_formatting.no_picture(self._age_s, self._told)
+        if self._camera and (self._freshness == "lost" or self._camera_state is not None):
+            silent = text_formatting.no_picture(self._age_s, self._camera_state)
             return text_formatting.camera_title(self._camera), f"{silent} {self._lost_reason}"
         if self._freshness == "lost":
             silent = text_formatting.age(self._age_s or 0.0)

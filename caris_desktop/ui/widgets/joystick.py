@@ -58,7 +58,7 @@ class Joystick(QWidget):
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
         self.setToolTip(tr("Drag to drive, release to stop") if use == "base" else tr("Drag to turn the head"))
         theme.changed.connect(self.update)
-        self._told = ThrottledAccessibleDescription(self, self.command_text)
+        self._description = ThrottledAccessibleDescription(self, self.command_text)
 
     def command_text(self) -> str:
         """Current command as text."""
@@ -115,7 +115,7 @@ class Joystick(QWidget):
         if event.type() == QEvent.Type.EnabledChange and not self.isEnabled():
             self.let_go()
         if event.type() == QEvent.Type.EnabledChange:
-            self._told.changed()
+            self._description.changed()
         super().changeEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
@@ -183,7 +183,7 @@ class Joystick(QWidget):
         if wish != self._wish:
             self._wish = wish
             self.moved.emit(wish)
-            self._told.changed()
+            self._description.changed()
 
     def _center(self) -> QPointF:
         return QRectF(self.rect()).center()

@@ -41,7 +41,7 @@ def icon_button(theme: Theme, name: str, icon: str, text: str, key: str = "") ->
 class MapTools(QObject):
     """Tool buttons at the view's edge, and popups at clicked points. ``by_odometry``: there is no map."""
 
-    told = Signal(str, str, float)  # text, role, display time in seconds
+    reported = Signal(str, str, float)  # text, role, display time in seconds
     changed = Signal()
 
     def __init__(self, panel: Panel, view: MapView) -> None:
@@ -201,9 +201,9 @@ class MapTools(QObject):
                 self._console.do(intents.GoToPoint(pose))
             case "pose":
                 self._console.do(intents.SetInitialPose(pose))
-                told = tr("Position sent to the robot")
+                sent = tr("Position sent to the robot")
                 as_before = tr("Position sent to the robot (heading unchanged)")
-                self.told.emit(told if headed else as_before, "hint", _TOLD_SHOWN_S)
+                self.reported.emit(sent if headed else as_before, "hint", _TOLD_SHOWN_S)
             case "place" if moving is not None:
                 old = next((place for place in self._state.places.value if place.name == moving), None)
                 if old is not None and not headed:
@@ -296,5 +296,5 @@ class MapTools(QObject):
     def _refuse_place(self) -> bool:
         """Refuse a point in the odometry frame: the robot cannot be sent there."""
         if self.by_odometry:
-            self.told.emit(tr("Goals and places need a map"), "warning", _NO_PLACE_SHOWN_S)
+            self.reported.emit(tr("Goals and places need a map"), "warning", _NO_PLACE_SHOWN_S)
         return self.by_odometry
