@@ -19,19 +19,19 @@ class ProgressBar:
         self._out = getattr(sys.stderr, "plain", sys.stderr)
         self._drawn = self._out.isatty()
         self._began_s = time.perf_counter()
-        self._told_s = 0.0
-        self._told_tenths = 0
+        self._reported_s = 0.0
+        self._reported_tenths = 0
 
     def update(self, frames: int) -> None:
         now_s = time.perf_counter()
         if self._drawn:
-            if now_s - self._told_s >= _TELL_EVERY_S:
-                self._told_s = now_s
+            if now_s - self._reported_s >= _TELL_EVERY_S:
+                self._reported_s = now_s
                 print(f"\r{self._words(frames)}", end="", file=self._out, flush=True)
             return
         tenths = min(_TELL_LINES - 1, _TELL_LINES * frames // self._about) if self._about else 0
-        if tenths > self._told_tenths:
-            self._told_tenths = tenths
+        if tenths > self._reported_tenths:
+            self._reported_tenths = tenths
             print(self._words(frames), file=self._out, flush=True)
 
     def end(self, frames: int) -> None:

@@ -191,18 +191,18 @@ def _opened(folder: Path) -> Session:
     if not needs_repair(folder):
         return open_session(folder)
     gc.enable()  # disabled for a quick start, which a repair is not
-    told = QProgressDialog()
-    told.setWindowTitle("CARIS Desktop")
-    told.setLabelText(
+    dialog = QProgressDialog()
+    dialog.setWindowTitle("CARIS Desktop")
+    dialog.setLabelText(
         tr(
             "This session was interrupted while it was being recorded.\nIt is being repaired; nothing that "
             "was found is discarded."
         )
     )
-    told.setRange(0, 0)
-    told.setCancelButton(None)
-    told.setMinimumDuration(500)
-    told.setValue(0)
+    dialog.setRange(0, 0)
+    dialog.setCancelButton(None)
+    dialog.setMinimumDuration(500)
+    dialog.setValue(0)
     background = AsyncioThread()
     try:
         opened = background.submit(asyncio.to_thread(open_session, folder))
@@ -212,7 +212,7 @@ def _opened(folder: Path) -> Session:
         return opened.result()
     finally:
         background.stop()
-        told.close()
+        dialog.close()
 
 
 def _session_folder(path: Path) -> Path:

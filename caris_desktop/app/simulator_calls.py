@@ -20,8 +20,8 @@ async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]
 
     try:
         async with asyncio.timeout(_TOLD_WITHIN_S), connect(address) as robot:
-            for number, told in enumerate(arguments):
-                asked = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(told)}
+            for number, values in enumerate(arguments):
+                asked = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(values)}
                 await robot.send(json.dumps(asked))
                 while json.loads(await robot.recv()).get("id") != asked["id"]:
                     pass
