@@ -38,5 +38,4 @@ def _below(base: type[QWidget]) -> Iterator[type[QWidget]]:
 def _is_window(kind: type[QWidget]) -> bool:
     source = inspect.getsource(kind)
     of_its_own = "self.setWindowTitle(" in source or ("super().__init__(" in source and "Qt.WindowType." in source)
-    bases = {base for other in _below(QWidget) for base in other.__bases__}
-    return (issubclass(kind, _WINDOWS) and kind not in bases) or of_its_own
+    return (issubclass(kind, _WINDOWS) and not kind.__subclasses__()) or of_its_own

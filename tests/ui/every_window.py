@@ -4,10 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import shiboken6
-from PySide6.QtCore import QPointF, QSize
+from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QListWidget, QWidget
 
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import Problem
 from caris_desktop.domain.intents import GoToStep
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.gamepad import Gamepads
@@ -21,6 +23,7 @@ from caris_desktop.ui.layout_menu import TitleDialog
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from tests.support.window_check import flaws
@@ -31,6 +34,7 @@ from tests.ui import (
     test_resume_trial_card,
     test_same_names,
     test_sessions,
+    test_video,
 )
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary
@@ -92,7 +96,7 @@ class EveryWindow:
         if with_what_is_beside:
             yield from self._next_to()
         yield from self._shown_to_others()
-        yield from self.of_the_replay()
+        yield from self.of_the_replay(with_cards=with_what_is_beside)
 
     def _cards(self) -> Iterator[Seen]:
         window = self.window
@@ -120,9 +124,9 @@ class EveryWindow:
             yield Seen(f"first use, {step}", page)
         window.hold.escape_pressed.emit()
 
-    def _card(self, name: str = "") -> QWidget:
+    def _card(self, name: str = "", window: QWidget | None = None) -> QWidget:
         kind = QWidget if name else Overlay
-        return next(card for card in self.window.findChildren(kind, name or None) if card.isVisible())
+        return next(card for card in (window or self.window).findChildren(kind, name or None) if card.isVisible())
 
     def _of_sessions(self) -> Iterator[Seen]:
         sessions = self.window.sessions
@@ -231,7 +235,12 @@ class EveryWindow:
         yield Seen("place", self._card("map_card"))
         tools.ask_map_name("save_map")
         yield Seen("map name", self._card("map_name"))
+        tools._remove(console.scenario.places[0].name)
+        yield Seen("place removed", self._card("map_undo"))
         window.hold.escape_pressed.emit()
+        yield from self._in_the_picture()
+        window.problems.show_problem(Problem(clock.now_ns(), "error", "It stopped", "It means this.", "Do that."))
+        yield Seen("problem", window.problems)
         window._question.ask("Erase everything that was recorded?", "Erase", lambda: None)
         yield Seen("question", window._question)
         window._question.put_away()
@@ -246,6 +255,19 @@ class EveryWindow:
             yield self._own(f"floating, {panel}", "floating_panels")
             window.dock_host.toggle_floating(panel)
 
+    def _in_the_picture(self) -> Iterator[Seen]:
+        """The card of a point on the floor, for which the robot needs a camera whose place is known."""
+        state, panel = self.console.state, self.window.panels["video"]
+        before = state.robot.value
+        state.robot.set(test_video.ROBOT)
+        state.goal.set(None)
+        test_video.show_frame(self.console)
+        assert isinstance(panel, VideoPanel)
+        QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=test_video.pixel_of_floor(panel, 3.0, 0.4))
+        yield Seen("floor", self._card("video_card"))
+        self.window.hold.escape_pressed.emit()
+        state.robot.set(before)
+
     def _shown_to_others(self) -> Iterator[Seen]:
         for sees in SEES_WORDS:
             self.window.observers.open(sees)
@@ -259,7 +281,7 @@ class EveryWindow:
         yield self._own("face", "face_window")
         face.set(replace(face.value, window=False))
 
-    def of_the_replay(self) -> Iterator[Seen]:
+    def of_the_replay(self, *, with_cards: bool = False) -> Iterator[Seen]:
         """The window of a replay as it is opened, with its timeline open, and beside a robot; then its dialogs."""
         console = FakeConsole(self.console.scenario)
         console.state = LiveState(present=PresentClock(live=False))
@@ -287,6 +309,12 @@ class EveryWindow:
         yield Seen("replay", window)
         _press(window, "timeline_drawer")
         yield Seen("replay, timeline", window)
+        if with_cards:
+            timeline = window._replay_parts.timeline
+            timeline.canvas.select(replay.coding.value.annotations[0].annotation_id)
+            timeline.acts.rename_selected()
+            yield Seen("annotation", self._card("label_card", window))
+            timeline.acts.give_up()
         replay.live_robots.set(LiveRobotsStatus(("The robot of the second floor",)))
         _press(window, "timeline_drawer")
         yield Seen("replay, live robot", window)

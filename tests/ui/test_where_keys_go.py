@@ -1,6 +1,7 @@
 """Where the next key goes: after each click, tab, float, close, switch and shortcut, with real key and mouse events."""
 
 import dataclasses
+import inspect
 import os
 import random
 from collections.abc import Iterator
@@ -39,6 +40,8 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.floating_card import FloatingCard
+from tests.support.window_classes import widget_classes, window_classes
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.every_window import EveryWindow, Seen
@@ -712,6 +715,38 @@ def can_be_clicked(part: QWidget) -> bool:
 
 def name_of_part(part: QWidget) -> str:
     return f"{type(part).__name__} {part.objectName() or part.accessibleName() or part.property('text')}"
+
+
+NOT_WALKED = {
+    "ClosingWindow": "shown while the program quits, when no key and no click is handled",
+    "DragWords": "follows the pointer while a panel is dragged; it gets no click and no key",
+    "Dock": "frame of a panel: walked in the main window and in a floating window",
+}
+"""Windows and cards of the program that the walk leaves out, and why."""
+
+
+def lies_over_the_window(kind: type[QWidget]) -> bool:
+    """Whether widgets of that class raise themselves above others and get clicks."""
+    names = {name for part in vars(kind).values() if inspect.isfunction(part) for name in part.__code__.co_names}
+    if "raise_" not in names or "WA_TransparentForMouseEvents" in names or kind.__subclasses__():
+        return False
+    return "self.raise_()" in inspect.getsource(kind)
+
+
+@pytest.mark.timeout(300)
+def test_the_walk_comes_to_every_window_dialog_and_card_of_the_program(theme: Theme) -> None:
+    opened = EveryWindow(theme, ENGLISH)
+    try:
+        walked = [seen.part for seen in opened.seen(with_what_is_beside=True)]
+        kinds = {type(part).__name__ for part in walked}
+        # One class of card serves several places, each with a name of its own.
+        names = {part.objectName() for part in walked if isinstance(part, FloatingCard) and shiboken6.isValid(part)}
+        cards = {card.objectName() for card in opened.window.findChildren(FloatingCard)}
+    finally:
+        opened.close()
+    wanted = {kind.__name__ for kind in {*window_classes(), *filter(lies_over_the_window, widget_classes())}}
+    assert wanted - kinds == set(NOT_WALKED)
+    assert cards <= names
 
 
 @pytest.mark.parametrize("begun_in", ["video_view", pytest.param("speak_field", marks=pytest.mark.long)])
