@@ -16,7 +16,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.ui.alarms.alarm_list import AlarmsButton
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.protocol.step_cards import BranchesCard
+from caris_desktop.ui.protocol_strip import BranchesCard
 
 _SIZE_PX = (1366, 768)
 _MARGIN_PX = 24

@@ -41,10 +41,10 @@ READ_ASIDE = {
     "live/robot_connections.py: _meeting_place": "slow work",
     "live/robot_connections.py: _own_place": "slow work",
     "live/robot_connections.py: _found_consoles": "slow work",
-    "live/replay_photos.py: _pictures": "slow work",
+    "live/replay_console.py: _pictures": "slow work",
     "live/speech_history.py: _read": "slow work",
-    "live/scenario_watch.py: _touched": "slow work",
-    "live/scenario_watch.py: _checksum": "slow work",
+    "live/services/scenario_service.py: _touched": "slow work",
+    "live/services/scenario_service.py: _checksum": "slow work",
     "live/services/photos_service.py": "slow work",
     "live/services/scenario_service.py: ScenarioService._save.work": "slow work",
     "live/session_library.py: _begun_replay": "slow work",
@@ -170,7 +170,7 @@ class Dialog:
         ("Dialog.show.later", "load_profile"),
     ]  # fmt: skip
     assert excused("live/speech_history.py", "_read.inner") == {"live/speech_history.py: _read"}
-    assert excused("live/speech_history.py", "_read_more") == set()
+    assert excused("live/services/speaking_service.py", "_read_more") == set()
 
 
 def test_no_file_is_too_long() -> None:
@@ -209,7 +209,7 @@ def test_threads_are_started_where_they_are_looked_after() -> None:
 
 def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     reads, writes = re.compile(r"\byaml\.(?:\w+_)?load\w*\("), re.compile(r"\byaml\.(?:\w+_)?dump\w*\(")
-    one_text = {"scenario/text_blocks.py"}  # a single text within a file, which is looked at as other editors do
+    one_text = {"scenario/text_editing.py"}  # a single text within a file, which is looked at as other editors do
     of_the_map_server = {"simulator/map_files.py"}  # in the form of that program
     assert {name for name, text in files().items() if reads.search(text)} <= one_text
     assert {name for name, text in files().items() if writes.search(text)} <= (

@@ -22,7 +22,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
-from caris_desktop.perception.cameras.found_cameras import found_cameras
+from caris_desktop.perception.cameras.device_camera import found_cameras
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking

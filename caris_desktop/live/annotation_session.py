@@ -16,11 +16,11 @@ from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.state import LiveValue
 from caris_desktop.recording.annotation.annotation_editing import (
     AnnotationError,
+    EditHistory,
     coders_of,
     merge_imported,
     tiers_of_coder,
 )
-from caris_desktop.recording.annotation.annotation_history import EditHistory
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
 from caris_desktop.recording.annotation.csv_import import read_csv

@@ -46,17 +46,15 @@ from caris_desktop.live.services.preflight_service import PreflightService
 from caris_desktop.live.services.proposals_service import ProposalsService
 from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.services.response_time_service import ResponseTimeService
 from caris_desktop.live.services.robot_service import RobotConnection, RobotService
 from caris_desktop.live.services.robot_switch_service import AnotherRobotService
 from caris_desktop.live.services.scenario_service import ScenarioService
 from caris_desktop.live.services.session_service import SessionService, SessionServices
 from caris_desktop.live.services.sound_service import SoundService
-from caris_desktop.live.services.speakers_service import SpeakersService
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import SuggestionsService
-from caris_desktop.live.services.transcript_service import TranscriptService
+from caris_desktop.live.services.transcript_service import ResponseTimeService, SpeakersService, TranscriptService
 from caris_desktop.live.shown_frames import ShownFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap

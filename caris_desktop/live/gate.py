@@ -7,6 +7,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL, WIZARD, in_words
 from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.events import ProblemEnd, Severity
+from caris_desktop.domain.intent import Moves
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
@@ -152,7 +153,7 @@ class Gate:
             )
         return None
 
-    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, intents.Moves | None, bool]:
+    def _of_control(self, intent: Intent, spec: IntentSpec) -> tuple[str, Moves | None, bool]:
         """Name, moved part of the robot, and whether the emergency stop blocks it; for a control its own."""
         if not isinstance(intent, intents.UseControl):
             return tr(spec.words), spec.moves, spec.moves is not None

@@ -1,12 +1,15 @@
 """Presence tracker: turns tracks into visits and identifies known people; time is injected."""
 
+import itertools
 import math
 import re
-from collections.abc import Callable
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import field, replace
 from typing import Literal
 
 from caris_desktop.domain.actor import CONSOLE
+from caris_desktop.domain.corrections import Corrections
 from caris_desktop.domain.events import (
     ConsentKind,
     Event,
@@ -25,14 +28,12 @@ from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
-from caris_desktop.people.heard import HeardHistory
+from caris_desktop.people.gallery import GOOD_QUALITY
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.multi_camera_tracks import MultiCameraTracks
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.portrait_store import Portraits
-from caris_desktop.people.presence_timeout import PresenceTimeout
-from caris_desktop.people.track_joining import SHORT_GAP_NS, Candidate, is_lost, same_visit
-from caris_desktop.people.visit_log import Track, Visit, VisitLog
+from caris_desktop.people.visit_log import Spot, Track, Visit, VisitLog
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5
@@ -630,3 +631,174 @@ class PresenceTracker:
 
 def _portrait_key(visit: Visit) -> str:
     return f"{visit.visit_id}/{visit.portraits}"
+
+
+_MOST_NS = 6_000_000_000
+# Number of detection runs whose longest interval counts, and how many such intervals without a person mean a departure.
+_LOOKS, _LOOKS_MISSED = 5, 2.5
+
+
+class PresenceTimeout:
+    """Presence timeout per camera: how long a person counts as present after the last detection. It grows with the
+    detection interval and latency of the camera: without a detection run, absence is unknown.
+
+    Timeout per camera, from its recent detection runs.
+    """
+
+    def __init__(self, least_ns: int) -> None:
+        self._least_ns = least_ns
+        self._looks_ns: dict[str, deque[int]] = {}
+        self._late_ns: dict[str, deque[int]] = {}
+
+    def note_detection(self, camera: str, taken_ns: int, known_ns: int) -> None:
+        self._looks_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(taken_ns)
+        self._late_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(known_ns - taken_ns)
+
+    def in_pictures_ns(self, camera: str) -> int:
+        """Timeout in image time: from the last detection to a later image without the person."""
+        looks_ns = self._looks_ns.get(camera, ())
+        apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
+        return max(self._least_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_NS))
+
+    def now_ns(self, camera: str) -> int:
+        """Timeout in real time: from the last detection until now, including latency."""
+        late_ns = max(self._late_ns.get(camera, ()), default=0)
+        return self.in_pictures_ns(camera) + min(late_ns, _MOST_NS)
+
+
+_KEPT = 200
+"""Utterances that are corrected later than after so many others stay as they are in the history."""
+
+
+class HeardHistory:
+    """Participants' utterances in their histories, updated by later corrections.
+
+    History entry per utterance.
+    """
+
+    def __init__(self, known: KnownPeople) -> None:
+        self._known = known
+        self._heard: dict[str, _Heard] = {}
+        self._corrections = Corrections()
+
+    def hear(self, utterance_id: str, person_id: str, text: str) -> None:
+        """Add an utterance. ``person_id`` is the visit's own id, empty for an unknown speaker."""
+        self._heard[utterance_id] = _Heard(person_id, text, "", "")
+        if len(self._heard) > _KEPT:
+            del self._heard[next(iter(self._heard))]
+        self._write(self._heard[utterance_id], person_id, text)
+
+    def correct(self, event: UtteranceCorrected, visit_of: Callable[[str], str]) -> None:
+        """Apply a correction. ``visit_of`` returns the visit of a person."""
+        self._corrections.take(event)
+        heard, made = self._heard.get(event.utterance_id), self._corrections.of(event.utterance_id)
+        if heard is None:
+            return
+        person_id = heard.person_id
+        if made.person_id is not None:
+            person_id = visit_of(made.person_id) if made.person_id else ""
+        if made.speaker not in (None, "participant"):
+            person_id = ""
+        self._write(heard, person_id, heard.text if made.text is None else made.text)
+
+    def _write(self, heard: "_Heard", person_id: str, text: str) -> None:
+        if (person_id, text) == (heard.kept_with, heard.kept):
+            return
+        if heard.kept_with:
+            self._known.take_back_history(heard.kept_with, "heard", heard.kept)
+        if person_id:
+            self._known.add_history(person_id, "heard", text)
+        heard.kept_with, heard.kept = person_id, text
+
+
+@dataclass(slots=True)
+class _Heard:
+    """Original speaker and text, and the current history entry."""
+
+    person_id: str
+    text: str
+    kept_with: str
+    kept: str
+
+
+JOINED_WITHIN_NS = 30_000_000_000
+"""A person lost for longer is identified again."""
+SHORT_GAP_NS = 3_000_000_000
+"""For so long a tracker or a turn of the camera loses somebody; then appearance or place alone is enough."""
+DECIDED_WITHIN_NS = 1_500_000_000
+"""A track that may be somebody who was lost waits for its looks no longer than this."""
+_LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
+# The same clothes reach 0.89 to 0.98, the most similar stranger 0.88 (see LINES in identities).
+_ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
+_STANDS_WITHIN_M, _WALKS_MPS, _NEAR_M = 0.8, 1.5, 0.6
+# For a visit without a name, where a wrong match by position passes nothing on.
+_NEAR_WITHOUT_NAME_M = 1.0
+
+
+@dataclass(slots=True)
+class Candidate:
+    """Track joining: continue a visit on a new track after the camera turned or lost the person, by appearance and
+    place.
+
+    Track that is not yet confirmed as a person.
+    """
+
+    frames: int
+    first_seen_ns: int
+    last_seen_ns: int
+    looks: list[PersonLooks] = field(default_factory=list)
+    spot: Spot | None = None
+
+    def add_embeddings(self, looks: PersonLooks) -> None:
+        if looks.kind == "clothing" and looks.quality >= GOOD_QUALITY:
+            self.looks = [*self.looks, looks][-_LOOKS_KEPT:]
+
+    def is_undecided(self, now_ns: int) -> bool:
+        """True while another embedding may still identify the person."""
+        return len(self.looks) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
+
+
+Likeness = Callable[[str, PersonLooks], float | None]
+
+
+def is_lost(visit: Visit, now_ns: int) -> bool:
+    """True if a visit without a track may be continued by a new one."""
+    return not visit.forgotten and now_ns - visit.last_seen_ns <= JOINED_WITHIN_NS
+
+
+def same_visit(
+    candidate: Candidate, lost: Iterable[Visit], likeness: Likeness, is_known: Callable[[str], bool], now_ns: int
+) -> Visit | None:
+    """The ``lost`` visit that the track continues: the only possible one, by appearance or position.
+
+    ``is_known``: whether there are notes on a person.
+    """
+    possible: list[tuple[float, Visit]] = []
+    for visit in lost:
+        gap_ns = now_ns - visit.last_seen_ns
+        away_m = _apart_m(candidate.spot, visit.spot)
+        if away_m is not None and away_m > _STANDS_WITHIN_M + _WALKS_MPS * gap_ns / 1e9:
+            continue
+        if away_m is None and gap_ns > SHORT_GAP_NS:
+            continue
+        alike = _alike(visit, candidate.looks, likeness)
+        if alike is not None:
+            if alike >= _ALIKE_FROM:
+                possible.append((alike, visit))
+        elif away_m is not None:
+            near_m = _NEAR_WITHOUT_NAME_M if not is_known(visit.person_id) else _NEAR_M
+            if away_m <= near_m and (gap_ns <= SHORT_GAP_NS or not is_known(visit.person_id)):
+                possible.append((0.0, visit))
+    possible.sort(key=lambda each: -each[0])
+    if not possible or (len(possible) > 1 and possible[0][0] - possible[1][0] < _AHEAD_BY):
+        return None
+    return possible[0][1]
+
+
+def _alike(visit: Visit, looks: Sequence[PersonLooks], likeness: Likeness) -> float | None:
+    similarities = [alike for each in looks if (alike := likeness(visit.visit_id, each)) is not None]
+    return sum(similarities) / len(similarities) if similarities else None
+
+
+def _apart_m(one: Spot | None, other: Spot | None) -> float | None:
+    return None if one is None or other is None else math.dist(one, other)

@@ -1,8 +1,10 @@
 """Person trackers of several cameras, with our tracker or ultralytics', for the boxes of any detector."""
 
 import itertools
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +12,11 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.appearance_embedding import AppearanceModel
-from caris_desktop.perception.box_motion import overlaps
-from caris_desktop.perception.deep_sort import DeepSort
+from caris_desktop.perception.box_motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import TrackerName
 from caris_desktop.perception.kalman_tracker import AppearanceOf, CameraTracker, Followed, view_qualities
-from caris_desktop.perception.library_trackers import LibraryName, LibraryTracker
 
 _SAME_PERSON = 0.7
 
@@ -38,6 +38,44 @@ class TrackedBox:
     detection: int
     quality: float = 0.0
     looks: NDArray[np.float64] | None = field(default=None, compare=False)
+
+
+LibraryName = Literal["bytetrack", "botsort"]
+
+
+class LibraryTracker:
+    """Ultralytics' trackers, for the boxes of any detector.
+
+    Tracker of one camera. Track numbers count from 1 for each. ``with_looks``: it is given embeddings of all boxes,
+    which BoT-SORT uses.
+    """
+
+    def __init__(self, name: LibraryName, *, with_looks: bool = False) -> None:
+        from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
+
+        prepare_ultralytics(threads=1)
+        from ultralytics.trackers.track import TRACKER_MAP
+        from ultralytics.utils import YAML, IterableSimpleNamespace
+        from ultralytics.utils.checks import check_yaml
+
+        settings = IterableSimpleNamespace(**YAML.load(check_yaml(f"{name}.yaml")))
+        self.uses_looks = settings.with_reid = with_looks and name == "botsort"
+        self._tracker: Any = TRACKER_MAP[name](settings)
+
+    def follow(
+        self,
+        corners_px: NDArray[np.float64],
+        confidences: NDArray[np.float64],
+        image_bgr: NDArray[np.uint8],
+        looks: NDArray[np.float64] | None = None,
+    ) -> list[tuple[int, int]]:
+        """Add the next frame; return the track number and row of each assigned box."""
+        from ultralytics.engine.results import Boxes
+
+        rows = np.column_stack([corners_px, confidences, np.zeros(len(confidences))]).astype(np.float32)
+        boxes = Boxes(rows.reshape(-1, 6), image_bgr.shape[:2])
+        found = self._tracker.update(boxes, image_bgr, None if looks is None else looks.astype(np.float32))
+        return [(int(row[4]), int(row[7])) for row in found]
 
 
 class PersonTracker:
@@ -115,6 +153,116 @@ class PersonTracker:
         return [
             Followed(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found
         ]
+
+
+_LEAST_CONFIDENCE = 0.3
+_CONFIRM_AFTER = 3
+_LOST_S = 1.2  # 30 frames at 25 Hz, its original frame rate
+_LOOKS_KEPT = 100
+_LOOKS_AT_MOST_APART = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors are closer together
+_GATE = 9.4877  # chi-squared with four degrees of freedom, 95 %
+_OVERLAP_AT_LEAST = 0.3
+_NEVER = 1e5
+
+
+@dataclass(slots=True, eq=False)
+class _Track(Motion):
+    number: int
+    hits: int = 1
+    looks: deque[Floats] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+
+    @property
+    def confirmed(self) -> bool:
+        return self.hits >= _CONFIRM_AFTER
+
+
+class DeepSort:
+    """DeepSORT tracker (Wojke, Bewley and Paulus, 2017), as in the published system, for comparison. Motion gates the
+    candidates, appearance decides, and recently seen tracks match first. Two differences: time is in seconds, as in the
+    whole program, and without an appearance network motion alone decides.
+
+    Tracks the people of one camera. ``new_number`` returns the number of a new track.
+    """
+
+    def __init__(self, new_number: Callable[[], int]) -> None:
+        self._new_number = new_number
+        self._tracks: list[_Track] = []
+
+    def follow(
+        self,
+        corners_px: Floats,
+        confidences: Floats,
+        stamp_s: float,
+        *,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        appearance_of: AppearanceOf | None = None,
+    ) -> list[Followed]:
+        """Add the next frame; as :meth:`caris_desktop.perception.kalman_tracker.CameraTracker.follow`."""
+        for track in self._tracks:
+            track.advance(stamp_s, shift_px)
+        boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
+        looks = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
+        pairs: list[tuple[_Track, int]] = []
+        # The longer a track is lost, the larger its uncertainty and the more boxes match it.
+        confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
+        before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
+        for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
+            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, looks)
+        seen = {id(track) for track, _ in pairs}
+        others = [
+            track
+            for track in self._tracks
+            if id(track) not in seen and (not track.confirmed or track.seen_s == before_s)
+        ]
+        pairs += _by_overlap(others, _left(boxes, pairs), corners_px)
+        for track, box in pairs:
+            track.see(corners_px[box], stamp_s)
+            track.hits += 1
+            if box in looks:
+                track.looks.append(looks[box])
+        for box in _left(boxes, pairs):
+            track = _Track(*first_seen(corners_px[box], stamp_s), number=0)
+            if box in looks:
+                track.looks.append(looks[box])
+            self._tracks.append(track)
+        self._tracks = [
+            track for track in self._tracks if stamp_s - track.seen_s <= (_LOST_S if track.confirmed else 0.0)
+        ]
+        for track, _ in pairs:
+            if track.confirmed and not track.number:
+                track.number = self._new_number()
+        return [Followed(track.number, box, looks.get(box)) for track, box in pairs if track.confirmed]
+
+
+def _by_appearance(
+    tracks: list[_Track], boxes: list[int], corners_px: Floats, looks: dict[int, Floats]
+) -> list[tuple[_Track, int]]:
+    if not tracks or not boxes:
+        return []
+    cost = np.array([[_apart(track, corners_px[box], looks.get(box)) for box in boxes] for track in tracks])
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, _LOOKS_AT_MOST_APART)]
+
+
+def _apart(track: _Track, corners: Floats, looks: Floats | None) -> float:
+    """Minimum cosine distance over a track's views; without a network, scaled Mahalanobis distance."""
+    unlikely = track.unlikeliness(corners)
+    if unlikely > _GATE:
+        return _NEVER
+    if looks is None or not track.looks:
+        return _LOOKS_AT_MOST_APART * unlikely / _GATE
+    return float(1.0 - max(view @ looks for view in track.looks))
+
+
+def _by_overlap(tracks: list[_Track], boxes: list[int], corners_px: Floats) -> list[tuple[_Track, int]]:
+    if not tracks or not boxes:
+        return []
+    cost = 1.0 - overlaps(corners_of(tracks), corners_px[boxes])
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0 - _OVERLAP_AT_LEAST)]
+
+
+def _left(boxes: list[int], pairs: list[tuple[_Track, int]]) -> list[int]:
+    taken = {box for _, box in pairs}
+    return [box for box in boxes if box not in taken]
 
 
 @dataclass(slots=True)

@@ -21,15 +21,11 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.assistant_settings import AssistantSettings
 from caris_desktop.scenario.checklist_settings import PreflightEntry
-from caris_desktop.scenario.face_settings import FaceSettings
 from caris_desktop.scenario.gestures import MOST_GESTURES, Gesture
-from caris_desktop.scenario.listening_settings import ListeningSettings
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.scenario.phrases import PhraseEntry, Sentence
 from caris_desktop.scenario.protocol_steps import ProtocolSettings
 from caris_desktop.scenario.recording_settings import RecordingSettings
-from caris_desktop.scenario.sound_settings import SoundSettings
-from caris_desktop.scenario.voice_settings import VoiceSettings
 
 SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
@@ -334,6 +330,185 @@ class CameraSettings:
         refers=("places", "name"),
         longest=80, quiet=True, beside=("mount",),
     )] = ""  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class FaceSettings:
+    """Face section of a scenario.
+
+    The robot's face, if `permissions` include `face`: in a separate window, or as a web page on the robot.
+    """
+
+    face: Annotated[
+        str,
+        FieldSpec(
+            "Initial face: the name of a file in the folder `faces`.",
+            pattern=r"^[A-Za-z0-9_-]{1,60}$",
+            allowed="letters, digits, - and _.",
+            knows="faces",
+        ),
+    ] = "calm"
+    captions: Annotated[bool, FieldSpec("The robot's speech is shown as text below its mouth.")] = True
+    live_picture: Annotated[
+        bool, FieldSpec("The robot's live picture can be shown to people in front of it.", quiet=True)
+    ] = False
+    page: Annotated[
+        Literal["this_computer", "network"],
+        FieldSpec(
+            "Access to the page with the face, while it is served: this computer only, or anyone on its "
+            "network who has the address with its secret part.",
+            external="network",
+            quiet=True,
+        ),
+    ] = "this_computer"
+
+
+@dataclass(frozen=True, slots=True)
+class ListeningSettings:
+    """Speech recognition section of a scenario.
+
+    How what is said near the robot is turned into text, and when somebody has finished. Used with the permission
+    `transcription`.
+    """
+
+    language: Annotated[
+        str,
+        FieldSpec(
+            "Spoken language, as two or three letters; if empty, the model detects it automatically, if it "
+            "knows several.",
+            pattern="^([a-z]{2,3})?$",
+            allowed="a code such as en, es, fr or de.",
+        ),
+    ] = "en"
+    engine: Annotated[
+        Literal["local", "server"],
+        FieldSpec("`local`: this computer; `server`: a server that accepts OpenAI transcription requests.", quiet=True),
+    ] = "local"
+    model: Annotated[
+        str,
+        FieldSpec(
+            "The recogniser: a faster-whisper folder. Give its path, its name next to the scenario or in a "
+            "models folder, or the `https://` address of one as a .zip; the default one if empty. With "
+            "`server`, the name of its model.",
+            longest=1000,
+            external="model",
+            quiet=True,
+        ),
+    ] = ""
+    sha256: Annotated[
+        str,
+        FieldSpec(
+            "Checksum of the folder's model.bin, or of the .zip; required for an address.",
+            title="Checksum (SHA-256)",
+            pattern="^([0-9a-fA-F]{64})?$",
+            allowed="the 64 digits that sha256sum prints.",
+            quiet=True,
+        ),
+    ] = ""
+    server: Annotated[
+        str,
+        FieldSpec(
+            "With `engine: server`: its address. Its key, if required, is CARIS_TRANSCRIPTION_KEY in the "
+            "environment, for the server in CARIS_TRANSCRIPTION_SERVER, or CARIS_TRANSCRIPTION_KEY@HOST in "
+            "the system's keyring.",
+            pattern="^(https?://.+)?$",
+            external="address",
+            allowed="https://HOST/v1, or http://HOST:PORT/v1 on this computer.",
+            longest=300,
+            quiet=True,
+        ),
+    ] = ""
+    silence_at_least_s: Annotated[
+        float,
+        FieldSpec(
+            "A turn never ends before this much silence, however certain the console is.",
+            title="Shortest silence", unit="seconds", at_least=0.2, at_most=3, quiet=True,
+        ),
+    ] = 0.3  # fmt: skip
+    silence_at_most_s: Annotated[
+        float,
+        FieldSpec(
+            "A turn always ends after this much silence. Between the two limits, the console learns from "
+                "each participant's pauses.",
+            title="Longest silence", unit="seconds", at_least=0.5, at_most=10, quiet=True,
+        ),
+    ] = 3.0  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class SoundSettings:
+    """Sound section of a scenario: the participant's microphone, and the wizard's audio.
+
+    Microphones and loudspeakers. A microphone is open only while a permitted function needs it.
+    """
+
+    ear: Annotated[
+        str,
+        FieldSpec(
+            "Microphone for the participant: `robot` is the one in its profile, `computer` one of this "
+            "computer, `camera:NAME` the one of a camera in `cameras` over WebRTC. `auto` is the robot's if "
+            "it has one, otherwise this computer's.",
+            pattern="^(auto|robot|computer|none|camera:.+)$",
+            allowed="auto, robot, computer, camera:NAME or none.",
+            title="Participant microphone",
+            longest=60,
+            quiet=True,
+        ),
+    ] = "auto"
+
+    hear: Annotated[
+        bool,
+        FieldSpec(
+            "The wizard may listen to the participant microphone, best with headphones.", title="Listen in", quiet=True
+        ),
+    ] = False
+    own_voice: Annotated[
+        Literal["auto", "robot", "computer", "both"],
+        FieldSpec(
+            "Loudspeaker for the wizard's own voice, with the permission `own_voice`: the robot's, this "
+            "computer's, or both. `auto` is the robot's if its profile has one, otherwise this computer's.",
+            quiet=True,
+        ),
+    ] = "auto"
+
+    def resolve_microphone(self, *, robot_hears: bool) -> str:
+        """Resolve ``auto`` for this robot: ``robot``, ``computer``, ``camera:NAME`` or ``none``."""
+        if self.ear == "auto":
+            return "robot" if robot_hears else "computer"
+        return self.ear
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceSettings:
+    """Speech synthesis section of a scenario.
+
+    Speech output of this computer.
+    """
+
+    name: Annotated[
+        str,
+        FieldSpec(
+            "`piper:NAME` or `espeak:NAME`, as listed by the console; if empty, the best voice for the "
+            "language, or the system voice if no language is given.",
+            pattern="^((piper|espeak):.+)?$",
+            allowed="piper:NAME or espeak:NAME.",
+            longest=200,
+        ),
+    ] = ""
+    language: Annotated[
+        str,
+        FieldSpec(
+            "Spoken language: `en`, `de-AT`.",
+            pattern="^([A-Za-z]{2,3}([-_][A-Za-z0-9]{2,8})*)?$",
+            allowed="a language such as en or de-AT.",
+            longest=20,
+        ),
+    ] = ""
+    rate: Annotated[float, FieldSpec("Speaking rate; 1 is normal.", at_least=0.5, at_most=2)] = 1.0
+    volume: Annotated[float, FieldSpec("Speech volume, before the computer's own volume.", at_least=0, at_most=1)] = 1.0
+    device: Annotated[str, FieldSpec("Part of the name of the loudspeaker; the default one if empty.", longest=200)] = (
+        ""
+    )
 
 
 @dataclass(frozen=True, slots=True)

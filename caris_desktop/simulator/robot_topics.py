@@ -1,35 +1,152 @@
 """Simulated robot on ROS: topics and services of its model, and periodic publishing."""
 
+import asyncio
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.ros import message_conversion
-from caris_desktop.ros.message_fields import MessageError, message_of, number, text, truth
+from caris_desktop.ros import action_messages, message_conversion
+from caris_desktop.ros.action_messages import GoalStatus
+from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
+from caris_desktop.ros.dialect import Dialect, action_type_name
+from caris_desktop.ros.joint_messages import (
+    decode_joint_angles_with_speed,
+    decode_joint_trajectory,
+    encode_joint_state,
+)
+from caris_desktop.ros.message_fields import MessageError, message_of, number, text, text_or_empty, truth
 from caris_desktop.ros.navigation_messages import encode_clock
-from caris_desktop.simulator import encoding
+from caris_desktop.simulator import encoding, typedefs
 from caris_desktop.simulator import faults as fault_commands
+from caris_desktop.simulator.actionlib import ActionlibServer
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
-from caris_desktop.simulator.demo_controls import DemoControls
 from caris_desktop.simulator.encoding import Placement
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
 from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
-from caris_desktop.simulator.head_topics import HeadOnRos
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.map_topics import MapOnRos
-from caris_desktop.simulator.robot_interface import BatteryTopic, SpeechAction, SpeechTopics, StopService, VelocityInput
+from caris_desktop.simulator.participant import Participant, cache_folder
+from caris_desktop.simulator.robot_interface import (
+    AudioTopics,
+    BatteryTopic,
+    HeadTopics,
+    Order,
+    SpeechAction,
+    SpeechTopics,
+    StopService,
+    VelocityInput,
+)
 from caris_desktop.simulator.ros_context import Wiring
-from caris_desktop.simulator.server import CallFailed, Message
-from caris_desktop.simulator.simulated_speech import Voice
-from caris_desktop.simulator.sound_topics import SoundOnRos
-from caris_desktop.simulator.speech_topics import SpeechOnAction, SpeechOnTopics
-from caris_desktop.simulator.stub_capabilities import OrdersOnRos
+from caris_desktop.simulator.server import Action, CallFailed, Message
+from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS, Head
+from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate
+from caris_desktop.simulator.simulated_speech import Spoken, Voice
+
+
+class SpeechOnTopics:
+    """std_msgs/String in; Bool while it speaks, and Empty to stop it, if the model has them."""
+
+    def __init__(self, wiring: Wiring, interface: SpeechTopics, *, muted: bool) -> None:
+        self._wiring = wiring
+        self.voice = Voice(self._on_speaking, muted=muted)
+        wiring.obeys(interface.topic, "std_msgs", "String", self._on_say)
+        if interface.stop is not None:
+            wiring.obeys(interface.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
+        self._speaking = (
+            wiring.publishes(interface.speaking, "std_msgs", "Bool", latched=True) if interface.speaking else None
+        )
+        self._on_speaking(False)
+
+    def publish_due(self) -> None:
+        """Do nothing: messages are published when they occur."""
+
+    def _on_say(self, message: Message) -> None:
+        if not self.voice.say(message_conversion.decode_string(message)):
+            logger.warning("A sentence was not taken: it is empty, or too many wait already")
+
+    def _on_speaking(self, speaking: bool) -> None:
+        if self._speaking is not None:
+            self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))
+
+
+class SpeechOnAction:
+    """pal_interaction_msgs/TtsAction: one sentence at a time; a newer goal preempts the present one."""
+
+    def __init__(self, wiring: Wiring, interface: SpeechAction, *, muted: bool) -> None:
+        self.voice = Voice(self._on_speaking, muted=muted)
+        self._goal_id: str | None = None
+        self._text = ""
+        self._begun = False
+        self._server = ActionlibServer(
+            wiring, interface.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
+        )
+
+    def publish_due(self) -> None:
+        """Publish due messages; called after every simulation step."""
+        self._server.publish_due()
+
+    def _on_goal(self, goal_id: str, goal: Message) -> None:
+        raw = message_of(goal.get("rawtext", {}), "TtsGoal.rawtext")
+        sentence = text_or_empty(raw, "text", "TtsGoal.rawtext").strip()
+        language = text_or_empty(raw, "lang_id", "TtsGoal.rawtext")
+        if not sentence or not language:
+            # PAL's server requires both; the language selects the voice
+            missing = "rawtext.text" if not sentence else "rawtext.lang_id"
+            self._server.finish(
+                GoalStatus(goal_id, action_messages.ABORTED, f"{missing} is empty"), _result("", "aborted")
+            )
+            return
+        self._end(action_messages.PREEMPTED, "replaced by a newer sentence")
+        self._goal_id, self._text, self._begun = goal_id, sentence, False
+        self._server.accept(goal_id)
+        self.voice.say(sentence)
+
+    def _on_cancel(self, wanted: str) -> None:
+        if wanted in ("", self._goal_id):
+            self._end(action_messages.PREEMPTED, "cancelled")
+
+    def _on_speaking(self, speaking: bool) -> None:
+        if self._goal_id is None:
+            return
+        if speaking:
+            self._begun = True
+            feedback = {
+                "event_type": 1,  # TTS_EVENT_STARTED_PLAYING_UTTERANCE
+                "timestamp": {"secs": 0, "nsecs": 0},
+                "text_said": "",
+                "next_word": self._text.split()[0],
+                "viseme_id": "",
+                "marks": {"type": "", "name": ""},
+            }
+            self._server.progress(GoalStatus(self._goal_id, action_messages.ACTIVE), feedback)
+        elif self._begun:
+            self._finish(action_messages.SUCCEEDED, "")
+
+    def _end(self, status: int, detail: str) -> None:
+        if self._goal_id is None:
+            return
+        self._finish(status, detail)
+        self.voice.stop()
+
+    def _finish(self, status: int, detail: str) -> None:
+        if self._goal_id is not None:
+            goal_id, self._goal_id = self._goal_id, None
+            self._server.finish(GoalStatus(goal_id, status, detail), _result(self._text, detail or "succeeded"))
+
+
+def _result(said: str, msg: str) -> Message:
+    return {"text": said, "msg": msg}
+
 
 logger = logging.getLogger(__name__)
 
@@ -414,3 +531,409 @@ class RobotTopics:
 
 def _pose(pose: Pose2D) -> Message:
     return {"x_m": pose.x_m, "y_m": pose.y_m, "heading_rad": pose.heading_rad}
+
+
+WAVE_S = 2.0
+_MOST_SCREEN_CHARS = 500
+_TEMPERATURE_STEPS = 50
+
+
+class DemoControls:
+    """Demo controls of the default robot model for the Robot panel: lights, volume, gesture, screen, eyes.
+
+    Holds the present values, publishes them on latched topics, and lists them in :attr:`state`.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._steps = 0
+        self._color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
+        self._volume = 60.0
+        self._screen = ""
+        self._eyes = True
+        self._waves_begun = 0
+        self._waving = False
+        self._waving_task: asyncio.TimerHandle | None = None
+        wiring.obeys("/leds/color", "std_msgs", "ColorRGBA", self._on_color)
+        wiring.obeys("/volume", "std_msgs", "Float32", self._on_volume)
+        wiring.obeys("/screen/text", "std_msgs", "String", self._on_screen)
+        wiring.serves("/gestures/wave", "std_srvs", "Trigger", self._wave)
+        wiring.serves("/eyes/set", "std_srvs", "SetBool", self._set_eyes)
+        self._volume_state = wiring.publishes("/volume/state", "std_msgs", "Float32", latched=True)
+        self._eyes_state = wiring.publishes("/eyes/state", "std_msgs", "Bool", latched=True)
+        self._temperature = wiring.publishes("/diagnostics/temperature", "std_msgs", "Float32")
+        wiring.publish(self._volume_state, {"data": self._volume})
+        wiring.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return {
+            "leds": dict(self._color),
+            "volume": self._volume,
+            "screen": self._screen,
+            "eyes_open": self._eyes,
+            "waving": self._waving,
+            "waves_begun": self._waves_begun,
+            "temperature_c": self.temperature_c,
+        }
+
+    @property
+    def temperature_c(self) -> float:
+        """Motor temperature: rises with speed, with a slow oscillation, so that a plot shows something."""
+        truth_ = self._wiring.robot.truth
+        effort = abs(truth_.forward_mps) + abs(truth_.left_mps) + 0.3 * abs(truth_.turn_radps)
+        return 36.0 + 4.0 * effort + 0.5 * math.sin(self._wiring.robot.now_s / 7.0)
+
+    def publish_due(self) -> None:
+        """Publish due messages; called after every simulation step."""
+        self._steps += 1
+        if self._steps % _TEMPERATURE_STEPS == 0 and self._wiring.wanted(self._temperature):
+            self._wiring.publish(self._temperature, {"data": self.temperature_c})
+
+    def stop(self) -> None:
+        """Cancel pending work."""
+        if self._waving_task is not None:
+            self._waving_task.cancel()
+
+    def _on_color(self, message: Message) -> None:
+        color = message_of(message, "ColorRGBA")
+        # ROS fills omitted fields with zero
+        self._color = {
+            channel: min(max(number(color, channel, "ColorRGBA"), 0.0), 1.0) if channel in color else 0.0
+            for channel in "rgba"
+        }
+
+    def _on_volume(self, message: Message) -> None:
+        self._volume = min(max(number(message_of(message, "Float32"), "data", "Float32"), 0.0), 100.0)
+        self._wiring.publish(self._volume_state, {"data": self._volume})
+
+    def _on_screen(self, message: Message) -> None:
+        self._screen = message_conversion.decode_string(message)[:_MOST_SCREEN_CHARS]
+
+    def _wave(self, _: Message) -> Message:
+        if self._waving:
+            return {"success": False, "message": "the arm is already waving"}
+        self._waving = True
+        self._waves_begun += 1
+        self._waving_task = asyncio.get_running_loop().call_later(WAVE_S, self._end_wave)
+        return {"success": True, "message": f"waving for {WAVE_S:g} s"}
+
+    def _end_wave(self) -> None:
+        self._waving = False
+
+    def _set_eyes(self, arguments: Message) -> Message:
+        self._eyes = truth(arguments, "data", "args")
+        self._wiring.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
+        return {"success": True, "message": "open" if self._eyes else "closed"}
+
+
+_WHEELS = ("wheel_left_joint", "wheel_right_joint")
+
+
+class HeadOnRos:
+    """Head on ROS: joint states out, joint commands in, and its moving frames.
+
+    Executes the model's command topic; without a head only wheel joints are published.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._steps = 0
+        dress = wiring.dress
+        self._joint_states = (
+            wiring.publishes(dress.joint_states, "sensor_msgs", "JointState") if dress.joint_states else None
+        )
+        if dress.head is None:
+            return
+        if dress.head.kind == "JointTrajectory":
+            wiring.obeys(dress.head.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
+        else:
+            wiring.obeys(dress.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
+
+    def publish_due(self) -> None:
+        """Publish due messages; called after every simulation step."""
+        self._steps += 1
+        if self._steps % 2 or self._joint_states is None or not self._wiring.wanted(self._joint_states):
+            return
+        angles = dict.fromkeys(_WHEELS, 0.0)
+        if self._wiring.dress.head is not None:
+            head, interface = self._wiring.robot.head, self._wiring.dress.head
+            angles |= {interface.pan_joint: head.pan_rad, interface.tilt_joint: interface.tilt_sign * head.tilt_rad}
+        message = encode_joint_state(self._wiring.dialect, angles, stamp_ns=self._wiring.stamp_ns())
+        self._wiring.publish(self._joint_states, message)
+
+    def turning_frames(self) -> list[Placement]:
+        """Present frames of the joints."""
+        interface, robot = self._wiring.dress.head, self._wiring.robot
+        if interface is None:
+            return []
+        camera = robot.body.robot_from_camera
+        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + robot.head.pan_rad)
+        pan_frame, tilt_frame = (self._wiring.frame(name) for name in interface.frames)
+        return [
+            Placement(self._wiring.frame(self._wiring.dress.base_frame), pan_frame, pan, robot.body.camera_height_m),
+            Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
+        ]
+
+    def camera_mount(self, camera_frame: str) -> Placement:
+        """Mounting of the camera, on the head or on the body."""
+        wiring = self._wiring
+        frame, body = wiring.frame(camera_frame), wiring.robot.body
+        if wiring.dress.head is not None:
+            return Placement(wiring.frame(wiring.dress.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
+        return Placement(wiring.frame(wiring.dress.base_frame), frame, body.robot_from_camera, body.camera_height_m)
+
+    def _on_trajectory(self, message: Message) -> None:
+        # the head moves uniformly, so the last point gives target and speed
+        targets, duration_s = decode_joint_trajectory(message)
+        if not targets:
+            raise MessageError("JointTrajectory.points is empty")
+        for name, target_rad in targets.items():
+            left_rad = abs(target_rad - self._now_rad(name))
+            self._turn(name, target_rad, left_rad / duration_s if duration_s else DEFAULT_SPEED_RADPS)
+
+    def _on_angles(self, message: Message) -> None:
+        targets, share = decode_joint_angles_with_speed(message)
+        if not 0.0 < share <= 1.0:
+            raise MessageError(
+                "JointAnglesWithSpeed.speed must be a fraction of the maximum speed, above 0 and at most 1"
+            )
+        relative = bool(message.get("relative"))
+        for name, angle_rad in targets.items():
+            target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)
+            self._turn(name, target_rad, share * self._wiring.robot.body.head.fastest_radps)
+
+    def _head_interface(self) -> tuple[HeadTopics, Head]:
+        interface = self._wiring.dress.head
+        if interface is None:
+            raise MessageError("the robot has no head")
+        return interface, self._wiring.robot.head
+
+    def _now_rad(self, joint: str) -> float:
+        interface, head = self._head_interface()
+        if joint not in (interface.pan_joint, interface.tilt_joint):
+            raise MessageError(
+                f"there is no joint '{joint}'; the head has {interface.pan_joint} and {interface.tilt_joint}"
+            )
+        return head.pan_rad if joint == interface.pan_joint else interface.tilt_sign * head.tilt_rad
+
+    def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
+        interface, head = self._head_interface()
+        if joint == interface.pan_joint:
+            head.pan_to(target_rad, speed_radps=speed_radps)
+        else:
+            head.tilt_to(interface.tilt_sign * target_rad, speed_radps=speed_radps)
+
+
+_STEP_SAMPLES = RATE_HZ // 50
+_STEPS = 2
+SAY_TOPIC = "/simulator/participant/say"
+SPEAKING_TOPIC = "/simulator/participant/speaking"
+
+
+class SoundOnRos:
+    """Microphone and loudspeaker on ROS, and the simulated participant's speech.
+
+    audio_common_msgs/AudioData out and in, plain samples of one channel at 16 kHz.
+
+    The participant speaks with or without subscribers: by std_msgs/String on ``SAY_TOPIC``, or the service
+    ``/simulator/say``; ``/simulator/prepare`` only synthesises. std_msgs/Bool on ``SPEAKING_TOPIC`` is true meanwhile.
+    """
+
+    def __init__(self, wiring: Wiring, interface: AudioTopics, lines: Sequence[str] = ()) -> None:
+        self._wiring = wiring
+        self._steps = 0
+        self._random = np.random.default_rng(5)
+        self._played_s = 0.0
+        self.microphone = Microphone()
+        self._topic = wiring.publishes(interface.microphone, "audio_common_msgs", "AudioData")
+        wiring.obeys(interface.speaker, "audio_common_msgs", "AudioData", self._on_sound)
+        wiring.obeys(SAY_TOPIC, "std_msgs", "String", self._on_say)
+        wiring.serves("/simulator/prepare", "simulator", "Say", self._prepare)
+        wiring.serves("/simulator/say", "simulator", "Say", self._say)
+        self._speaking = wiring.publishes(SPEAKING_TOPIC, "std_msgs", "Bool", latched=True)
+        self.participant = Participant(
+            self.microphone, lines, on_speaking=self._on_speaking, cache=cache_folder()
+        )  # fmt: skip
+        self._on_speaking(False)
+
+    @property
+    def state(self) -> Message:
+        """Participant's sentences, in seconds from now (negative: past), and audio received by the loudspeaker."""
+        now_ns = time.monotonic_ns()
+        return {
+            "speaking": self.participant.speaking or "",
+            "said": [
+                {
+                    "text": said.text,
+                    "began_s": (said.began_ns - now_ns) / 1e9,
+                    "ended_s": None if said.ended_ns is None else (said.ended_ns - now_ns) / 1e9,
+                }
+                for said in self.participant.said
+            ],
+            "own_voice_s": self._played_s,
+        }
+
+    def publish_due(self) -> None:
+        """Publish due messages; called after every simulation step."""
+        self._steps += 1
+        if self._steps % _STEPS == 0:
+            self._publish_sound()
+
+    def skip_time(self, skipped_s: float) -> None:
+        """Publish the audio of skipped simulation time at once, as a driver with a buffer would."""
+        for _ in range(round(skipped_s * RATE_HZ / (_STEPS * _STEP_SAMPLES))):
+            self._publish_sound()
+
+    def _publish_sound(self) -> None:
+        faults = self._wiring.faults
+        self.microphone.leak, self.microphone.noise = faults.voice_leak, faults.sound_noise
+        samples = self.microphone.take(_STEPS * _STEP_SAMPLES)
+        lost = faults.microphone_silent or self._random.random() < faults.sound_dropouts
+        if not lost and self._wiring.wanted(self._topic):
+            self._wiring.publish(self._topic, encode_audio_data(samples))
+
+    def on_voice(self, spoken: Spoken | None) -> None:
+        """The robot's voice starts playing this, or stops."""
+        if spoken is not None:
+            self.microphone.leak_voice(at_rate(spoken.samples, spoken.rate_hz))
+        else:
+            self.microphone.silence_voice()
+
+    def stop(self) -> None:
+        self.participant.stop()
+
+    def _on_sound(self, message: Message) -> None:
+        samples = samples_of(decode_audio_data(message).content, 1)
+        self._played_s += len(samples) / RATE_HZ
+        self.microphone.leak_voice(samples[:, 0].astype(np.float32) / 32768.0)
+
+    def _say(self, arguments: Message) -> Message:
+        if not self.participant.say(text(arguments, "text", "args")):
+            raise CallFailed("the sentence is empty, or too many sentences are already queued")
+        return {"success": True, "message": ""}
+
+    def _on_say(self, sentence: Message) -> None:
+        self.participant.say(message_conversion.decode_string(sentence))
+
+    def _prepare(self, arguments: Message) -> Message:
+        self.participant.prepare(text(arguments, "text", "args"))
+        return {"success": True, "message": ""}
+
+    def _on_speaking(self, speaking: bool) -> None:
+        self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))
+
+
+ACTION_TAKES_S = 1.0
+_REMEMBERED = 50
+
+
+class OrdersOnRos:
+    """Stub capabilities of a robot model (gestures, docks, displays): recorded and answered, without effect.
+
+    Offers a model's stub capabilities. Actions take one second, can be cancelled, and then succeed.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._taken: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
+        self._under_way: dict[str, asyncio.TimerHandle] = {}
+        self._servers: list[ActionlibServer] = []
+        for order in wiring.dress.orders:
+            match order.kind:
+                case "topic":
+                    wiring.obeys(order.name, order.package, order.type, self._noting(order))
+                case "service":
+                    wiring.serves(order.name, order.package, order.type, self._answering(order))
+                case "action" if wiring.dialect is Dialect.ROS1:
+                    self._offer_actionlib(order)
+                case "action":
+                    self._offer_action(order)
+
+    @property
+    def taken(self) -> list[dict[str, Any]]:
+        """Newest commands, oldest first: name and content."""
+        return list(self._taken)
+
+    def publish_due(self) -> None:
+        """Publish due messages; called after every simulation step."""
+        for server in self._servers:
+            server.publish_due()
+
+    def stop(self) -> None:
+        """Cancel pending work."""
+        for timer in self._under_way.values():
+            timer.cancel()
+
+    def _note(self, order: Order, content: Message) -> None:
+        self._taken.append({"name": self._wiring.dress.absolute(order.name), "content": content})
+
+    def _noting(self, order: Order) -> Callable[[Message], None]:
+        return lambda message: self._note(order, message)
+
+    def _answering(self, order: Order) -> Callable[[Message], Message]:
+        def call(arguments: Message) -> Message:
+            self._note(order, arguments)
+            answer = typedefs.blank(self._wiring.dialect, f"{order.package}/{order.type}", part=1)
+            return answer | ({"success": True} if "success" in answer else {})
+
+        return call
+
+    def _offer_actionlib(self, order: Order) -> None:
+        dialect, goal_type = self._wiring.dialect, f"{order.package}/{order.type}Goal"
+        result = typedefs.blank(dialect, f"{order.package}/{order.type}Result")
+
+        def on_goal(goal_id: str, goal: Message) -> None:
+            problem = typedefs.misfit(dialect, goal_type, goal)
+            if problem is not None:
+                raise MessageError(problem)
+            self._note(order, goal)
+            server.accept(goal_id)
+            self._begin(goal_id, lambda: server.finish(GoalStatus(goal_id, action_messages.SUCCEEDED), result))
+
+        def on_cancel(wanted: str) -> None:
+            for goal_id in [wanted] if wanted else list(self._under_way):
+                if self._end(goal_id):
+                    server.finish(GoalStatus(goal_id, action_messages.PREEMPTED), result)
+
+        server = ActionlibServer(
+            self._wiring, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel
+        )
+        self._servers.append(server)
+
+    def _offer_action(self, order: Order) -> None:
+        type_ = action_type_name(Dialect.ROS2, order.package, order.type)
+        values = typedefs.blank(Dialect.ROS2, type_, part=1)
+        replies: dict[str, Callable[[Message], None]] = {}
+
+        def finish(goal_id: str, status: int) -> None:
+            replies.pop(goal_id)({"op": "action_result", "values": values, "status": status, "result": True})
+
+        def start(goal_id: str, goal: Message, reply: Callable[[Message], None]) -> None:
+            problem = typedefs.misfit(Dialect.ROS2, type_, goal)
+            if problem is not None:
+                raise MessageError(problem)
+            self._note(order, goal)
+            replies[goal_id] = reply
+            self._begin(goal_id, lambda: finish(goal_id, action_messages.ROS2_SUCCEEDED))
+
+        def cancel(goal_id: str) -> None:
+            if self._end(goal_id):
+                finish(goal_id, action_messages.ROS2_CANCELED)
+
+        self._wiring.server.actions[self._wiring.dress.absolute(order.name)] = Action(type_, start, cancel)
+
+    def _begin(self, goal_id: str, finish: Callable[[], None]) -> None:
+        def done() -> None:
+            del self._under_way[goal_id]
+            finish()
+
+        if goal_id in self._under_way:
+            raise MessageError(f"a goal with the id '{goal_id}' is already active")
+        self._under_way[goal_id] = asyncio.get_running_loop().call_later(ACTION_TAKES_S, done)
+
+    def _end(self, goal_id: str) -> bool:
+        timer = self._under_way.pop(goal_id, None)
+        if timer is not None:
+            timer.cancel()
+        return timer is not None

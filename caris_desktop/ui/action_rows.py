@@ -23,7 +23,6 @@ from caris_desktop.ui.mark_intents import (
     move_last_mark_back,
     withdraw_last_mark,
 )
-from caris_desktop.ui.queue_intents import cancel_queued, move_queued
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.step_intents import PROTOCOL_ACTIONS
 
@@ -165,6 +164,26 @@ def _in_queue(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> 
     return ActionSpec(
         action_id, text, icon, keys, enabled_when="in_queue", group=QUEUE_GROUP, within="queue", panel="speak", **more
     )
+
+
+@gives(intents.CancelQueued)
+def cancel_queued(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    chosen = state.chosen_utterance.value
+    return intents.CancelQueued(chosen) if chosen in _waiting(state) else None
+
+
+@gives(intents.MoveQueued)
+def move_queued(_scenario: Scenario, state: LiveState, step: int) -> Intent | None:
+    """Move one position later (1) or earlier (-1)."""
+    chosen, waiting = state.chosen_utterance.value, _waiting(state)
+    if chosen not in waiting:
+        return None
+    place = waiting.index(chosen) + step
+    return intents.MoveQueued(chosen, place) if 0 <= place < len(waiting) else None
+
+
+def _waiting(state: LiveState) -> list[str]:
+    return [utterance.utterance_id for utterance in state.speech.value.waiting]
 
 
 ACTIONS: tuple[ActionSpec, ...] = (

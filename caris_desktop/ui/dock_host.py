@@ -9,30 +9,115 @@ from collections import deque
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
-from PySide6.QtGui import QGuiApplication, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QMenu, QWidget
+from PySide6.QtCore import QPoint, QRect, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import (
+    QCloseEvent,
+    QColor,
+    QGuiApplication,
+    QMoveEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QResizeEvent,
+    QShowEvent,
+)
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import focus_widget, focused_widget
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
 from caris_desktop.ui.layout.dock_geometry import Drop, drop_at
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
-from caris_desktop.ui.layout.drop_mark import DragWords, DropMark
 from caris_desktop.ui.layout.fitting import COMFORT
-from caris_desktop.ui.layout.floating_window import FloatingWindow
 from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
 from caris_desktop.ui.layout.layout_tree import Side, panels_in
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.tab_order import PanelWindow
+from caris_desktop.ui.tokens import PANEL_RADIUS_PX
+from caris_desktop.ui.window_above import WindowAbove
 
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
 _LEAVE_MS = 1
 LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the Layout menu.")
+
+
+_MARGIN_PX = 8
+_SETTLES_MS = 400  # time for a window manager to add its frame
+
+
+class FloatingWindow(PanelWindow, WindowAbove):
+    """Floating window with one or more panels, on any screen.
+
+    Tool window: stays above the main window and shares its key bindings.
+    """
+
+    moved_by_hand = Signal(object)  # Rect
+    close_wanted = Signal()
+
+    def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.Tool)
+        self.setObjectName("floating_panels")
+        # Shown without activation when a popup closes or the scenario changes; a click activates it.
+        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+        self.area = DockArea(docks, self)
+        column = layouts.vbox(self, margins_px=_MARGIN_PX)
+        column.addWidget(self.area)
+        self._placed: Rect | None = None
+        self._shown = False
+        self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
+        self._rest = QTimer(self, singleShot=True, interval=200)
+        self._rest.timeout.connect(self._notify)
+
+    def show_panels(self, tree: LayoutNode, shown: frozenset[PanelName], place: Rect) -> None:
+        self.area.show_tree(tree, shown)
+        self.setWindowTitle(
+            " · ".join(self.area.docks[group.current].windowTitle() for group in self.area.placing.groups)
+        )
+        if place != self._placed:
+            self._placed = place
+            self._settling.start()
+            self.setGeometry(qrect(place))
+        self._shown = bool(shown)
+        self.setVisible(self._shown and not self.is_back)
+
+    def step_back(self, *, back: bool) -> None:
+        super().step_back(back=back)
+        self._settling.start()  # geometry changes by the window manager are not the wizard's
+        if not back and self._placed is not None:
+            self.setGeometry(qrect(self._placed))
+        self.setVisible(self._shown and not back)
+
+    def _on_geometry(self) -> None:
+        if self.isVisible() and not self._settling.isActive():
+            self._rest.start()
+
+    def _notify(self) -> None:
+        now = self.geometry()
+        self._placed = Rect(now.x(), now.y(), now.width(), now.height())
+        self.moved_by_hand.emit(self._placed)
+
+    def moveEvent(self, event: QMoveEvent) -> None:
+        super().moveEvent(event)
+        self._on_geometry()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._on_geometry()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """The close button docks the panels. When the program quits, the window stays in the saved layout."""
+        if event.spontaneous():
+            event.ignore()
+            self.close_wanted.emit()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        QPainter(self).fillRect(self.rect(), self.palette().window())
 
 
 class DockHost(DockArea):
@@ -569,3 +654,49 @@ def available_screens() -> Sequence[Rect]:
     screens = sorted(QGuiApplication.screens(), key=lambda screen: screen is not main)
     rects: list[QRect] = [screen.availableGeometry() for screen in screens]
     return [Rect(rect.x(), rect.y(), rect.width(), rect.height()) for rect in rects]
+
+
+_BESIDE_POINTER = QPoint(16, 18)
+_GROUND_ALPHA = 70
+
+
+class DropMark(QWidget):
+    """Highlight of the drop target, transparent to the mouse."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("drop_mark")
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        """Translucent: the content below helps to aim."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        ground = QColor(self.palette().highlight().color())
+        painter.setPen(QPen(ground, 3))
+        ground.setAlpha(_GROUND_ALPHA)
+        painter.setBrush(ground)
+        painter.drawRoundedRect(QRectF(self.rect()).adjusted(2, 2, -2, -2), PANEL_RADIUS_PX, PANEL_RADIUS_PX)
+
+    def show_at(self, over: QWidget, rect: QRect) -> None:
+        if self.parentWidget() is not over:
+            self.setParent(over)
+        self.setGeometry(rect)
+        self.raise_()
+        self.show()
+
+
+class DragWords(QLabel):
+    """Label that follows the pointer."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.ToolTip)
+        self.setObjectName("drag_words")
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+
+    def show_at(self, at: QPoint, text: str) -> None:
+        self.setText(text)
+        self.adjustSize()
+        self.move(at + _BESIDE_POINTER)
+        self.show()

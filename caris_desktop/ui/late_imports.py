@@ -25,7 +25,7 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.recording.pseudonyms",
     "caris_desktop.recording.session_export",
     "caris_desktop.robot.profile_proposal",
-    "caris_desktop.ui.search_hits",
+    "caris_desktop.ui.sessions_window",
     "caris_desktop.ui.sessions_window",
     "caris_desktop.ui.export_dialog",
     "caris_desktop.ui.robot_dialog",

@@ -2,8 +2,11 @@
 lock and record.
 """
 
+import json
+import logging
 from collections.abc import Callable
 from dataclasses import field
+from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
@@ -14,15 +17,13 @@ from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.layout import layout_text, own_layout
+from caris_desktop.scenario.layout import layout_data, layout_text, own_layout
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 from caris_desktop.ui.dock_host import LOCKED, DockHost
 from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
+from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of
 from caris_desktop.ui.layout.fitting import fitted, size_class
-from caris_desktop.ui.layout.layout_history import History
 from caris_desktop.ui.layout.layout_tree import differs, panels_in, permitted, tidy, with_the_panels_of
-from caris_desktop.ui.layout.saved_layouts_file import LayoutFile
 from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
@@ -43,6 +44,49 @@ class LayoutCommand:
     possible: bool = True
     action: str = ""
     id: str = field(kw_only=True)
+
+
+MOST_UNDO_STEPS = 200
+
+
+class LayoutHistory:
+    """Undo and redo of dock layout edits.
+
+    Undo and redo stacks of layouts; each call gets the current one.
+    """
+
+    def __init__(self) -> None:
+        self._before: list[tuple[str, DockLayout]] = []
+        self._after: list[tuple[str, DockLayout]] = []
+
+    def note(self, what: str, before: DockLayout) -> None:
+        """Record an edit ``what`` of ``before``; clears the redo stack."""
+        self._before.append((what, before))
+        del self._before[:-MOST_UNDO_STEPS]
+        self._after.clear()
+
+    @property
+    def undoes(self) -> str:
+        """Description of the edit to undo; empty if none."""
+        return self._before[-1][0] if self._before else ""
+
+    @property
+    def redoes(self) -> str:
+        return self._after[-1][0] if self._after else ""
+
+    def undo(self, present: DockLayout) -> DockLayout | None:
+        if not self._before:
+            return None
+        what, before = self._before.pop()
+        self._after.append((what, present))
+        return before
+
+    def redo(self, present: DockLayout) -> DockLayout | None:
+        if not self._after:
+            return None
+        what, after = self._after.pop()
+        self._before.append((what, present))
+        return after
 
 
 class LayoutStore(QObject):
@@ -79,7 +123,7 @@ class LayoutStore(QObject):
         self._trees: dict[SizeClass, LayoutNode] = {}
         self._baseline: LayoutNode | None = None
         self._touched = False
-        self._histories: dict[SizeClass, History] = {}
+        self._histories: dict[SizeClass, LayoutHistory] = {}
         self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self.rest.timeout.connect(self.record_layout)
         docks.layout_changed.connect(self.rest.start)
@@ -271,8 +315,8 @@ class LayoutStore(QObject):
         return self._kind
 
     @property
-    def _history(self) -> History:
-        return self._histories.setdefault(self._kind, History())
+    def _history(self) -> LayoutHistory:
+        return self._histories.setdefault(self._kind, LayoutHistory())
 
     def commands(self) -> tuple[LayoutCommand, ...]:
         """Commands for menu and palette."""
@@ -396,3 +440,104 @@ class LayoutStore(QObject):
             arranged = before is None or tree != before
         if arranged:
             self._console.do(intents.KeepLayout(layout_text(tree)))
+
+
+_WORKING, _ASIDE, _LOCKED, _ADAPTS = "layout/working", "layout/working_aside", "layout/locked", "layout/adapts"
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class WorkingCopy:
+    """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
+
+    arrangement: DockLayout
+    of_another: bool
+
+
+class LayoutFile:
+    """Saved layouts of the current wizard, by scenario file and screen size class."""
+
+    def __init__(self, values: WizardProfiles) -> None:
+        self._values = values
+
+    def working(self, scenario: str, kind: SizeClass, file_tree: LayoutNode) -> WorkingCopy | None:
+        """The working copy, or None. Raises ValueError if unreadable; it is then set aside."""
+        text = str(self._values.value(_WORKING, "{}"))
+        everything = _read(text)
+        if not isinstance(everything, dict) or not isinstance(everything.get(scenario, {}), dict):
+            self._put_aside(scenario, text)
+            rest = everything | {scenario: {}} if isinstance(everything, dict) else {}
+            self._values.set_value(_WORKING, json.dumps(rest))
+            raise ValueError("the saved layouts are not a JSON object")  # noqa: TRY004
+        entry = everything.get(scenario, {}).get(kind)
+        if entry is None:
+            return None
+        try:
+            if not isinstance(entry, dict):
+                raise ValueError("it is not a JSON object")  # noqa: TRY004, TRY301
+            return WorkingCopy(arrangement_from(entry.get("arrangement")), entry.get("of") != layout_data(file_tree))
+        except (ValueError, RecursionError) as error:
+            self._put_aside(scenario, json.dumps({scenario: {kind: entry}}))
+            self._write(scenario, kind, None)
+            raise ValueError(str(error)) from error
+
+    def save_working_copy(
+        self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None
+    ) -> None:
+        """Save a working copy; None if the layout equals the file's."""
+        entry = None
+        if arrangement is not None:
+            entry = {"of": layout_data(file_tree), "arrangement": arrangement_data(arrangement)}
+        self._write(scenario, kind, entry)
+
+    def forget(self, scenario: str) -> None:
+        self._values.set_value(
+            _WORKING, json.dumps({name: each for name, each in self._all().items() if name != scenario})
+        )
+
+    @property
+    def adapts(self) -> bool:
+        """Whether small and large screens get a layout of their own."""
+        return str(self._values.value(_ADAPTS, "yes")) != "no"
+
+    def set_adapts(self, adapts: bool) -> None:
+        self._values.set_value(_ADAPTS, "yes" if adapts else "no")
+
+    def is_locked(self, scenario: str) -> bool:
+        return scenario in self._locked()
+
+    def set_locked(self, scenario: str, locked: bool) -> None:
+        names = [name for name in self._locked() if name != scenario]
+        self._values.set_value(_LOCKED, json.dumps([*names, scenario] if locked else names))
+
+    def _locked(self) -> list[str]:
+        names = _read(self._values.value(_LOCKED, "[]"))
+        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+    def _of(self, scenario: str) -> dict[str, Any]:
+        entries = self._all().get(scenario)
+        return entries if isinstance(entries, dict) else {}
+
+    def _write(self, scenario: str, kind: SizeClass, entry: dict[str, Any] | None) -> None:
+        known = self._all()
+        entries = {name: each for name, each in self._of(scenario).items() if name != kind}
+        if entry is not None:
+            entries[kind] = entry
+        if known.get(scenario, {}) != entries:
+            self._values.set_value(_WORKING, json.dumps(known | {scenario: entries}))
+
+    def _all(self) -> dict[str, Any]:
+        known = _read(self._values.value(_WORKING, "{}"))
+        return known if isinstance(known, dict) else {}
+
+    def _put_aside(self, scenario: str, text: str) -> None:
+        """Keep unreadable data under another settings key for inspection."""
+        _log.warning("the arrangement that was kept for %s cannot be read, and is put aside", scenario)
+        self._values.set_value(_ASIDE, text)
+
+
+def _read(text: Any) -> Any:
+    try:
+        return json.loads(str(text))
+    except (ValueError, RecursionError):
+        return None

@@ -1,6 +1,7 @@
 """Main window of the console: top bar, dock area, status bar, and their connections."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,6 +40,7 @@ from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.late_imports import LateImports
+from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notice_strip import NoticeStrip
@@ -58,7 +60,6 @@ from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
 from caris_desktop.ui.resume_trial_card import ResumeTrialCard
-from caris_desktop.ui.reused_panels import same_panels
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
@@ -525,3 +526,35 @@ def _ends_of_recording(before: Scenario, after: Scenario) -> list[str]:
     ends = [tr("video")] if was.video_recording and not will_be.video_recording else []
     ends += [tr("sound")] if was.audio_recording and not will_be.audio_recording else []
     return [*ends, tr("photos")] if ends and was.photos and not will_be.photos else ends
+
+
+def same_panels(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
+    """Decision whether a changed scenario needs its panels rebuilt.
+
+    Whether no panel needs a rebuild, so that text being typed is not lost.
+
+    True if only a place was saved or removed (panels follow ``state.places``), or the current layout was saved.
+    """
+    return _only_other_places(before, after) or _only_saves_the_layout(before, after, arranged)
+
+
+def _only_other_places(before: Scenario, after: Scenario) -> bool:
+    moved = replace(after, places=before.places, path=before.path, sha256=before.sha256)
+    return before.places != after.places and moved == before
+
+
+def _only_saves_the_layout(before: Scenario, after: Scenario, arranged: LayoutNode | None) -> bool:
+    return (
+        arranged is not None
+        and set(panels_in(after.layout)) == set(panels_in(arranged))
+        and replace(
+            after,
+            layout=before.layout,
+            layout_compact=before.layout_compact,
+            layout_large=before.layout_large,
+            path=before.path,
+            sha256=before.sha256,
+            places=before.places,
+        )
+        == before
+    )

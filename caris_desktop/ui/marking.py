@@ -1,7 +1,10 @@
 """Manual marks: a tap marks a moment, a held key an interval; wizard errors, notes and the mark popup."""
 
-from PySide6.QtCore import QObject, QTimer
-from PySide6.QtWidgets import QWidget
+import time
+
+from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QPaintEvent
+from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
@@ -10,14 +13,20 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.recording_settings import ERROR_KEYS
+from caris_desktop.scenario.recording_settings import ERROR_KEYS, ErrorKind
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import MARKS_GROUP
 from caris_desktop.ui.action_spec import IntentNow
 from caris_desktop.ui.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.mark_card import MarkCard
+from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
+from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.mark_intents import move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.window_above import clear_place, windows_above
 
 HELD_AFTER_S = 0.4
 ANSWER_WITHIN_S = 5.0
@@ -192,3 +201,400 @@ class Marking(QObject):
     def _on_escape(self) -> None:
         self._no_question()
         self.card.close_card()
+
+
+MARK_CARD_WIDTH_PX = 720
+_SHOWN_MS = 6000
+_SAID_MS = 2500
+_LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
+
+
+class MarkCard(QWidget):
+    """Mark popup: shows a mark for a few seconds with time, label and single-key corrections.
+
+    Popup below the top bar and the status indicators, which a mark must not cover. Takes the focus only for writing a
+    note, and returns it.
+    """
+
+    accessible_role = QAccessible.Role.Dialog
+
+    earlier_requested = Signal()
+    withdraw_requested = Signal()
+    label_chosen = Signal(str)
+    error_kind_chosen = Signal(str)
+    end_requested = Signal(str)  # mark id
+    note_kept = Signal(str, str, float)  # text, mark id or empty, seconds ago
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
+        super().__init__(window)
+        self.setObjectName("mark_card")
+        # A click on the popup must not reach the widgets below.
+        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
+        self._theme = theme
+        self._console = console
+        self._actions = actions
+        self._window = window
+        self._mark: Marked | None = None
+        self._earlier_s = 0.0
+        self._held = False
+        self._asks = False
+        self._note_for = ""
+        self._note_began_s = 0.0
+        self._below: QWidget | None = None
+        self._focus_before: QWidget | None = None
+        self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._title.setObjectName("mark_card_title")
+        self._line = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._line.setObjectName("mark_card_line")
+        close = self._button("mark_card_close", "", icon="x", look="ghost")
+        close.setAccessibleName(tr("Close"))
+        close.clicked.connect(self.close_card)
+        self._labels = FlowRow(gap_px=6)
+        self._label_buttons: list[ActionButton] = []
+        self._kinds = FlowRow(gap_px=6)
+        self._kind_buttons: list[tuple[str, str, ActionButton]] = []
+        self._kinds_shown: tuple[ErrorKind, ...] = ()
+        self._end = self._button("mark_card_end", tr("End"), icon="stop", look="primary")
+        self._end.clicked.connect(self._on_end)
+        self._earlier = self._button("mark_card_earlier", tr("3 s earlier"), icon="rewind")
+        self._earlier.clicked.connect(self.earlier_requested)
+        self._add_note = self._button("mark_card_note", tr("Note"), icon="note-pencil")
+        self._add_note.clicked.connect(self._on_add_note)
+        self._undo = self._button("mark_card_undo", tr("Undo"), icon="arrow-u-up-left")
+        self._undo.clicked.connect(self.withdraw_requested)
+        self._add_note.setToolTip(tr("Add a note to this mark"))
+        self._undo.setToolTip(tr("Undo this mark"))
+        self._earlier.setToolTip(tr("Move the mark 3 seconds earlier. Press again for 6, 9, …"))
+        self._correct = QWidget()
+        correct = layouts.hbox(self._correct, margins_px=0, spacing_px=6)
+        for button in (self._end, self._earlier, self._add_note, self._undo):
+            correct.addWidget(button)
+        self.field = SubmitLineEdit()
+        self.field.setObjectName("note_field")
+        self.field.setAccessibleName(tr("Note"))
+        self.field.setPlaceholderText(tr("What is happening?"))
+        self.field.setMaxLength(400)
+        self.field.setMinimumHeight(36)
+        self.field.returnPressed.connect(self._store_note)
+        self._keep = self._button("note_keep", tr("Save"), key="Enter", look="primary")
+        self._keep.clicked.connect(self._store_note)
+        leave = self._button("note_leave", tr("Discard"), key="Esc")
+        leave.clicked.connect(self.close_card)
+        self._note_row = QWidget()
+        note_row = layouts.hbox(self._note_row, margins_px=0, spacing_px=6)
+        note_row.addWidget(self.field, 1)
+        note_row.addWidget(self._keep)
+        note_row.addWidget(leave)
+        head = layouts.hbox(spacing_px=10)
+        column = layouts.vbox(spacing_px=1)
+        column.addWidget(self._title)
+        column.addWidget(self._line)
+        head.addLayout(column, 1)
+        head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
+        head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        layout = layouts.vbox(self, margins_px=(44, 10, 8, 12), spacing_px=8)
+        layout.addLayout(head)
+        for part in (self._labels, self._kinds, self._note_row):
+            layout.addWidget(part)
+        self._away = QTimer(self, singleShot=True)
+        self._away.timeout.connect(self._on_away)
+        self._second = QTimer(self, interval=250)
+        self._second.timeout.connect(self._show_words)
+        console.state.marks.changed.connect(self._on_marks_changed)
+        actions.keys_changed.connect(self._show_keys)
+        theme.changed.connect(self._style)
+        window.installEventFilter(self)
+        self._style()
+        self._show_keys()
+        self.hide()
+
+    def _button(self, name: str, text: str, **more: object) -> ActionButton:
+        button = ActionButton(self._theme, text, height_px=30, text_px=tokens.STATUS_PX + 1, **more)  # type: ignore[arg-type]
+        button.setObjectName(name)
+        return button
+
+    def lie_below(self, strip: QWidget) -> None:
+        """Place the popup below that strip."""
+        self._below = strip
+
+    # ---- display
+
+    @property
+    def mark_id(self) -> str:
+        """Id of the mark on display; empty if none."""
+        return "" if self._mark is None else self._mark.mark_id
+
+    @property
+    def mark(self) -> Marked | None:
+        return self._mark
+
+    @property
+    def text(self) -> str:
+        """Text of the popup."""
+        return f"{self._title.text()}. {self._line.text()}".strip()
+
+    def show_mark(self, mark_id: str, *, earlier_s: float = 0.0, held: bool = False, asks: bool = False) -> None:
+        """Show this mark for a while; ``asks``: the next key selects the kind of wizard error."""
+        status = self._console.state.marks.value
+        known = (each for each in (status.last, *status.open) if each is not None)
+        mark = next((each for each in known if each.mark_id == mark_id), None)
+        if mark is None or self.writes_note:
+            return
+        self._earlier_s = earlier_s + (self._earlier_s if mark.mark_id == self.mark_id else 0.0)
+        self._mark, self._held, self._asks = mark, held, asks
+        self._note_row.hide()
+        self._fill()
+        self._open(_SHOWN_MS)
+
+    def show_taken_back(self, mark: Marked) -> None:
+        """Confirm that the mark was withdrawn."""
+        if not self.writes_note:
+            title = tr("Note removed") if mark.kind == "note" else tr("Mark removed")
+            line = tr("{label} is not counted.") if mark.label else tr("It is not counted.")
+            self.say(title, line.format(label=mark.label))
+
+    def say(self, title: str, line: str) -> None:
+        """Show a sentence for a moment, without buttons."""
+        self._mark = None
+        self._earlier_s = 0.0
+        self._asks = False
+        self._title.setText(title)
+        self._line.setText(line)
+        self.setAccessibleName(self.text)
+        for part in (self._labels, self._kinds, self._correct, self._note_row):
+            part.hide()
+        self._second.stop()
+        self._open(_SAID_MS)
+
+    def stop_asking(self) -> None:
+        """Stop waiting for an answer key."""
+        if self._asks:
+            self._asks = False
+            self._show_words()
+            self._show_keys()
+
+    def write_note(self, mark: Marked | None = None) -> None:
+        """Open the field for a note about this moment, or about ``mark``."""
+        if self.writes_note and mark is None:
+            focus_widget(self.field)
+            return
+        focused = self._window.focusWidget()
+        if focused is not self.field:
+            self._focus_before = focused
+        self._note_began_s = time.monotonic()
+        self._note_for = "" if mark is None else mark.mark_id
+        at_ns = self._console.state.present.now_ns() if mark is None else _moment_ns(mark)
+        self._mark = None
+        at = text_formatting.clock_time(at_ns, self._console.state.present.anchor)
+        self._title.setText(tr("Note about {time}").format(time=at))
+        self._line.setText(tr("You can still drive with Alt while you write."))
+        for part in (self._labels, self._kinds, self._correct):
+            part.hide()
+        self._second.stop()
+        self._away.stop()
+        self.field.setText("" if mark is None else mark.note)
+        self._note_row.show()
+        self._open(None)
+        focus_widget(self.field)
+
+    @property
+    def writes_note(self) -> bool:
+        return self.isVisible() and not self._note_row.isHidden()
+
+    def close_card(self) -> None:
+        """Hide; an unsaved note is discarded."""
+        if self.isHidden():
+            return
+        had_focus = self.field.hasFocus()
+        self._note_row.hide()
+        self._mark = None
+        self._asks = False
+        self._earlier_s = 0.0
+        self._away.stop()
+        self._second.stop()
+        self.hide()
+        if had_focus:
+            give_focus_back(self._focus_before)
+
+    # ---- layout
+
+    def _fill(self) -> None:
+        mark = self._mark
+        if mark is None:
+            return
+        self._fill_labels(mark)
+        self._fill_kinds()
+        self._kinds.setVisible(mark.kind == "wizard_error")
+        self._correct.show()
+        self._end.setVisible(mark.state == "open" and not self._held)
+        self._add_note.setVisible(mark.state != "open" and self._console.scenario.permissions.notes)
+        self._show_words()
+        self._show_keys()
+        self.update()
+        if mark.state == "open":
+            self._second.start()
+        else:
+            self._second.stop()
+
+    def _fill_kinds(self) -> None:
+        """Create a button per kind of wizard error in the scenario."""
+        kinds = self._console.scenario.recording.error_kinds
+        if kinds == self._kinds_shown:
+            return
+        self._kinds_shown = kinds
+        for *_, button in self._kind_buttons:
+            self._kinds.remove(button)
+            button.hide()
+            button.deleteLater()
+        self._kind_buttons.clear()
+        for letter, kind in zip(ERROR_KEYS, kinds, strict=False):
+            shown = tr(kind.kind)
+            name = f"mark_card_{kind.kind.replace(' ', '_')}"
+            button = self._button(name, f"{shown[:1].upper()}{shown[1:]}", key=letter, key_first=True)
+            button.setToolTip(tr(kind.meaning) if kind.meaning else "")
+            button.clicked.connect(lambda _checked=False, chosen=kind.kind: self.error_kind_chosen.emit(chosen))
+            self._kinds.add(button)
+            self._kind_buttons.append((letter, kind.kind, button))
+
+    def _fill_labels(self, mark: Marked) -> None:
+        labels = self._console.scenario.recording.labels if mark.kind == "mark" else ()
+        while len(self._label_buttons) < len(labels):
+            number = len(self._label_buttons) + 1
+            button = self._button(f"mark_card_label_{number}", "")
+            button.setCheckable(True)
+            button.clicked.connect(lambda _checked=False, index=number - 1: self._on_label(index))
+            self._labels.add(button)
+            self._label_buttons.append(button)
+        for index, button in enumerate(self._label_buttons):
+            shown = index < len(labels)
+            button.setVisible(shown)
+            if shown:
+                button.set_label(labels[index])
+                button.setChecked(labels[index] == mark.label)
+        self._labels.setVisible(bool(labels) and not self._held)
+
+    def _show_words(self) -> None:
+        mark = self._mark
+        if mark is None:
+            return
+        anchor = self._console.state.present.anchor
+        at = text_formatting.clock_time(_moment_ns(mark), anchor)
+        if mark.state == "open":
+            lasts_s = (self._console.state.present.now_ns() - _moment_ns(mark)) / 1e9
+            stretch = mark.label or tr("Interval")
+            self._title.setText(f"{stretch} · {text_formatting.duration(lasts_s)}")
+            since = tr("Since {time}, until you release the key") if self._held else tr("Since {time}")
+            self._line.setText(since.format(time=at))
+        else:
+            what = {"wizard_error": tr("Wizard error"), "note": tr("Note saved")}.get(mark.kind, tr("Marked"))
+            if mark.label:
+                what = text_formatting.with_label(what, mark.label)
+            elif self._asks:
+                what = tr("{marked} · what kind?").format(marked=what)
+            self._title.setText(what)
+            parts = [at]
+            if mark.end_ns is not None:
+                parts.append(
+                    tr("lasted {time}").format(time=text_formatting.age((mark.end_ns - _moment_ns(mark)) / 1e9))
+                )
+            if self._earlier_s:
+                parts.append(tr("moved {time} s earlier").format(time=f"{self._earlier_s:.0f}"))
+            if mark.note:
+                parts.append(f"“{text_formatting.shortened(mark.note, 60)}”")
+            self._line.setText(" · ".join(parts))
+        self.setAccessibleName(self.text)
+
+    def _show_keys(self) -> None:
+        self._end.set_key(self._actions.key_text("stretch"))
+        self._earlier.set_key(self._actions.key_text("mark_earlier"))
+        self._undo.set_key(self._actions.key_text("mark_undo"))
+        for letter, label, button in self._kind_buttons:
+            button.set_key(self._actions.letter(letter) if self._asks else "")
+            button.setCheckable(True)
+            button.setChecked(self._mark is not None and self._mark.label == label)
+
+    def _on_marks_changed(self, _status: object) -> None:
+        status = self._console.state.marks.value
+        if self._mark is None or self.isHidden():
+            return
+        for mark in (status.last, *status.open):
+            if mark is not None and mark.mark_id == self.mark_id and mark != self._mark:
+                self._mark = mark
+                self._fill()
+                self._place()
+                return
+
+    def _on_label(self, index: int) -> None:
+        labels = self._console.scenario.recording.labels
+        if index < len(labels):
+            self.label_chosen.emit(labels[index])
+
+    def _on_add_note(self) -> None:
+        if self._mark is not None:
+            self.write_note(self._mark)
+
+    def _on_end(self) -> None:
+        if self.mark_id:
+            self.end_requested.emit(self.mark_id)
+            self._open(_SHOWN_MS)
+
+    def _store_note(self) -> None:
+        text = " ".join(self.field.text().split())
+        mark_id, ago_s = self._note_for, time.monotonic() - self._note_began_s
+        self.close_card()
+        if text or mark_id:
+            self.note_kept.emit(text, mark_id, ago_s)
+
+    # ---- placement and style
+
+    def _open(self, for_ms: int | None) -> None:
+        self._place()
+        self.show()
+        self._place()
+        self.raise_()
+        if for_ms is not None:
+            self._away.start(for_ms)
+
+    def _on_away(self) -> None:
+        if self.underMouse() or self._held:
+            self._away.start(1500)
+        else:
+            self.close_card()
+
+    def _place(self) -> None:
+        width = min(MARK_CARD_WIDTH_PX, self._window.width() - 2 * _LEFT_PX)
+        layout = self.layout()
+        if layout is None:
+            return
+        layout.invalidate()
+        layout.activate()
+        height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
+        below = self._below
+        top = _BELOW_TOP_BAR_PX if below is None or below.isHidden() else below.geometry().bottom() + 4
+        usual, room = QRect(_LEFT_PX, top, width, height), self._window.width() - 2 * _LEFT_PX
+        taken = [window.place_in(self._window) for window in windows_above(self._window)]
+        place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual
+        self.setGeometry(place)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return False
+
+    def _style(self) -> None:
+        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
+        self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = self._theme.paint_box(
+            self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(1, 1)
+        )
+        kind = "" if self._mark is None else self._mark.kind
+        name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
+        name = "warning" if kind == "wizard_error" else name
+        draw_icon(painter, QRectF(14, 13, 20, 20), name, self._theme.color("blue"))
+
+
+def _moment_ns(mark: Marked) -> int:
+    return mark.stamp_ns if mark.start_ns is None else mark.start_ns

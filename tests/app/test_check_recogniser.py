@@ -9,8 +9,7 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.app.check_command import recogniser_finding
-from caris_desktop.scenario.listening_settings import ListeningSettings
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import ListeningSettings, Scenario
 from tests.conversation.listening.transcription_server import serving
 
 

@@ -28,8 +28,7 @@ from caris_desktop.live.services.microphone_service import MicrophoneService
 from caris_desktop.live.services.sound_service import SoundService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.recording.recorder.recorder_messages import SetRecordingPermissions
-from caris_desktop.scenario.scenario_model import Permissions, Scenario
-from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.scenario.scenario_model import Permissions, Scenario, SoundSettings
 from tests.support.polling import wait_for
 
 PERMISSIONS: tuple[Permission, ...] = get_args(Permission)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.sound.jitter import JitterBuffer
 from caris_desktop.conversation.sound.playback_messages import (
     BeginPlaying,
     EndPlaying,
@@ -15,7 +14,7 @@ from caris_desktop.conversation.sound.playback_messages import (
     PlayedOut,
     PlayThis,
 )
-from caris_desktop.conversation.sound.playback_process import run_playback
+from caris_desktop.conversation.sound.playback_process import JitterBuffer, run_playback
 from caris_desktop.domain import clock
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.conversation.test_microphone_process import Body

@@ -8,8 +8,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.sensing import BatteryState, FrameRef
 from caris_desktop.domain.streams import ShownAs
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.mailbox import Mailbox
+from caris_desktop.live.bus import Bus, Mailbox
 from caris_desktop.live.state import LiveState
 
 PICTURE = FrameRef(1, None, "front", "ring", 0, 1, 4, 3)

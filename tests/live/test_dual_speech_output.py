@@ -7,7 +7,7 @@ import pytest
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
-from caris_desktop.live.dual_speech_output import DualSpeechOutput
+from caris_desktop.live.services.speech_service import DualSpeechOutput
 
 ASKED = UtteranceChanged(1, "u-1", "robot", "Hello", "typed", "requested", voice="both")
 

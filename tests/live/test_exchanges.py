@@ -13,8 +13,8 @@ from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.domain.events import AnswerUsed, ChatMessage, LlmExchange
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.exchanges import MOST_SHOWN, MOST_UNDER_WAY, Exchanges
 from caris_desktop.live.model_client import ModelClient
+from caris_desktop.live.services.assistant_service import MOST_EXCHANGES_SHOWN, MOST_PENDING_EXCHANGES, Exchanges
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantStatus
 
@@ -199,12 +199,12 @@ def test_several_questions_are_under_way_and_each_ends_as_it_ends(desk: Desk, qt
 
 
 def test_no_more_than_a_few_are_asked_at_once_and_the_oldest_answers_make_room(desk: Desk, qtbot: QtBot) -> None:
-    for _ in range(MOST_SHOWN + 1):
+    for _ in range(MOST_EXCHANGES_SHOWN + 1):
         _answered(desk, qtbot)
-    assert len(desk.rows) == MOST_SHOWN
+    assert len(desk.rows) == MOST_EXCHANGES_SHOWN
     assert desk.uses == [(desk.exchanges[0].exchange_id, "dismissed", "Straight on.")]
     desk.waits = True
-    for _ in range(MOST_UNDER_WAY):
+    for _ in range(MOST_PENDING_EXCHANGES):
         desk.ask()
     with pytest.raises(UserFacingError, match="still in the field"):
         desk.asking.prepare("One more?")

@@ -8,7 +8,7 @@ import pytest
 from caris_desktop.domain.events import LinkChanged, LinkState, Marked, RobotChosen
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import AudioBlock, BatteryState, FrameRef, OccupancyGrid, People
-from caris_desktop.live.mailbox import Mailbox
+from caris_desktop.live.bus import Mailbox
 
 
 def _frame(sequence: int, camera: str = "front") -> FrameRef:

@@ -5,7 +5,7 @@ import pytest
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import PlannedStep, ProtocolEnded, ProtocolOpened, StepEntered, StepTicked
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.protocol_run import ProtocolRun
+from caris_desktop.live.services.protocol_service import ProtocolRun
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolStep
 
 STEPS = (

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken
-from caris_desktop.live.replay_photos import ReplayPhotos
+from caris_desktop.live.replay_console import ReplayPhotos
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.told_session import at, tell

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.conversation.conversation_transcript import in_order, turns_of
 from caris_desktop.domain.events import Marked, UtteranceChanged, UtteranceCorrected
-from caris_desktop.live.replay_transcript import ReplayTranscript
+from caris_desktop.live.replay_console import ReplayTranscript
 from caris_desktop.live.state import LiveState
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, spoken

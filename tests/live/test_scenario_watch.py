@@ -10,9 +10,9 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live import scenario_watch
 from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.scenario_watch import ScenarioWatch
+from caris_desktop.live.services import scenario_service
+from caris_desktop.live.services.scenario_service import ScenarioWatch
 
 
 class AtOnce:
@@ -94,8 +94,8 @@ def slow_work(qapp: QApplication) -> Iterator[BackgroundWorker]:
 def test_an_editor_that_puts_another_file_in_its_place_is_noticed_each_time(
     qtbot: QtBot, slow_work: BackgroundWorker, file: Path, told: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scenario_watch, "AT_REST_MS", 20)
-    monkeypatch.setattr(scenario_watch, "LOOK_EVERY_MS", 20)
+    monkeypatch.setattr(scenario_service, "FILE_AT_REST_MS", 20)
+    monkeypatch.setattr(scenario_service, "WATCH_EVERY_MS", 20)
     watch = ScenarioWatch(slow_work, told.append)
     watch.use(file, sum_of(file))
     watch.start()

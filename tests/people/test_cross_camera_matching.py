@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.person_values import PersonLooks
-from caris_desktop.people.cross_camera_matching import CrossCameraMatcher, Likeness, Spot, same_person
+from caris_desktop.people.multi_camera_tracks import CrossCameraMatcher, Likeness, Spot, same_person
 
 MS = 1_000_000
 FRONT, DESK = ("front", 1), ("desk", 1)

@@ -14,8 +14,8 @@ from caris_desktop.domain.sensing import LaserScan, People, PersonBox, RobotPose
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.presence import PersonRow, PresenceTracker
 from caris_desktop.simulator.camera_model import sees
-from caris_desktop.simulator.desk_camera import HEIGHT_M, STANDS_IN_MAP, TILT_RAD
 from caris_desktop.simulator.robot_simulation import Robot
+from caris_desktop.simulator.simulate_command import DESK_CAMERA_HEIGHT_M, DESK_CAMERA_IN_MAP, DESK_CAMERA_TILT_RAD
 from caris_desktop.simulator.simulated_people import Visit as SimulatedVisit
 
 MS, S = 1_000_000, 1_000_000_000
@@ -146,7 +146,7 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
 def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(PresenceTracker(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
-        blind.setattr("caris_desktop.people.cross_camera_matching.CrossCameraMatcher.take_spot", lambda *_: None)
+        blind.setattr("caris_desktop.people.multi_camera_tracks.CrossCameraMatcher.take_spot", lambda *_: None)
         assert len(scene.play(3.0)) == 2
     (row,) = scene.play(2.0)
     assert set(row.cameras) == {"front", "desk"}
@@ -169,7 +169,9 @@ def test_somebody_elsewhere_is_never_taken_for_them() -> None:
 def test_visitors_of_the_simulated_robot_stand_where_both_cameras_say() -> None:
     """Its LIDAR sees legs from the robot's side, and the camera on the desk sees the same people from behind."""
     robot = Robot(1, visits=[SimulatedVisit(0, 0.5, 30.0), SimulatedVisit(6, 4.0, 30.0)])
-    desk = replace(FRONT, x_m=0.0, z_m=HEIGHT_M, tilt_rad=TILT_RAD, stands_in_map=STANDS_IN_MAP)
+    desk = replace(
+        FRONT, x_m=0.0, z_m=DESK_CAMERA_HEIGHT_M, tilt_rad=DESK_CAMERA_TILT_RAD, stands_in_map=DESK_CAMERA_IN_MAP
+    )
     locator, rng = PeopleLocator(), np.random.default_rng(2)
     errors_m: dict[str, list[float]] = {"front": [], "desk": []}
     for step in range(18 * 50):
@@ -179,7 +181,7 @@ def test_visitors_of_the_simulated_robot_stand_where_both_cameras_say() -> None:
         stamp_ns = round(robot.now_s * 1e9)
         locator.take(robot.scan(stamp_ns=stamp_ns))
         locator.take(RobotPose(stamp_ns, None, robot.pose_in_map))
-        for name, camera, base in (("front", FRONT, robot.truth.pose_in_map), ("desk", desk, STANDS_IN_MAP)):
+        for name, camera, base in (("front", FRONT, robot.truth.pose_in_map), ("desk", desk, DESK_CAMERA_IN_MAP)):
             there = [(each.x_m, each.y_m) for each in robot.people]
             in_sight = [at for at in there if sees(base @ Pose2D(camera.x_m, camera.y_m, 0.0), *at)]
             boxes = [box_of(camera, at, track, rng, base) for track, at in enumerate(in_sight)]

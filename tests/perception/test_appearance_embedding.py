@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.best_portraits import PortraitTaker
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.kalman_tracker import LOST_S
+from caris_desktop.perception.perceiver import PortraitTaker
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 from tests.perception.networks import colours_of_places
 

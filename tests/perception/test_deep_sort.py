@@ -6,7 +6,7 @@ from statistics import mean
 import numpy as np
 
 from caris_desktop.perception.box_motion import Floats
-from caris_desktop.perception.deep_sort import DeepSort
+from caris_desktop.perception.tracker import DeepSort
 from tests.perception.crowd import Picture, filmed, idf1
 
 

@@ -25,9 +25,7 @@ from caris_desktop.scenario import scenario_model
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.assistant_settings import AssistantSettings, NamedText
 from caris_desktop.scenario.checklist_settings import ManualCheck
-from caris_desktop.scenario.face_settings import FaceSettings
 from caris_desktop.scenario.gestures import Gesture
-from caris_desktop.scenario.listening_settings import ListeningSettings
 from caris_desktop.scenario.panel_settings import (
     DriveSettings,
     LogSettings,
@@ -48,9 +46,17 @@ from caris_desktop.scenario.scenario_file import (
     scenario_text,
     schema_path,
 )
-from caris_desktop.scenario.scenario_model import PanelLeaf, Place, Scenario, SplitNode, TabNode
-from caris_desktop.scenario.sound_settings import SoundSettings
-from caris_desktop.scenario.voice_settings import VoiceSettings
+from caris_desktop.scenario.scenario_model import (
+    FaceSettings,
+    ListeningSettings,
+    PanelLeaf,
+    Place,
+    Scenario,
+    SoundSettings,
+    SplitNode,
+    TabNode,
+    VoiceSettings,
+)
 from tests.support.examples import examples
 from tests.support.translated_messages import untranslated_part
 

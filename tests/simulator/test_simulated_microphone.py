@@ -13,8 +13,8 @@ from caris_desktop.simulator import participant
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.participant import BadSentences, Participant, read_sentences
 from caris_desktop.simulator.robot_interface import AudioTopics
+from caris_desktop.simulator.robot_topics import SoundOnRos
 from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate, in_room
-from caris_desktop.simulator.sound_topics import SoundOnRos
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 

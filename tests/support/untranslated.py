@@ -68,7 +68,7 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "live/assistant_context.py": {"person {}": _PROMPT, "group {}": _PROMPT},
     "live/preflight_checks.py": {"by hand: {}": "the name of a check in the record"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
-    "live/push_to_talk.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
+    "live/services/sound_service.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
     "live/services/assistant_service.py": {"Hello.": _PROMPT},
     "live/services/face_service.py": {"face page": _PROCESS},
     "live/services/practice_service.py": {

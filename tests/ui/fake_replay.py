@@ -15,8 +15,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus, PlaybackStatus
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError
-from caris_desktop.recording.annotation.annotation_history import EditHistory
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, EditHistory
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,

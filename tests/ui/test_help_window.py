@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.ui.help_pages import FIRST_PAGE, PAGES, anchor_of, guide_dir
-from caris_desktop.ui.help_window import GuideBrowser, HelpWindow
+from caris_desktop.ui.help_window import FIRST_PAGE, PAGES, GuideBrowser, HelpWindow, anchor_of, guide_dir
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from tests.support.window_classes import widget_classes, window_classes

@@ -32,8 +32,8 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.map_drawing import MapDrawing
+from caris_desktop.ui.widgets.map_grid import GridRaster
 from caris_desktop.ui.widgets.map_layers import TRAIL_POINTS, Trail
-from caris_desktop.ui.widgets.map_raster import GridRaster
 from tests.support.yardstick import in_yardsticks
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window

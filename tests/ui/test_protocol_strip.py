@@ -23,9 +23,8 @@ from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.palette.step_entries import step_entries
-from caris_desktop.ui.protocol.step_words import short_time, time_words
-from caris_desktop.ui.protocol_strip import ProtocolStrip
+from caris_desktop.ui.palette.palette_entries import step_entries
+from caris_desktop.ui.protocol_strip import ProtocolStrip, short_time, time_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox

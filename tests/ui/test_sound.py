@@ -10,8 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
-from caris_desktop.scenario.scenario_model import Permissions
-from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.scenario.scenario_model import Permissions, SoundSettings
 from caris_desktop.ui.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow

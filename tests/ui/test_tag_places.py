@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PySide6.QtCore import QPointF, QRectF, QSizeF
 
-from caris_desktop.ui.widgets.label_placement import tag_places
+from caris_desktop.ui.widgets.frame_view import tag_places
 
 PICTURE = QRectF(0, 0, 640, 480)
 TAG = (80.0, 21.0)

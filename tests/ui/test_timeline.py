@@ -15,8 +15,7 @@ from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QMenu, QPlainT
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.recording.annotation.annotation_editing import tier_of
-from caris_desktop.recording.annotation.annotation_history import EditHistory
+from caris_desktop.recording.annotation.annotation_editing import EditHistory, tier_of
 from caris_desktop.recording.annotation.annotation_model import (
     DEFAULT_TIER,
     Annotation,
@@ -28,9 +27,8 @@ from caris_desktop.recording.annotation.annotation_model import (
 from caris_desktop.recording.annotation.coder_agreement import NOTHING
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.replay.agreement_dialog import UNIT_MS, AgreementDialog
-from caris_desktop.ui.replay.label_card import LabelCard
 from caris_desktop.ui.replay.tier_dialog import TierDialog
-from caris_desktop.ui.replay.timeline_commands import NUDGE_MS
+from caris_desktop.ui.replay.timeline_commands import NUDGE_MS, LabelCard
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
 from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, TimeScale
 from caris_desktop.ui.replay.timeline_view import TimelineView

@@ -11,15 +11,13 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.events.robot_events import GoalState
-from caris_desktop.domain.events.session_events import Severity
+from caris_desktop.domain.events import GoalChanged, GoalState, Severity
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui.alarms.alarm_list import AlarmRow
-from caris_desktop.ui.conversation.transcript_painting import RowHighlight, RowPainter
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
+from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel

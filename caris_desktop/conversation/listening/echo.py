@@ -11,7 +11,6 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.playback_reference import RATE_HZ, PlaybackReference, ns_of, samples_in
 from caris_desktop.conversation.listening.room_filter import (
     BINS,
     FRAME,
@@ -22,7 +21,7 @@ from caris_desktop.conversation.listening.room_filter import (
     part_of_sound,
     spectrum,
 )
-from caris_desktop.conversation.sound.resampling import Resampler
+from caris_desktop.conversation.sound.resampling import Resampler, resampled
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.value_class import dataclass
@@ -30,8 +29,84 @@ from caris_desktop.domain.value_class import dataclass
 _HOLE_NS = 60_000_000
 _SHORT_HOLE_NS = 1_000_000_000
 """While the robot may be heard so much lost sound is taken for silence, so that what came before is still looked at."""
-_KEPT = 6 * RATE_HZ
-_HINDSIGHT = 30 * RATE_HZ
+SAMPLE_RATE_HZ = 16_000
+_CONTINUES_WITHIN_NS = 30_000_000
+
+
+def samples_in(duration_ns: int) -> int:
+    return round(duration_ns * SAMPLE_RATE_HZ / 1_000_000_000)
+
+
+def ns_of(samples: int) -> int:
+    return samples * 1_000_000_000 // SAMPLE_RATE_HZ
+
+
+@dataclass(slots=True, eq=False)
+class _Piece:
+    utterance_id: str
+    start_ns: int
+    samples: NDArray[np.float32]
+
+    @property
+    def end_ns(self) -> int:
+        return self.start_ns + ns_of(len(self.samples))
+
+
+class PlaybackReference:
+    """Playback reference: past and scheduled loudspeaker sound at 16 kHz in session time.
+
+    Accumulates reported sounds; simultaneous ones are mixed.
+    """
+
+    def __init__(self) -> None:
+        self._pieces: list[_Piece] = []
+
+    def add(self, sound: PlayedSound) -> int:
+        """Add a sound; return its start: chunks of one utterance are joined without gaps."""
+        mono = sound.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0)
+        start_ns = sound.stamp_ns
+        for piece in self._pieces:
+            if piece.utterance_id == sound.utterance_id and abs(start_ns - piece.end_ns) < _CONTINUES_WITHIN_NS:
+                start_ns = piece.end_ns
+        self._pieces.append(_Piece(sound.utterance_id, start_ns, resampled(mono, sound.sample_rate_hz, SAMPLE_RATE_HZ)))
+        return start_ns
+
+    def end(self, ended: PlayedSoundEnded) -> None:
+        """Truncate an utterance."""
+        for piece in self._pieces:
+            if piece.utterance_id == ended.utterance_id:
+                piece.samples = piece.samples[: max(0, samples_in(ended.stamp_ns - piece.start_ns))]
+
+    def sound(self, start_ns: int, count: int) -> NDArray[np.float32]:
+        """Sound from that time on, shape (count,); zeros where nothing was played."""
+        sound = np.zeros(count, np.float32)
+        for piece in self._pieces:
+            first = samples_in(start_ns - piece.start_ns)
+            start, end = max(0, first), min(len(piece.samples), first + count)
+            if start < end:
+                sound[start - first : end - first] += piece.samples[start:end]
+        return sound
+
+    def anything(self, start_ns: int, end_ns: int) -> bool:
+        """True if any sound was played in that interval."""
+        return any(piece.start_ns < end_ns and piece.end_ns > start_ns for piece in self._pieces)
+
+    def began_ns(self, moment_ns: int) -> int | None:
+        """Start of the utterance played at that time, or last before it; None if there was none."""
+        before = [piece for piece in self._pieces if piece.start_ns <= moment_ns]
+        if not before:
+            return None
+        last = max(before, key=lambda piece: piece.start_ns)
+        if not last.utterance_id:
+            return last.start_ns
+        return min(piece.start_ns for piece in before if piece.utterance_id == last.utterance_id)
+
+    def forget_before(self, moment_ns: int) -> None:
+        self._pieces = [piece for piece in self._pieces if piece.end_ns >= moment_ns]
+
+
+_KEPT = 6 * SAMPLE_RATE_HZ
+_HINDSIGHT = 30 * SAMPLE_RATE_HZ
 _EARLY = 256
 """Samples by which the reported time of a sound may be late: 16 ms."""
 _USUALLY_LATEST, _LATEST = 9_600, 48_000
@@ -67,7 +142,7 @@ _GOES_ON, _LOUDER = 0.58, 4.0
 """Energy of a room from one frame to the next (60 dB in 0.4 s); so much louder than usual is somebody else."""
 _BREATH_NS = 150_000_000
 """Between two words of one sentence."""
-_SAME_ROOM_FOR = RATE_HZ // 2
+_SAME_ROOM_FOR = SAMPLE_RATE_HZ // 2
 """Longest silence after which the robot has not moved; samples."""
 _USUAL_LOUDNESS = 1.0
 _MARGIN = 4.0
@@ -205,7 +280,7 @@ class EchoCanceller:
             late.append(lag)
             played = self._played.sound(self._base_ns + ns_of(first - lag - _LEAD), last - first + _LEAD)
             beyond += _beyond_robot(heard, _resounding(_spectral_energies(played))[-len(heard) :])
-        return RobotHeard(late[0] / RATE_HZ, beyond / max(whole, 1e-12)) if late else None
+        return RobotHeard(late[0] / SAMPLE_RATE_HZ, beyond / max(whole, 1e-12)) if late else None
 
     def _recompute(self) -> None:
         """Recompute frames processed before their playback was reported."""
@@ -227,12 +302,12 @@ class EchoCanceller:
         """
         off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
         if self._resampler is not None and chunk.sample_rate_hz == self._rate_hz and abs(off_ns) > _HOLE_NS:
-            self._resampler = Resampler(chunk.sample_rate_hz, RATE_HZ)
+            self._resampler = Resampler(chunk.sample_rate_hz, SAMPLE_RATE_HZ)
             if self._may_sound_from is not None and 0 < off_ns <= _SHORT_HOLE_NS:
                 return self._resampler, samples_in(off_ns)
             self._go_on_at(chunk.stamp_ns)
         elif self._resampler is None or chunk.sample_rate_hz != self._rate_hz:
-            self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, RATE_HZ), chunk.sample_rate_hz
+            self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, SAMPLE_RATE_HZ), chunk.sample_rate_hz
             self._base_ns = chunk.stamp_ns
             self._heard = self._robot = np.zeros(0, np.float32)
             self._heard_from = self._given_until = self._next_frame = 0
@@ -431,7 +506,7 @@ class EchoCanceller:
         sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0, again)
         self._given_until, self._anew_from = until, None
         old = (min(until, self._next_frame) - self._heard_from - _KEPT) // HOP * HOP
-        if old > RATE_HZ:
+        if old > SAMPLE_RATE_HZ:
             self._heard, self._robot = self._heard[old:], self._robot[old:]
             self._heard_from += old
             self._played.forget_before(self._base_ns + ns_of(self._heard_from - _LATEST - TAPS * HOP))

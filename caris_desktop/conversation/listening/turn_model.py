@@ -7,7 +7,7 @@ and returns the probability that the turn is complete.
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.onnx_session import open_network
+from caris_desktop.conversation.listening.voice_activity import open_network
 from caris_desktop.domain.model_files import packaged_file
 
 RATE_HZ = 16_000

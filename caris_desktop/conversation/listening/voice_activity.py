@@ -1,10 +1,15 @@
 """Voice activity detection by the Silero network, window by window."""
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.onnx_session import open_network
-from caris_desktop.domain.model_files import packaged_file
+from caris_desktop.domain.model_files import packaged_file, read_checked
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 RATE_HZ = 16_000
 WINDOW = 512
@@ -50,3 +55,18 @@ class VoiceActivity:
         if self._quiet >= _CLEAR_AFTER and self._since_clear >= _CLEAR_EVERY:
             self._clear()
         return probability
+
+
+def open_network(path: Path) -> "onnxruntime.InferenceSession":
+    """Session on one thread without spinning, which delays other processes on a busy computer by milliseconds.
+
+    Raises WrongChecksum.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = False
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    return onnxruntime.InferenceSession(read_checked(path)[0], sess_options=options, providers=["CPUExecutionProvider"])

@@ -5,8 +5,9 @@ import contextlib
 import email.utils
 import logging
 import random
+import re
 import time
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import aclosing
 from dataclasses import replace
 from types import ModuleType
@@ -18,7 +19,6 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
 from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
 from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
-from caris_desktop.conversation.models.refused_parameters import LIMITS, leave_out, named_parameter, parameters_sent
 from caris_desktop.conversation.models.stream import check_type, documents, object_in, small_body
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
@@ -325,7 +325,7 @@ def _chunk_of(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
 def _raise_nothing_said(
     endpoint: ModelEndpoint, request: Request, notes: AnswerNotes, why: str, useless: LanguageModelError | None
 ) -> NoReturn:
-    limit = next((name for name in LIMITS if name in parameters_sent(request)), "")
+    limit = next((name for name in TOKEN_LIMITS if name in parameters_sent(request)), "")
     if notes.cut == "length" and limit and endpoint.provider != "embedded":
         # Reasoning used up the limit, reported or not.
         raise _LeaveOutError(limit)
@@ -384,3 +384,65 @@ def _reported_wait_s(header: str, body: dict[str, Any]) -> float | None:
         if number.replace(".", "", 1).isdecimal():
             return float(number)
     return None
+
+
+TOKEN_LIMITS = ("max_tokens", "max_completion_tokens", "maxOutputTokens", "num_predict")
+# Spellings in servers' errors; a question is complete without any of these.
+_NAMED_AS = {
+    "temperature": r"temperature",
+    "max_tokens": r"max_tokens",
+    "max_completion_tokens": r"max_(?:completion_)?tokens",
+    "maxOutputTokens": r"max_?output_?tokens",
+    "num_predict": r"num_predict",
+    "seed": r"seed",
+    "reasoning_effort": r"reasoning(?:_effort|\.effort)?",
+    "thinkingConfig": r"thinking\w*",
+    "think": r"think(?:ing)?",
+    "response_format": r"response_format|json_schema|json_object",
+    "responseSchema": r"response_?schema",
+    "format": r"[\"'`]format[\"'`]",
+    "cache_prompt": r"cache_prompt",
+    "id_slot": r"id_slot",
+}
+_WITHIN = ("options", "generationConfig")
+
+
+def parameters_sent(request: Request) -> tuple[str, ...]:
+    """Optional parameters in the request."""
+    places = (request.body, *(request.body[key] for key in _WITHIN if key in request.body))
+    return tuple(name for name in _NAMED_AS if any(name in place for place in places))
+
+
+def named_parameter(request: Request, answer: dict[str, Any], reason: str) -> str:
+    """Parameter that a refusal names in ``param``, ``loc`` or its text; empty for none."""
+    sent = parameters_sent(request)
+    for text in (*_named_apart(answer), reason):
+        found = [(match.start(), name) for name in sent if (match := _pattern(name).search(text))]
+        if found:
+            return min(found)[1]
+    return ""
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(?<!\w)(?:{_NAMED_AS[name]})(?!\w)", re.IGNORECASE)
+
+
+def _named_apart(answer: dict[str, Any]) -> Iterable[str]:
+    error = answer.get("error")
+    for fields in (error if isinstance(error, dict) else {}, answer):
+        if isinstance(fields.get("param"), str):
+            yield fields["param"]
+    details = answer.get("detail")
+    for detail in details if isinstance(details, list) else ():
+        if isinstance(detail, dict) and isinstance(detail.get("loc"), list):
+            yield " ".join(map(str, detail["loc"]))
+
+
+def leave_out(request: Request, names: Iterable[str]) -> Request:
+    """Request without these parameters; without the limit, only the reader enforces it."""
+    names = frozenset(names)
+    body = {key: value for key, value in request.body.items() if key not in names}
+    for key in _WITHIN:
+        if key in body:
+            body[key] = {name: value for name, value in body[key].items() if name not in names}
+    return replace(request, body=body, bounded=request.bounded and names.isdisjoint(TOKEN_LIMITS))

@@ -7,10 +7,11 @@ control characters become U+FFFD, line ends become line feeds.
 
 import re
 from bisect import bisect_left, bisect_right, insort
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,
@@ -18,7 +19,6 @@ from caris_desktop.recording.annotation.annotation_model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.annotation.naming import id_part, next_id, quoted, untaken
 
 MOMENT_MS = 200
 """ELAN has stretches only: so long is what has no length."""
@@ -615,3 +615,76 @@ def _with_tier(document: AnnotationDocument, changed: Tier) -> AnnotationDocumen
     return replace(
         document, tiers=tuple(changed if tier.tier_id == changed.tier_id else tier for tier in document.tiers)
     )
+
+
+def id_part(coder: str) -> str:
+    """XML-safe id from a coder's name: letters, digits, hyphens, and no leading digit."""
+    return "c-" + (re.sub(r"[^A-Za-z0-9]+", "-", coder).strip("-")[:30] or "coder")
+
+
+def next_id(prefix: str, taken: Iterable[str]) -> str:
+    """Next numbered id. It is higher than all present ones, so that an id keeps its meaning for people."""
+    numbers = [item[len(prefix) :] for item in taken if item.startswith(prefix)]
+    return f"{prefix}{max((int(number) for number in numbers if number.isascii() and number.isdigit()), default=0) + 1}"
+
+
+def untaken(name: str, taken: Iterable[str]) -> str:
+    taken = taken if isinstance(taken, (set, dict)) else set(taken)
+    candidate, number = name, 2
+    while candidate in taken:
+        candidate, number = f"{name}-{number}", number + 1
+    return candidate
+
+
+def quoted(text: str) -> str:
+    """Quote a text for messages: one line, shortened."""
+    if isinstance(text, LocalizedText):
+        return localized(QT_TR_NOOP("“{name}”"), name=text)
+    text = " ".join(text.split())
+    return f"“{text[:40]}…”" if len(text) > 41 else f"“{text}”"
+
+
+Edit = Callable[[AnnotationDocument], AnnotationDocument]
+
+
+class EditHistory:
+    """Undo and redo of annotation edits; documents are immutable, so each step is a document.
+
+    The edited document with its last ``limit`` states.
+    """
+
+    def __init__(self, document: AnnotationDocument, *, limit: int = 1000) -> None:
+        self._document = document
+        self._done: deque[AnnotationDocument] = deque(maxlen=limit)
+        self._undone: list[AnnotationDocument] = []
+
+    @property
+    def document(self) -> AnnotationDocument:
+        return self._document
+
+    def apply(self, edit: Edit) -> AnnotationDocument:
+        """Apply ``edit`` and return the new document.
+
+        An exception of ``edit`` (AnnotationError if refused) changes nothing. An edit without an effect is not an undo
+        step.
+        """
+        after = edit(self._document)
+        if after != self._document:
+            self._done.append(self._document)
+            self._undone.clear()
+            self._document = after
+        return self._document
+
+    def undo(self) -> AnnotationDocument:
+        """Undo one step, if any."""
+        if self._done:
+            self._undone.append(self._document)
+            self._document = self._done.pop()
+        return self._document
+
+    def redo(self) -> AnnotationDocument:
+        """Redo the last undone step, if any."""
+        if self._undone:
+            self._done.append(self._document)
+            self._document = self._undone.pop()
+        return self._document

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
@@ -40,7 +40,7 @@ from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, p
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
-from caris_desktop.recording.session.robot_text import VelocityType, velocity_type
+from caris_desktop.recording.session.scenario_text import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.ros import message_conversion, navigation_messages
@@ -152,6 +152,20 @@ class _Moments:
                 return self._anchor.utc_ns_at(measured.stamp_ns)
             self.as_arrived += 1
         return self._anchor.utc_ns_at(value.stamp_ns)
+
+
+VelocityType = Literal["Twist", "TwistStamped"]
+
+
+def velocity_type(event: RobotChosen) -> VelocityType:
+    """Data from a recorded robot profile, which need not be installed any more.
+
+    Type of the velocity message; the common one if the profile lacks it.
+    """
+    profile = parsed_yaml(event.profile, "robot profile")
+    velocity = profile.get("velocity") if isinstance(profile, dict) else None
+    stamped = isinstance(velocity, dict) and velocity.get("type") == "TwistStamped"
+    return "TwistStamped" if stamped else "Twist"
 
 
 class _Translator:

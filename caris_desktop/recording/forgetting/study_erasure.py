@@ -8,7 +8,7 @@ import contextlib
 import json
 import logging
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -21,8 +21,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localize
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting import media, text_erasure
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
-from caris_desktop.recording.forgetting.database_texts import DatabaseTexts, Rewrite
-from caris_desktop.recording.forgetting.export_erasure import Exports
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
 from caris_desktop.recording.forgetting.own_files import OwnFiles, blot_out, without_lines
 from caris_desktop.recording.forgetting.person_tracks import (
@@ -75,6 +73,55 @@ _NOT_CHANGED = QT_TR_NOOP("The changes made so far remain, and nothing else was 
 _IN_THE_MIDDLE = QT_TR_NOOP(
     "Erasing stopped before it finished: the changes made so far remain, and nothing else was changed."
 )
+
+
+Rewrite = Callable[[str, str], str]
+"""Receives the owner of a text and the text; returns the text to store."""
+
+
+class DatabaseTexts:
+    """Texts about other people in the study's database (notes, robot speech) that may name the erased person.
+
+    ``pass_through`` applies a function to each text of the database. Those of ``person_ids`` are deleted anyway.
+    """
+
+    def __init__(
+        self, work: TextWork, file: str, pass_through: Callable[[Rewrite], None], person_ids: Collection[str]
+    ) -> None:
+        self._work = work
+        self._file = file
+        self._pass_through = pass_through
+        self._ids = frozenset(person_ids)
+
+    def treat(self) -> None:
+        """List the places, and replace those to redact."""
+        to_change = False
+
+        def scan(whose: str, text: str) -> str:
+            nonlocal to_change
+            if whose not in self._ids:
+                found = self._work.find(text, self._file, lambda: f"data stored about {whose}")
+                to_change = to_change or any(decision == "redact" for _, _, decision in found)
+            return text
+
+        self._pass_through(scan)
+        if to_change:
+            self._pass_through(self._without)
+
+    def naming(self) -> int:
+        """Number of texts that name the person without a decision to keep them."""
+        count = 0
+
+        def scan(whose: str, text: str) -> str:
+            nonlocal count
+            count += self._without(whose, text) != text
+            return text
+
+        self._pass_through(scan)
+        return count
+
+    def _without(self, _whose: str, text: str) -> str:
+        return self._work.redact(text, self._file, yaml=False)[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +213,74 @@ def forget_person(
             ) from error
         with lock:
             return _Forgetting(request, erase, progress).run()
+
+
+_OF_SESSION = "export-"
+# The study's own folders next to the sessions.
+_OWN = ("sessions", "photos", "forgotten")
+_STATISTICS = "statistics"
+# A folder with one of these files is an export, with all its content.
+_MARKS = (
+    "ro-crate-metadata.json", "data_dictionary.csv", "data_dictionary.parquet", "report.html", "methods.html",
+    "captions.vtt", "session.TextGrid", "session.bag", "media.txt", "data.yaml", "boxes.csv", "episodes.jsonl",
+    "turns.jsonl",
+)  # fmt: skip
+# Types that exporters write; scripts and notes next to them are the user's.
+_WRITTEN = (
+    ".csv", ".parquet", ".json", ".jsonl", ".md", ".html", ".eaf", ".pfsx", ".textgrid", ".vtt", ".bag", ".mcap",
+    ".yaml", ".ini", ".txt", ".sql", ".duckdb", ".jpg", ".png", ".mp4", ".wav",
+)  # fmt: skip
+_SHOWS = (".png", ".jpg", ".mp4", ".wav", ".bag", ".mcap", ".html")
+
+
+class Exports:
+    """Exports inside a study's folder, and which of them show or name a person.
+
+    Exports of one study. ``sessions`` are the names of its session folders.
+    """
+
+    def __init__(self, study: Path, sessions: Collection[str]) -> None:
+        self._study = study
+        self._sessions = frozenset(sessions)
+        self._known: dict[Path, bool] = {}
+
+    def of(self, path: Path) -> Path | None:
+        """Export folder that ``path`` belongs to; None if it is not part of one."""
+        parts = path.relative_to(self._study).parts
+        if parts[0] == "sessions":
+            inside = len(parts) > 3 and parts[2].startswith(_OF_SESSION)
+            return self._study.joinpath(*parts[:3]) if inside else None
+        if parts[0] in _OWN or path.suffix.lower() not in _WRITTEN:
+            return None
+        for count in range(1, len(parts)):
+            folder = self._study.joinpath(*parts[:count])
+            if parts[:count] == (_STATISTICS,) or self._is_export(folder):
+                return folder
+        return None
+
+    def concerned(self, files: Iterable[Path], named: Collection[Path], seen_in: Collection[str]) -> list[Path]:
+        """Exports to remove: those with a file among ``named``, or with images or audio of sessions in which the person
+        was seen.
+        """
+        found: dict[Path, None] = {}
+        for path in files:
+            export = self.of(path)
+            if export is None or export in found:
+                continue
+            shows = path.suffix.lower() in _SHOWS and bool(self.shown_in(export) & frozenset(seen_in))
+            if path in named or shows:
+                found[export] = None
+        return list(found)
+
+    def shown_in(self, export: Path) -> frozenset[str]:
+        """Sessions that the export may show: its own if its path names one, else all."""
+        parts = export.relative_to(self._study).parts
+        return frozenset(parts) & self._sessions or self._sessions
+
+    def _is_export(self, folder: Path) -> bool:
+        if folder not in self._known:
+            self._known[folder] = any((folder / mark).is_file() for mark in _MARKS)
+        return self._known[folder]
 
 
 class _Forgetting:

@@ -6,10 +6,12 @@ Long because it decides where each value goes, and when to give up.
 import json
 import logging
 import shutil
+import threading
 import time
-from collections import Counter
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +33,7 @@ from caris_desktop.domain.events import (
     Severity,
     UtteranceChanged,
 )
-from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
@@ -52,13 +54,95 @@ from caris_desktop.recording.recorder.media_writer import (
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
 from caris_desktop.recording.recorder.video_encoders import Encoders
-from caris_desktop.recording.recorder.write_through import FsyncThread
 from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
 from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
 from caris_desktop.recording.session.progress_counts import forget_counts, store_counts
 from caris_desktop.recording.session.session_clock import SessionClock
+
+_REMEMBER_S = 30.0
+
+
+class FsyncThread:
+    """Periodic fsync of recorded files in a thread, against data loss by a power failure.
+
+    Sync thread. A round begins on request, or ``every_s`` after the start of the last one.
+    """
+
+    def __init__(self, name: str, files: Callable[[], Iterable[DiskFile]], *, every_s: float) -> None:
+        self._files = files
+        self._every_s = every_s
+        self._paths: deque[Path] = deque()
+        self._rounds: deque[tuple[float, float]] = deque()
+        self._began_s: float | None = None
+        self._failed = False
+        self.disk_full = False
+        self._due = threading.Event()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name=f"sync-{name}", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def ask(self) -> None:
+        """Request a round soon."""
+        self._due.set()
+
+    def note(self, path: Path) -> None:
+        """Note a replaced file: it and its folder entry are synced."""
+        self._paths.append(path)
+
+    def delays_s(self, now_s: float, *, within_s: float) -> list[float]:
+        """Durations of the rounds within ``within_s`` (``time.monotonic``), or of the slowest write before each, and
+        the elapsed time of the present one.
+        """
+        began_s = self._began_s
+        going_s = 0.0 if began_s is None else now_s - began_s
+        return [going_s, *(took_s for at_s, took_s in tuple(self._rounds) if now_s - at_s <= within_s)]
+
+    def close(self, *, timeout_s: float) -> None:
+        """End after a last round; a round that the disk does not finish is abandoned."""
+        self._ended = True
+        self._due.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+            if self._thread.is_alive():
+                _log.error("the disk has not confirmed within %.0f s what was written", timeout_s)
+
+    def sync_now(self) -> None:
+        """Run one round now."""
+        paths = {self._paths.popleft() for _ in range(len(self._paths))}
+        folders = {path.parent for path in paths}
+        paths_in_order = (*sorted(paths), *sorted(folders))
+        whole: list[Callable[[], object]] = [partial(bring_to_disk, path) for path in paths_in_order]
+        for sync in [*(file.sync for file in self._files()), *whole]:
+            try:
+                sync()
+            except FileNotFoundError:
+                # Replaced by a newer file, which is noted too.
+                continue
+            except OSError as error:
+                self.disk_full = self.disk_full or no_room(error)
+                if not self._failed:
+                    _log.exception("the disk did not confirm what was written")
+                self._failed = True
+
+    def _run(self) -> None:
+        ended = False
+        while not ended:
+            self._due.wait(self._every_s)
+            self._due.clear()
+            ended = self._ended
+            self._began_s = time.monotonic()
+            self.sync_now()
+            took_s = time.monotonic() - self._began_s
+            self._began_s = None
+            slowest_s = max([took_s, *(file.take_slowest_write_s() for file in self._files())])
+            self._rounds.append((time.monotonic(), slowest_s))
+            while self._rounds[0][0] < time.monotonic() - _REMEMBER_S:
+                self._rounds.popleft()
+
 
 _log = logging.getLogger(__name__)
 # A kill loses data since the last flush; each flush makes a chunk with an index entry.

@@ -2,20 +2,21 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import zip_longest
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
+from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.scenario.scenario_model import PanelName, Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.observer.watched_console import watched
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
@@ -228,3 +229,35 @@ class ObserverWindows:
             self._persist("")
             self.shown.deleteLater()
             self.shown = None
+
+
+class WatchedConsole:
+    """Read-only view of the console for observer panels.
+
+    Proxy of ``console`` for display-only panels.
+
+    ``discreet``: hides names and the language model, so that neither names nor suggestions appear.
+    """
+
+    def __init__(self, console: WizardConsole, *, discreet: bool) -> None:
+        self._console = console
+        self._discreet = discreet
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._console, name)
+
+    @property
+    def scenario(self) -> Scenario:
+        scenario = self._console.scenario
+        if not self._discreet:
+            return scenario
+        return replace(
+            scenario, permissions=replace(scenario.permissions, naming_people=False, assistant=False, notes=False)
+        )
+
+    def do(self, _intent: Intent) -> str:
+        return ""
+
+
+def watched(console: WizardConsole, *, discreet: bool) -> WizardConsole:
+    return cast("WizardConsole", WatchedConsole(console, discreet=discreet))

@@ -10,10 +10,12 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import MapStatus
-from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.live.wizard_console import ReplayControls, WizardConsole
+from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.studies.study_query import SessionEntry
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.scenario_model import PanelName
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.action_rows import (
     SAFETY_GROUP,
     SPEAKING_GROUP,
@@ -29,12 +31,12 @@ from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
-from caris_desktop.ui.palette.closing_entry import closing_entry
 from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.person_entries import PersonEntries
 from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
-from caris_desktop.ui.palette.step_entries import step_entries
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.people.pending_identity_question import is_asked
+from caris_desktop.ui.people.shown_people import everyone
+from caris_desktop.ui.step_intents import present_step, target_of
 from caris_desktop.ui.text_formatting import UNDER_WAY
 
 _COMMON_ROWS = frozenset(
@@ -604,3 +606,152 @@ class PaletteEntries:
                 id="Scenario: Write this scenario as one file",
             ),
         ]
+
+
+def closing_entry(close: Callable[[], object], *, replay: bool) -> PaletteItem:
+    """Palette item that quits the program.
+
+    Quit item; the console's needs a second Enter, because closing a panel has nearly the same words.
+    """
+    return PaletteItem(
+        tr("Close this window") if replay else tr("Close the console"),
+        tr("Window") if replay else tr(TWICE),
+        "x",
+        "",
+        close,
+        also=tr("quit exit end leave program"),
+        deliberate=not replay,
+        again=tr("Press Enter again to close the console"),
+        id="Window: Close this window" if replay else "Close the console",
+    )
+
+
+def step_entries(console: WizardConsole) -> list[PaletteItem]:
+    """Palette items for the protocol: steps, and branches of the current step."""
+
+    scenario = console.scenario
+    step = present_step(scenario, console.state)
+    branches = [
+        PaletteItem(
+            tr("{what}: continue to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
+            tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
+            also=tr("branch protocol"), acts=True,
+            named=f"{branch.title} {target_of(scenario, branch).title}",
+            id=f"Branch: {branch.title}: on to {target_of(scenario, branch).title}",
+        )
+        for branch in (() if step is None else step.branches)
+    ]  # fmt: skip
+    steps = [
+        PaletteItem(
+            tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
+            partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), acts=True,
+            named=f"{number} {one.title}",
+            id=f"Step: Step {number}: {one.title}",
+        )
+        for number, one in enumerate(scenario.protocol.steps, start=1)
+    ]  # fmt: skip
+    return [*branches, *steps]
+
+
+class PersonEntries:
+    """Palette items for people, and for the pending question about one."""
+
+    def __init__(self, parts: AppContext) -> None:
+        self._parts = parts
+        self._console = parts.console
+        self._state = parts.console.state
+
+    def now(self) -> list[PaletteItem]:
+        """Items to select, rename, view and annotate each person; and the pending question."""
+        table, state = self._parts.actions, self._state
+        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+        entries = []
+        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
+        if asked is not None and asked.suggestion is not None:
+            named = {
+                "person": text_formatting.person_name(asked),
+                "other": text_formatting.name_in_words(asked.suggestion.name),
+            }
+            for action_id, text, icon in (
+                ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
+                ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
+            ):
+                entries.append(
+                    PaletteItem(
+                        text,
+                        tr("Person"),
+                        icon,
+                        table.key_text(action_id),
+                        partial(table.run, action_id),
+                        also=tr("confirm reject"),
+                        acts=True,
+                        id=f"row {action_id}",
+                    )
+                )
+        for person in persons:
+            name, also = text_formatting.person_name(person), " ".join((tr("person"), person.group, *person.tags))
+            # The usage history must not contain names.
+            known_as = person.person_id
+            entries.append(
+                PaletteItem(
+                    name,
+                    tr("Select"),
+                    "user",
+                    "",
+                    partial(self._select, person),
+                    also=also,
+                    acts=True,
+                    id=f"person {known_as} select",
+                )
+            )
+            if "people" not in self._parts.panels.possible():
+                continue
+            entries.append(
+                PaletteItem(
+                    tr("Details of {person}").format(person=name),
+                    tr("Person"),
+                    "identification-card",
+                    "",
+                    partial(self._show, person, card=True),
+                    acts=True,
+                    id=f"person {known_as} card",
+                )
+            )
+            if person.here:
+                entries.append(
+                    PaletteItem(
+                        tr("Rename {person}").format(person=name),
+                        tr("Person"),
+                        "pencil-simple",
+                        "",
+                        partial(self._show, person, rename=True),
+                        acts=True,
+                        id=f"person {known_as} rename",
+                    )
+                )
+        if state.everybody.value or state.persons.value:
+            entries.append(
+                PaletteItem(
+                    tr("Undo the last change to people"),
+                    tr("Do"),
+                    "arrow-u-up-left",
+                    "",
+                    partial(self._console.do, intents.UndoPeople()),
+                    also=tr("take back name merge"),
+                    id="Do: Undo the last change to people",
+                )
+            )
+        return entries
+
+    def _select(self, person: PersonRow) -> None:
+        self._console.do(intents.AttendPerson(person.person_id))
+        panel = self._parts.panels.panels.get("people")
+        if panel is not None:
+            panel.show_person(person.person_id)
+
+    def _show(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> None:
+        panels = self._parts.panels
+        panels.open("people")
+        panel = panels.panels.get("people")
+        if panel is not None:
+            panel.show_person(person.person_id, rename=rename, card=card)

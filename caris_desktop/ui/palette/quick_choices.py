@@ -1,15 +1,17 @@
 """Quick choices: a key that lists options, and the digit that selects one."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from caris_desktop.domain.translation import tr
+from caris_desktop.people.presence import PersonRow
+from caris_desktop.ui import text_formatting
 from caris_desktop.ui.action_rows import PEOPLE_GROUP, PLACES_GROUP, SCENARIO_GROUP
 from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.palette_entries import PaletteEntries
 from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.people.nearest_person import nearest_person
 
 
 class QuickChoices:
@@ -69,3 +71,21 @@ class QuickChoices:
             replace(entry, key=letter(str(number)) if number <= CommandPalette.DIGITS else "")
             for number, entry in enumerate(entries, start=1)
         ]
+
+
+def nearest_person(persons: Iterable[PersonRow], *, selected: str = "") -> PersonRow | None:
+    """Nearest person in front of the robot.
+
+    The selected person if present; else the nearest unnamed person, else the nearest.
+
+    Without distances: the one most straight ahead, then the one present longest.
+    """
+    here = [person for person in persons if person.here]
+    chosen = next((person for person in here if person.person_id == selected), None)
+    return chosen or min(here, key=_how_far, default=None)
+
+
+def _how_far(person: PersonRow) -> tuple[bool, float, float, int]:
+    aside = math.inf if person.bearing_rad is None else abs(math.remainder(person.bearing_rad, math.tau))
+    distance_m = math.inf if person.distance_m is None else person.distance_m
+    return text_formatting.has_given_name(person), distance_m, aside, person.since_ns

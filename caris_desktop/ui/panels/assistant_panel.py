@@ -1,31 +1,37 @@
 """Assistant panel: ask the language model, read streamed answers, and say them or not."""
 
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, cast
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QBoxLayout,
     QLabel,
     QLineEdit,
+    QPlainTextEdit,
+    QScrollArea,
     QStackedLayout,
     QWidget,
 )
 
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, characters_too_long
 from caris_desktop.domain import intents
+from caris_desktop.domain.intents import CAMERA_PICTURE, Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
 from caris_desktop.scenario.panel_settings import PanelSettings
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.assistant.exchange_rows import ROW_PX, ExchangeRows
-from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips
-from caris_desktop.ui.assistant.setup_bar import SetupBar
-from caris_desktop.ui.assistant.system_prompt_page import SystemPromptPage
+from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips, picture_words
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
 
 _MOST_TYPED = 32_000
@@ -245,7 +251,7 @@ class AssistantPanel(Panel):
         several = len(self.state.assistant.value.exchanges) > 1
         self._rows.setVisible(several and read and height >= _LOW_PX - 40)
         lines = min(len(self.state.assistant.value.exchanges), 3 if roomy else 2)
-        self._rows.setMaximumHeight(lines * (ROW_PX + 2) + 2)
+        self._rows.setMaximumHeight(lines * (EXCHANGE_ROW_PX + 2) + 2)
         self._question.setVisible(bool(self._question.text()) and height >= 196 and read and not several)
 
     @property
@@ -495,3 +501,369 @@ class _AnswerField(SubmitTextEdit):
     def means_enter(self, event: QKeyEvent) -> bool:
         begins_line = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
         return not (self.isReadOnly() or begins_line) and super().means_enter(event)
+
+
+EXCHANGE_ROW_PX = 30
+_STATE_PX = 108
+_WORDS = {
+    "preparing": QT_TR_NOOP("Reading pictures"), "answering": QT_TR_NOOP("Writing"), "answered": QT_TR_NOOP("Answered"),
+    "cancelled": QT_TR_NOOP("Cancelled"),
+    "failed": QT_TR_NOOP("No answer"),
+}  # fmt: skip
+_USED = {"said": QT_TR_NOOP("Said"), "edited": QT_TR_NOOP("Said, edited")}
+
+
+class ExchangeRows(QScrollArea):
+    """List of pending and answered questions, one line each; the selected one is shown below.
+
+    Arrow keys select a row, Enter says its answer, Shift+Enter edits it first, Delete dismisses it.
+    """
+
+    accessible_role = QAccessible.Role.List
+
+    chosen = Signal(str)
+    say_wanted = Signal(str)
+    edit_wanted = Signal(str)
+    away_wanted = Signal(str)
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._rows: dict[str, _Row] = {}
+        self._current = ""
+        self.setObjectName("assistant_rows")
+        self.setAccessibleName(tr("Questions to the assistant"))
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        inner = QWidget()
+        self._column = layouts.vbox(inner, margins_px=0, spacing_px=2)
+        self._column.addStretch(1)
+        self.setWidget(inner)
+
+    def sizeHint(self) -> QSize:
+        return QSize(200, len(self._rows) * (EXCHANGE_ROW_PX + 2))
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(100, min(len(self._rows), 2) * (EXCHANGE_ROW_PX + 2))
+
+    def show_rows(self, exchanges: Sequence[ExchangeStatus], current: str, *, live: bool, speaks: bool = True) -> None:
+        """Show the exchanges, newest first. ``live``: they can be used; ``speaks``: answers can be said."""
+        count = len(self._rows)
+        for exchange_id in [each for each in self._rows if each not in {row.exchange_id for row in exchanges}]:
+            row = self._rows.pop(exchange_id)
+            row.hide()
+            row.deleteLater()
+        self._current = current
+        for place, exchange in enumerate(exchanges):
+            row = self._rows.get(exchange.exchange_id) or self._new_row(exchange.exchange_id)
+            if self._column.indexOf(row) != place:
+                self._column.removeWidget(row)
+                self._column.insertWidget(place, row)
+            row.show_exchange(exchange, current=exchange.exchange_id == current, live=live, speaks=speaks)
+        if len(self._rows) != count:
+            self.updateGeometry()
+
+    def _new_row(self, exchange_id: str) -> "_Row":
+        row = self._rows[exchange_id] = _Row(self._theme)
+        row.pressed.connect(lambda: self.chosen.emit(exchange_id))
+        row.say.clicked.connect(lambda: self.say_wanted.emit(exchange_id))
+        row.away.clicked.connect(lambda: self.away_wanted.emit(exchange_id))
+        self._column.insertWidget(0, row)
+        return row
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        order = sorted(self._rows, key=lambda each: self._column.indexOf(self._rows[each]))
+        step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
+        if step is not None and self._current in order:
+            at = order.index(self._current) + step
+            if 0 <= at < len(order):
+                self.chosen.emit(order[at])
+                self.ensureWidgetVisible(self._rows[order[at]])
+        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.isAutoRepeat():
+            edited = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+            (self.edit_wanted if edited else self.say_wanted).emit(self._current)
+        elif event.key() == Qt.Key.Key_Delete and not event.isAutoRepeat():
+            self.away_wanted.emit(self._current)
+        else:
+            super().keyPressEvent(event)
+
+
+class _Row(QWidget):
+    """Row with state, question and two buttons."""
+
+    pressed = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._current = False
+        self.setFixedHeight(EXCHANGE_ROW_PX)
+        self._state = QLabel()
+        self._state.setFixedWidth(_STATE_PX)
+        self._question = ElidedLabel()
+        self.say = ActionButton(theme, "", icon="speaker-high", look="ghost", height_px=26)
+        self.say.setObjectName("assistant_row_say")
+        self.away = ActionButton(theme, "", icon="x", look="ghost", height_px=26)
+        self.away.setObjectName("assistant_row_away")
+        for label in (self._state, self._question):
+            label.setFont(theme.font(tokens.STATUS_PX))
+        line = layouts.hbox(self, margins_px=(8, 0, 2, 0), spacing_px=6)
+        line.addWidget(self._state)
+        line.addWidget(self._question, 1)
+        line.addWidget(self.say)
+        line.addWidget(self.away)
+        theme.changed.connect(self.update)
+
+    def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
+        words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
+        role = {"answered": "green", "failed": "amber"}.get(exchange.state, "dim")
+        if exchange.is_pending:
+            role = "blue"
+        self._state.setText(words)
+        self._theme.color_text(self._state, "dim" if exchange.use else role)
+        self._question.setText(exchange.question)
+        self._theme.color_text(self._question, "text" if current else "dim")
+        self.say.setVisible(speaks)
+        self.say.setEnabled(live and exchange.state == "answered" and bool(exchange.answer))
+        self.say.setToolTip(tr("Say this answer"))
+        self.say.setAccessibleName(tr("Say the answer to: {question}").format(question=exchange.question))
+        self.away.setEnabled(live)
+        self.away.setToolTip(tr("Cancel this question") if exchange.is_pending else tr("Dismiss this question"))
+        away = tr("Cancel: {question}") if exchange.is_pending else tr("Dismiss: {question}")
+        self.away.setAccessibleName(away.format(question=exchange.question))
+        if current != self._current:
+            self._current = current
+            self.update()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.pressed.emit()
+        event.accept()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        if self._current:
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self._theme.color("raised"))
+            painter.drawRoundedRect(self.rect(), 6, 6)
+        super().paintEvent(event)
+
+
+_PHOTOS_OFFERED = 8
+_HEIGHT_PX = 28
+_MODEL_WIDEST_PX, _WIDEST_PX = 280, 180
+
+
+class SetupBar(FlowRow):
+    """Setup of the next question: model, role, style, prepared question, picture. All are drop-downs.
+
+    Setup bar; drop-downs without a choice in this scenario are hidden.
+    """
+
+    template_chosen = Signal(str)
+    picture_chosen = Signal(str)
+    words_wanted = Signal()
+
+    def __init__(self, theme: Theme, state: LiveState, do: Callable[[Intent], str]) -> None:
+        super().__init__(gap_px=6)
+        self._state = state
+        self._do = do
+        self._setup: AssistantSetup | None = None
+        self.model = DropDown(theme, "assistant_model", tr("Language model"))
+        self.role = DropDown(theme, "assistant_role", tr("Assistant role"))
+        self.style_choice = DropDown(theme, "assistant_style", tr("Answer style"))
+        self.template = DropDown(theme, "assistant_template", tr("Prepared questions"))
+        self.picture = DropDown(theme, "assistant_picture", tr("Add a picture"))
+        self.words = ActionButton(theme, "", icon="note-pencil", height_px=_HEIGHT_PX)
+        self.words.setObjectName("assistant_words")
+        self.words.setToolTip(tr("Prompt for the model: view it or change it for this session"))
+        self.words.setAccessibleName(tr("Prompt for the model"))
+        self.words.clicked.connect(self.words_wanted)
+        for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
+            drop_down.setMinimumHeight(_HEIGHT_PX)
+            drop_down.setMaximumHeight(_HEIGHT_PX)
+            drop_down.show_whole(up_to_px=_MODEL_WIDEST_PX if drop_down is self.model else _WIDEST_PX)
+            self.add(drop_down)
+        self.add(self.words)
+        self.model.activated.connect(self._on_model)
+        self.role.activated.connect(lambda at: self._do(intents.ChoosePrompt("role", self.role.itemData(at))))
+        self.style_choice.activated.connect(
+            lambda at: self._do(intents.ChoosePrompt("style", self.style_choice.itemData(at)))
+        )
+        self.template.activated.connect(self._on_template)
+        self.picture.activated.connect(self._on_picture)
+
+    def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
+        _fill(self.model, [(_model_words(choice), choice.model) for choice in setup.models], setup.model)
+        _fill(self.role, [(tr("No role"), ""), *((each.name, each.name) for each in setup.roles)], setup.role)
+        _fill(
+            self.style_choice, [(tr("Any style"), ""), *((each.name, each.name) for each in setup.styles)], setup.style
+        )
+        _fill(self.template, [(tr("Prepared…"), ""), *((each.name, each.text) for each in setup.templates)], "")
+        self.role.setVisible(bool(setup.roles))
+        self.style_choice.setVisible(bool(setup.styles))
+        self.template.setVisible(bool(setup.templates))
+        self.picture.setVisible(setup.pictures)
+        if setup.pictures:
+            self._fill_pictures()
+        for part in (self.model, self.role, self.style_choice, self.template, self.picture, self.words):
+            part.setEnabled(live)
+        self._setup = setup
+
+    def _fill_pictures(self) -> None:
+        names = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
+        names += [photo.file_name for photo in self._state.photos.value if not photo.deleted][:_PHOTOS_OFFERED]
+        _fill(self.picture, [(tr("Picture…"), ""), *((picture_words(name), name) for name in names)], "")
+
+    def _on_model(self, at: int) -> None:
+        if self._do(intents.ChooseModel(self.model.itemData(at))) and self._setup is not None:
+            self.model.setCurrentIndex(self.model.findData(self._setup.model))
+
+    def _on_template(self, at: int) -> None:
+        text = self.template.itemData(at)
+        self.template.setCurrentIndex(0)
+        if text:
+            self.template_chosen.emit(text)
+
+    def _on_picture(self, at: int) -> None:
+        name = self.picture.itemData(at)
+        self.picture.setCurrentIndex(0)
+        if name:
+            self.picture_chosen.emit(name)
+
+
+def _model_words(choice: ModelChoice) -> str:
+    return choice.title if choice.title.endswith(choice.where) else f"{choice.title} · {choice.where}"
+
+
+def _fill(drop_down: DropDown, wanted: Sequence[tuple[str, str]], current: str) -> None:
+    """Fill a drop-down only if it changed, so that an open list stays open."""
+    if [(drop_down.itemText(at), drop_down.itemData(at)) for at in range(drop_down.count())] != list(wanted):
+        drop_down.clear()
+        for text, data in wanted:
+            drop_down.addItem(text, data)
+    at = drop_down.findData(current)
+    if at != drop_down.currentIndex():
+        drop_down.setCurrentIndex(at)
+    drop_down.setToolTip(drop_down.currentText())
+
+
+_Kind = Literal["system_prompt", "notes", "role", "style"]
+_BUTTON_PX = 30
+
+
+class SystemPromptPage(QWidget):
+    """System prompt page: the texts sent before a question, edited for this session or reset.
+
+    One text at a time: instructions, notes, a role or a style. The scenario file is not changed.
+    """
+
+    closed = Signal()
+
+    def __init__(self, theme: Theme, do: Callable[[Intent], str]) -> None:
+        super().__init__()
+        self._do = do
+        self._setup = AssistantSetup()
+        self._shown: tuple[str, str] = ("", "")
+        self.which = DropDown(theme, "assistant_which_words", tr("Prompt text"))
+        self.which.activated.connect(self._on_which)
+        self.field = QPlainTextEdit(tabChangesFocus=True)
+        self.field.setObjectName("assistant_words_field")
+        self.field.setAccessibleName(tr("Prompt for the model"))
+        self.field.textChanged.connect(self._show_buttons)
+        self.save = ActionButton(theme, tr("Apply"), icon="check", look="primary", height_px=_BUTTON_PX)
+        self.save.setObjectName("assistant_words_save")
+        self.save.clicked.connect(self._save)
+        self.reset = ActionButton(theme, tr("Reset to scenario"), height_px=_BUTTON_PX, may_shrink=True)
+        self.reset.setObjectName("assistant_words_reset")
+        self.reset.setToolTip(tr("Reset the model, role, style and all texts to those of the scenario"))
+        self.reset.clicked.connect(self._on_reset)
+        self.back = ActionButton(theme, tr("Back"), icon="arrow-left", height_px=_BUTTON_PX)
+        self.back.setObjectName("assistant_words_back")
+        self.back.clicked.connect(self.closed)
+        top = layouts.hbox(spacing_px=6)
+        top.addWidget(self.back)
+        top.addWidget(self.which, 1)
+        bottom = layouts.hbox(spacing_px=6)
+        bottom.addWidget(self.save)
+        bottom.addWidget(self.reset)
+        bottom.addStretch(1)
+        column = layouts.vbox(self, margins_px=0, spacing_px=6)
+        column.addLayout(top)
+        column.addWidget(self.field, 1)
+        column.addLayout(bottom)
+
+    def forget(self) -> None:
+        """Discard an edit; the next setup is shown from its beginning."""
+        self.which.clear()
+        self._shown = ("", "")
+
+    def show_setup(self, setup: AssistantSetup) -> None:
+        """Show the setup; an unsaved edit stays in the field."""
+        changed = self._changed
+        self._setup = setup
+        wanted = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
+        wanted += [(tr("Role: {name}").format(name=each.name), ("role", each.name)) for each in setup.roles]
+        wanted += [(tr("Style: {name}").format(name=each.name), ("style", each.name)) for each in setup.styles]
+        if [self.which.itemText(at) for at in range(self.which.count())] != [text for text, _ in wanted]:
+            self.which.clear()
+            for text, key in wanted:
+                self.which.addItem(text, key)
+            self._shown = wanted[0][1]
+            changed = False
+        if not changed:
+            self._fill()
+        self._show_buttons()
+
+    @property
+    def _changed(self) -> bool:
+        return bool(self._shown[0]) and self.field.toPlainText().strip() != self._text_of(self._shown)
+
+    def _text_of(self, key: tuple[str, str]) -> str:
+        kind, name = key
+        if kind == "system_prompt":
+            return self._setup.system_prompt.strip()
+        if kind == "notes":
+            return self._setup.notes.strip()
+        named = self._setup.roles if kind == "role" else self._setup.styles
+        return next((each.text.strip() for each in named if each.name == name), "")
+
+    def _fill(self) -> None:
+        text = self._text_of(self._shown)
+        if self.field.toPlainText().strip() != text:
+            self.field.setPlainText(text)
+
+    def _show_buttons(self) -> None:
+        self.save.setEnabled(self._changed)
+        self.reset.setEnabled(self._setup.edited)
+
+    def _on_which(self, at: int) -> None:
+        if self._changed and not self._save():
+            self.which.setCurrentIndex(self.which.findText(self._name_of_shown()))
+            return
+        kind, name = self.which.itemData(at)
+        self._shown = (kind, name)
+        self._fill()
+        self._show_buttons()
+
+    def _name_of_shown(self) -> str:
+        kind, name = self._shown
+        match kind:
+            case "system_prompt":
+                return tr("Instructions")
+            case "notes":
+                return tr("Notes")
+            case "role":
+                return tr("Role: {name}").format(name=name)
+            case _:
+                return tr("Style: {name}").format(name=name)
+
+    def _save(self) -> bool:
+        """Save the edit; False if refused, with the text left in the field."""
+        kind, name = self._shown
+        return not self._do(intents.EditPrompt(cast(_Kind, kind), self.field.toPlainText().strip(), name))
+
+    def _on_reset(self) -> None:
+        self.field.setPlainText(self._text_of(self._shown))
+        self._do(intents.ResetPrompts())

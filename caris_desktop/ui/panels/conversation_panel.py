@@ -1,29 +1,33 @@
 """Conversation panel: transcript, speakers, and the participant's waiting time."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 
-from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtGui import QActionGroup, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
 from caris_desktop.conversation.response_timing import LATE_S, waiting
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.status import PhotoEntry
+from caris_desktop.live.status import LevelsStatus, PhotoEntry, ProposalStatus
+from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.conversation.levels_button import LevelsButton
-from caris_desktop.ui.conversation.proposal_card import ProposalCard
-from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
+from caris_desktop.ui.banners import Banner
+from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX, SuggestionCards
 from caris_desktop.ui.conversation.transcript_rows import (
     RowMaker,
     found_in,
 )
 from caris_desktop.ui.conversation.transcript_view import TranscriptView
+from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.foreign_picture import image_of
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
@@ -341,3 +345,132 @@ class _SearchField(SubmitLineEdit):
             self._panel.go_to_match(1)
         else:
             super().keyPressEvent(event)
+
+
+class LevelsButton(ActionButton):
+    """Autonomy levels of the language model: display, and change up to the scenario's limit.
+
+    Button with a menu section per function; amber while any function acts without confirmation.
+    """
+
+    def __init__(self, context: PanelContext) -> None:
+        super().__init__(context.theme, icon="sliders-horizontal", look="ghost", height_px=30)
+        self.setObjectName("levels_button")
+        self._context = context
+        self._state = context.console.state
+        self._menu = as_menu(context.theme, self, "levels_menu")
+        self._menu.aboutToShow.connect(self.fill)
+        self.clicked.connect(lambda: self._menu.popup(self.mapToGlobal(self.rect().bottomLeft())))
+        self._state.levels.changed.connect(self._refresh)
+        self._refresh()
+
+    def _refresh(self, _levels: object = None) -> None:
+        levels: LevelsStatus = self._state.levels.value
+        acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
+        self.set_label(tr("Automatic") if acting else "", look="amber" if acting else "ghost")
+        lines = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
+        self.setToolTip("\n".join((tr("Assistance levels"), *lines)))
+        self.setAccessibleName(tr("Assistance levels"))
+        self.setEnabled(self._state.present.live)
+
+    @property
+    def _assisted(self) -> tuple[AssistedFunction, ...]:
+        return self._context.console.scenario.assisted
+
+    def fill(self) -> None:
+        """Fill the menu with the levels that the scenario permits."""
+        self._menu.clear()
+        for function in self._assisted:
+            self._menu.addSection(tr(FUNCTIONS[function]))
+            group = QActionGroup(self._menu)
+            for level in levels_up_to(self._context.console.scenario.highest_level(function)):
+                action = self._menu.addAction(tr(LEVELS[level]))
+                action.setCheckable(True)
+                action.setChecked(getattr(self._state.levels.value, function) == level)
+                action.setActionGroup(group)
+                action.triggered.connect(self._setter(function, level))
+
+    def _setter(self, function: AssistedFunction, level: AssistanceLevel) -> Callable[[], None]:
+        def set_level() -> None:
+            self._context.console.do(intents.SetLevel(function, level))
+
+        return set_level
+
+
+_COUNT_EVERY_MS = 100
+
+
+class ProposalCard(Banner):
+    """Proposed action of the language model, with the keys that confirm and reject it.
+
+    Visible while an action is proposed. Shows the keys only while they apply: a question about a person takes
+    precedence.
+    """
+
+    def __init__(self, context: PanelContext, parent: QWidget) -> None:
+        super().__init__(context.theme, "proposal_card", role="amber")
+        self.setParent(parent)
+        self._context = context
+        self._state = context.console.state
+        self.yes = ActionButton(context.theme, tr("Do it"), look="primary", height_px=32)
+        self.yes.setObjectName("proposal_yes")
+        self.yes.clicked.connect(lambda: self._answer(intents.ConfirmProposal))
+        self.no = ActionButton(context.theme, tr("No"), height_px=32)
+        self.no.setObjectName("proposal_no")
+        self.no.clicked.connect(lambda: self._answer(intents.VetoProposal))
+        self.row.addWidget(self.yes)
+        self.row.addWidget(self.no)
+        self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
+        self._counting.timeout.connect(self._count)
+        for value in (self._state.proposal, self._state.asked_person):
+            value.changed.connect(self._refresh)
+        for changed in (context.actions.keys_changed, context.actions.rebuilt):
+            changed.connect(self._refresh)
+        self._refresh()
+
+    def fit(self, panel_px: int) -> None:
+        """Adapt to the panel's height."""
+        low = panel_px < LOW_BELOW_PX
+        self.setFixedHeight(34 if low else 44)
+        for button in (self.yes, self.no):
+            button.set_size(height_px=26 if low else 32, text_px=tokens.STATUS_PX if low else tokens.BODY_PX)
+
+    def _answer(self, answer: type[intents.ConfirmProposal] | type[intents.VetoProposal]) -> None:
+        proposal: ProposalStatus = self._state.proposal.value
+        if proposal.proposal_id:
+            self._context.console.do(answer(proposal.proposal_id))
+
+    def _refresh(self, _value: object = None) -> None:
+        proposal: ProposalStatus = self._state.proposal.value
+        permissions, live = self._context.console.scenario.permissions, self._state.present.live
+        stands = bool(proposal.proposal_id)
+        person_first = self._state.asked_person.value is not None and permissions.naming_people
+        table = self._context.actions
+        self.yes.set_key("" if person_first else table.key_text("answer_yes"))
+        self.no.set_key("" if person_first else table.key_text("answer_no"))
+        for button in (self.yes, self.no):
+            button.setEnabled(live)
+        self.setVisible(stands)
+        self._count()
+        if stands and live and not self._counting.isActive():
+            self._counting.start()
+        elif not stands or not live:
+            self._counting.stop()
+
+    def _count(self) -> None:
+        proposal: ProposalStatus = self._state.proposal.value
+        now_ns = self._state.present.now_ns()
+        waits_s = max(0, proposal.lapses_ns - now_ns) / 1e9
+        if proposal.acts_ns is not None and self._state.present.live:
+            acts_s = max(0, proposal.acts_ns - now_ns) / 1e9
+            self.say(tr("{what}: starts in {time:.1f} s").format(what=tr(proposal.words), time=acts_s))
+        elif self._state.present.live:
+            lapses = tr("{what}? · proposed by {model}, expires in {time:.0f} s")
+            self.say(lapses.format(what=tr(proposal.words), model=proposal.model, time=waits_s))
+        else:
+            self.say(tr("{what}? · proposed by {model}").format(what=tr(proposal.words), model=proposal.model))
+        self.setToolTip(tr("This moves the robot.") if proposal.moves else "")
+
+    def _style(self) -> None:
+        super()._style()
+        self.text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from PySide6.QtCore import QPoint, QRect, QSize, Qt
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QKeySequence, QPainter, QPaintEvent, QShortcut
 from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
@@ -14,6 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
@@ -22,10 +23,11 @@ from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
-from caris_desktop.ui.people.undo_bar import UndoBar
+from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_regions import AccessibleRegions
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _LATE_S = 1.5
@@ -474,3 +476,50 @@ class PeoplePanel(Panel):
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)
         return tr("Somebody") if row is None else text_formatting.person_name(row)
+
+
+_SHOWN_MS = 8_000
+
+
+class UndoBar(QWidget):
+    """Undo bar: the last decision about a person, with an undo button for some seconds.
+
+    Bar at the lower edge of a panel.
+    """
+
+    undone = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("people_undo")
+        self._theme = theme
+        self.text = ElidedLabel()
+        self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
+        self.button.setObjectName("people_undo_button")
+        self.button.clicked.connect(self.undone)
+        row = layouts.hbox(self, margins_px=(14, 2, 10, 2), spacing_px=tokens.GRID_PX)
+        row.addWidget(self.text, 1, Qt.AlignmentFlag.AlignVCenter)
+        row.addWidget(self.button)
+        self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
+        self._away.timeout.connect(self.hide)
+        theme.restyle_on_change(self._style)
+        self.hide()
+
+    def say(self, text: str) -> None:
+        self.text.setText(text)
+
+    def offer(self) -> None:
+        self.show()
+        self._away.start()
+
+    def put_away(self) -> None:
+        self._away.stop()
+        self.hide()
+
+    def _style(self) -> None:
+        self._theme.style_text(self.text, "text", tokens.STATUS_PX)
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect().adjusted(1, 0, -1, 0), self._theme.color("blue_soft"))

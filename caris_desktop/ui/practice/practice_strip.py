@@ -1,6 +1,9 @@
 """Practice strip: current step, instruction and progress in two lines."""
 
+import json
+from dataclasses import asdict, fields
 from datetime import UTC, datetime
+from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
@@ -8,6 +11,7 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.practice_steps import STEPS, PracticeStep
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -15,7 +19,6 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.practice.training_record import PracticeRun, practised, save_run
 from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -194,3 +197,47 @@ class PracticeStrip(Bar, QWidget):
         self._theme.paint_box(
             self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(8.6, 1)
         )
+
+
+_KEY = "practice"
+_AT_MOST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeRun:
+    """Practice results, saved in the wizard's profile.
+
+    Practice result. ``ended_utc``: ISO 8601; ``done`` of ``steps`` completed; ``score`` out of 100.
+    """
+
+    ended_utc: str
+    done: int
+    steps: int
+    minutes: float
+    score: int
+
+
+def practised(wizards: WizardProfiles) -> tuple[PracticeRun, ...]:
+    """Results of the current wizard, oldest first; unreadable ones are skipped."""
+    try:
+        kept = json.loads(str(wizards.own_value(_KEY, "[]")))
+    except ValueError:
+        return ()
+    runs = [_run(item) for item in kept] if isinstance(kept, list) else []
+    return tuple(run for run in runs if run is not None)
+
+
+def save_run(wizards: WizardProfiles, run: PracticeRun) -> None:
+    runs = (*practised(wizards), run)[-_AT_MOST:]
+    wizards.set_value(_KEY, json.dumps([asdict(one) for one in runs]))
+
+
+def _run(item: Any) -> PracticeRun | None:
+    if not isinstance(item, dict) or {field.name for field in fields(PracticeRun)} - set(item):
+        return None
+    try:
+        return PracticeRun(
+            str(item["ended_utc"]), int(item["done"]), int(item["steps"]), float(item["minutes"]), int(item["score"])
+        )
+    except (TypeError, ValueError):
+        return None

@@ -16,8 +16,8 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
-from caris_desktop.ui.scenario_editor.arranging import drop
 from caris_desktop.ui.scenario_editor.editing_context import FormContext
+from caris_desktop.ui.scenario_editor.groups import drop
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.scenario_editor.text_page import CodeEditor
 from caris_desktop.ui.widgets.buttons import ActionButton

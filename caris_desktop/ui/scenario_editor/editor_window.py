@@ -2,14 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
-from PySide6.QtCore import QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent, QShortcut
+from PySide6.QtCore import QObject, QSize, Qt, QTimer, QUrl, Signal
+from PySide6.QtGui import QAccessible, QCloseEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
+    QFrame,
+    QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
+    QScrollArea,
     QSplitter,
     QStackedWidget,
     QTextBrowser,
@@ -17,26 +21,32 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.schema_fields import Known
+from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
+from caris_desktop.domain.yaml_source import YamlSourceError
+from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, UndoStep
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.gestures import LOOK, NOD
+from caris_desktop.scenario.scenario_library import own_file, own_file_called
+from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.announcing import announce
+from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
-from caris_desktop.ui.scenario_editor.editing_context import Editing, FormContext
-from caris_desktop.ui.scenario_editor.editor_notice import Notice
-from caris_desktop.ui.scenario_editor.known_names import KnownNames
-from caris_desktop.ui.scenario_editor.opened_scenario import Opened, text_of
+from caris_desktop.ui.scenario_editor.editing_context import Editing, FormContext, Names
+from caris_desktop.ui.scenario_editor.groups import part_for, show_at_once
+from caris_desktop.ui.scenario_editor.opened_scenario import Opened, names_of_files, reopened, text_of
 from caris_desktop.ui.scenario_editor.preview import preview_page
-from caris_desktop.ui.scenario_editor.saving import Saving, as_sentence
-from caris_desktop.ui.scenario_editor.section_page import SectionPage
-from caris_desktop.ui.scenario_editor.sections import sections
+from caris_desktop.ui.scenario_editor.sections import Section, sections
 from caris_desktop.ui.scenario_editor.text_page import TextPage
-from caris_desktop.ui.scenario_editor.value_fields import Field
+from caris_desktop.ui.scenario_editor.value_fields import Field, FormPart
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -453,3 +463,411 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
 
 def _step_words(text: str, step: UndoStep | None) -> str:
     return text.format(what=" › ".join(step.words) or tr("the text")) if step is not None else ""
+
+
+_DONE_AT_ONCE = ("button", "toggle")
+"""Kinds of controls that a phrase can trigger: others need a value."""
+
+
+class KnownNames(QObject):
+    """Names that fields may reference outside the file: of the connected robot, its face, and existing files.
+
+    Known names for the form of ``editing``; files are listed in a background thread.
+    """
+
+    def __init__(self, console: WizardConsole, editing: Editing) -> None:
+        super().__init__(editing)
+        self._state = console.state
+        self._editing = editing
+        self._files: dict[Known, tuple[str, ...]] = {}
+        read_for(self, console, names_of_files, self._on_read)
+
+    def _on_read(self, files: dict[Known, tuple[str, ...]]) -> None:
+        self._files = files
+        self._editing.emit_changes()
+
+    def of(self, kind: Known) -> Names:
+        state, data = self._state, self._editing.document.data
+        if kind == "gestures":
+            controls = data.get("controls")
+            own = [
+                value_at(each, ("id",))
+                for each in (controls if isinstance(controls, list) else ())
+                if value_at(each, ("kind",)) in _DONE_AT_ONCE
+            ]
+            robots = [control.id for control in state.controls.value if control.kind in _DONE_AT_ONCE]
+            found = tuple(dict.fromkeys(name for name in (NOD, LOOK, *own, *robots) if isinstance(name, str)))
+            return Names(found, state.link.value.state == "connected")
+        if kind == "expressions":
+            return Names(
+                state.face.value.expressions, self._editing.document.value(("face", "face")) == state.face.value.face
+            )
+        # A robot may also be an address.
+        return Names(self._files.get(kind, ()), kind == "faces" and kind in self._files)
+
+
+_TITLE: KeyPath = ("title",)
+
+
+Answer = tuple[str, Callable[[], None]]
+
+
+class Notice(QWidget):
+    """Message line above the form, with buttons to answer it.
+
+    ``say`` replaces the message. ``what`` identifies it for ``take_back``.
+    """
+
+    accessible_role = QAccessible.Role.AlertMessage
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("editor_notice")
+        self._theme = theme
+        self._what = ""
+        self._role = "blue"
+        self.text = QLabel(wordWrap=True)
+        self.text.setObjectName("editor_notice_text")
+        self.answers: list[ActionButton] = []
+        self._row = layouts.hbox(self, margins_px=(26, 8, 18, 8), spacing_px=8)
+        self._row.addWidget(self.text, 1)
+        theme.changed.connect(self.update)
+        self.hide()
+
+    def say(self, what: str, text: str, role: str, *answers: Answer) -> None:
+        if (what, text) == (self._what, self.text.text()) and self.isVisible():
+            return
+        self._what, self._role = what, role
+        self.text.setText(text)
+        self.setAccessibleName(text)
+        for button in self.answers:
+            self._row.removeWidget(button)
+            button.hide()
+            button.deleteLater()
+        self.answers = [self._answer(words, do) for words, do in answers or ((tr("Dismiss"), self._dismiss),)]
+        self.show()
+        announce(self, text)
+        self.update()
+
+    def _answer(self, words: str, do: Callable[[], None]) -> ActionButton:
+        button = ActionButton(self._theme, words, height_px=30)
+        button.clicked.connect(do)
+        self._row.addWidget(button)
+        return button
+
+    def _dismiss(self) -> None:
+        self.take_back(self._what)
+
+    def take_back(self, what: str) -> None:
+        if what == self._what:
+            self._what = ""
+            self.hide()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        self._theme.paint_box(
+            self,
+            ground=f"{self._role}_soft",
+            line=self._role,
+            radius_px=tokens.CONTROL_RADIUS_PX,
+            line_px=1.4,
+            inset_px=(16.7, 2.7),
+        )
+
+
+class Edits(Protocol):
+    """The part of the editor window that saving needs."""
+
+    editing: Editing
+    notice: Notice
+    text_page: TextPage
+    compare_page: ComparePage
+
+    @property
+    def document(self) -> ScenarioDocument: ...
+    @property
+    def unsaved(self) -> bool: ...
+    def show_mistake(self, number: int) -> None: ...
+    def ask_for_name(self) -> None: ...
+    def leave_name(self) -> None: ...
+    def close(self) -> bool: ...
+
+
+class Saving(QObject):
+    """Saving for one ``editor``, owned by ``parent``. ``opened``: the file from which the document was made; any other
+    contents are not overwritten without a question.
+    """
+
+    def __init__(self, editor: Edits, console: WizardConsole, opened: Opened, parent: QObject) -> None:
+        super().__init__(parent)
+        self._editor = editor
+        self._console = console
+        self._opened = opened
+        self._to: Path | None = None
+        self._sent = self._title = ""
+        self._close_when_saved = False
+        self._changed_elsewhere = False
+        console.state.saved_scenario.changed.connect(self._on_saved)
+        console.state.scenario.changed.connect(self._on_scenario_in_force)
+
+    def save(self) -> None:
+        """Save to the scenario's own file, or to the user's copy of a shipped one."""
+        if self._editor.unsaved:
+            target = own_file(self._editor.document.path)
+            self._save_to(target, self._opened.sha256 if target == self._opened.path else "")
+
+    def save_and_close(self) -> None:
+        self._close_when_saved = True
+        self.save()
+
+    def save_as(self, title: str) -> None:
+        """Save under another title, in a new file among the user's scenarios."""
+        self._save_to(own_file_called(title), "", title)
+
+    def _save_to(self, path: Path, replaces: str, title: str = "") -> None:
+        """Save, optionally with a new ``title``, which the document gets once the file is written."""
+        editor = self._editor
+        if self._to is not None:
+            return
+        editor.text_page.flush()
+        editor.document.pause()
+        if editor.document.mistakes:
+            self._close_when_saved = False
+            said = tr("Nothing was saved. Errors to correct first: %n", "", len(editor.document.mistakes))
+            editor.notice.say("refused", said, "red", (tr("Show the first"), lambda: editor.show_mistake(0)))
+            editor.show_mistake(0)
+            return
+        sent = ScenarioDocument(editor.document.text, editor.document.path)
+        if title:
+            sent.set(_TITLE, title)
+        if sent.mistakes:
+            editor.notice.say("name", as_sentence(sent.mistakes[0].message), "amber")
+            return
+        self._to, self._sent, self._title = path, sent.text, title
+        refused = self._console.do(intents.SaveScenario(self._sent, path, editor.document.path, replaces))
+        if refused:
+            self._on_saved(SavedScenario(path, problem=refused))
+
+    def _on_saved(self, saved: SavedScenario | None) -> None:
+        if saved is None or saved.path != self._to:
+            return
+        editor, self._to = self._editor, None
+        self._changed_elsewhere &= bool(saved.problem)
+        if saved.problem:
+            self._on_not_saved(saved)
+            return
+        self._opened = Opened(saved.path, saved.text, saved.sha256)
+        if self._title:
+            editor.document.pause()
+            editor.document.set(_TITLE, self._title)
+        editor.document.note_saved(self._sent, saved.text, saved.path)
+        editor.leave_name()
+        editor.editing.emit_changes(reshaped=True)
+        editor.compare_page.offer_again()
+        said = tr("Saved in {file}.")
+        if self._title and self._console.state.recording.value.state in IN_SESSION:
+            said = tr("Saved in {file}. The recording continues with its current scenario; open this one afterwards.")
+        editor.notice.say("saved", said.format(file=saved.path), "green")
+        if self._close_when_saved and not editor.document.changed:
+            editor.close()
+        self._close_when_saved = False
+
+    def _on_not_saved(self, saved: SavedScenario) -> None:
+        editor, self._close_when_saved = self._editor, False
+        if saved.taken and saved.path == self._opened.path:
+            read_for(self, self._console, partial(reopened, saved.path, self._opened), self._on_other_file)
+            return
+        if self._changed_elsewhere:
+            self._on_scenario_in_force(self._console.scenario)
+        if saved.taken:
+            editor.ask_for_name()
+            said = tr("“{file}” already contains a scenario and was not changed. Choose another title.")
+            editor.notice.say("name", said.format(file=saved.path.name), "amber")
+            return
+        said = tr("Not saved: {reason} Your changes are still here.").format(reason=saved.problem)
+        editor.notice.say("saving", said, "red", (tr("Save as…"), editor.ask_for_name))
+
+    def _on_other_file(self, found: Opened | str | None) -> None:
+        """Handle a conflict: the file has changed meanwhile and may be unreadable."""
+        notice, reason = self._editor.notice, found if isinstance(found, str) else ""
+        if isinstance(found, Opened):
+            try:
+                kept = self._rebase(found)
+            except ValueError as error:
+                reason = _error_text(error)
+            else:
+                said = tr(
+                    "Not saved yet: the file was changed elsewhere and has been reloaded. It includes your "
+                        "own changes: %n. Check them on the right, then save again.", "", kept,
+                )  # fmt: skip
+                notice.say("meanwhile", said, "amber")
+                return
+        said = tr(
+            "Not saved: the file was changed elsewhere and cannot be read: {reason} Your changes are still "
+            "here. Save again once the file is valid, or choose:"
+        ).format(reason=as_sentence(reason))
+        answers = [(tr("Save as…"), self._editor.ask_for_name)]
+        if isinstance(found, Opened):
+            answers.insert(0, (tr("Overwrite"), partial(self._write_over, found)))
+        notice.say("saving", said, "red", *answers)
+
+    def _write_over(self, broken: Opened) -> None:
+        self._editor.notice.take_back("saving")
+        self._save_to(broken.path, broken.sha256)
+
+    # ---- changes from elsewhere
+
+    def _on_scenario_in_force(self, scenario: Scenario | None) -> None:
+        """Merge what the console itself wrote to the file meanwhile, for example a place."""
+        if scenario is None or scenario.path is None or self._to is not None:
+            return
+        if scenario.sha256 != self._opened.sha256:
+            read_for(self, self._console, partial(reopened, scenario.path, self._opened), self._on_reread)
+
+    def _on_reread(self, found: Opened | str | None) -> None:
+        self._changed_elsewhere = found is not None and self._to is not None
+        if found is None or self._changed_elsewhere:
+            return
+        notice, broken = self._editor.notice, tr("The file has changed and cannot be read: {reason}")
+        if isinstance(found, str):
+            notice.say("meanwhile", broken.format(reason=found), "red")
+            return
+        try:
+            kept = self._rebase(found)
+        except ValueError as error:
+            notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
+            return
+        said = tr("The file was changed elsewhere and has been reloaded.")
+        if kept:
+            said = tr(
+                "The file was changed elsewhere and has been reloaded. It includes your own changes: %n", "", kept
+            )
+        notice.say("meanwhile", said, "blue")
+
+    def _rebase(self, found: Opened) -> int:
+        """Rebase the edits onto the file's current contents; returns how many remain. Raises ValueError."""
+        kept = self._editor.document.rebase(found.text)
+        self._opened = found
+        self._editor.editing.emit_changes(reshaped=True)
+        self._editor.compare_page.offer_again()
+        return len(kept)
+
+
+def _error_text(error: ValueError) -> str:
+    if isinstance(error, YamlSourceError):
+        return tr("line {line}: {message}").format(line=error.line, message=error)
+    return str(error)
+
+
+def as_sentence(text: str) -> str:
+    return text if text.endswith(".") else f"{text}."
+
+
+_WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
+
+
+class SectionPage(QScrollArea):
+    """Form page of one section, built when first shown.
+
+    Form page; refreshes only while visible.
+    """
+
+    def __init__(self, context: FormContext, section: Section) -> None:
+        super().__init__()
+        self.section = section
+        self._context = context
+        self.parts: list[FormPart] = []
+        self._column: QVBoxLayout | None = None
+        self._stale = False
+        self._next = QTimer(self, singleShot=True, interval=0)
+        self._next.timeout.connect(self._make_next)
+        self.setObjectName("section_page")
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        context.theme.changed.connect(self._style)
+        context.editing.changed.connect(self._on_changed)
+
+    def build(self) -> None:
+        """Create all fields now."""
+        self._begin()
+        while len(self.parts) < len(self.section.keys):
+            self._make_next()
+        if self._stale:
+            self.refresh()
+
+    def _begin(self) -> None:
+        if self._column is not None:
+            return
+        holder = QWidget()
+        holder.setObjectName("section_holder")
+        column = layouts.vbox(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
+        self._title = QLabel(tr(self.section.title))
+        self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        column.addWidget(self._title)
+        if self.section.words:
+            column.addWidget(self._words)
+        column.addStretch(1)
+        self._column = column
+        self.setWidget(holder)
+        self._style()
+
+    def _make_next(self) -> None:
+        """Create one field per event loop turn, so that keys are still handled."""
+        if len(self.parts) == len(self.section.keys) or self._column is None:
+            return
+        key = self.section.keys[len(self.parts)]
+        part = part_for(self._context, (key.name,), key)
+        part.setMaximumWidth(_WIDEST_PX)
+        self.parts.append(part)
+        self._column.insertWidget(self._column.count() - 1, part)
+        show_at_once(part)
+        part.refresh()
+        if len(self.parts) < len(self.section.keys):
+            self._next.start()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if self._column is not None:
+            self._fit_words()
+
+    def _fit_words(self) -> None:
+        """Fit the explanation to the visible width, however wide the lists are."""
+        room_px = max(_LEAST_WORDS_PX, self.viewport().width() - 2 * _SIDE_PX)
+        self._words.setMaximumWidth(room_px)
+        self._words.setMinimumHeight(self._words.heightForWidth(room_px))
+
+    def refresh(self) -> None:
+        self._stale = False
+        for part in self.parts:
+            part.refresh()
+        self.setEnabled(self._context.editing.document.unreadable is None)
+
+    def _on_changed(self) -> None:
+        self._stale = True
+        if self.isVisible():
+            self.refresh()
+
+    def showEvent(self, event: object) -> None:
+        self._begin()
+        self._next.start()
+        if self._stale:
+            self.refresh()
+        super().showEvent(event)  # type: ignore[arg-type]
+
+    def reveal(self, path: KeyPath) -> Field | None:
+        """Field of a path, or of the closest enclosing one."""
+        self.build()
+        for cut in range(len(path), 0, -1):
+            for part in self.parts:
+                if path[:1] == part.path:
+                    field = part.reveal(path[:cut])
+                    if field is not None:
+                        return field
+        return None
+
+    def _style(self) -> None:
+        if self._column is not None:
+            theme = self._context.theme
+            self._title.setFont(theme.font(tokens.SPEECH_PX + 2, tokens.WEIGHT_SEMIBOLD))
+            theme.style_text(self._words, "dim", tokens.BODY_PX)
+            self._fit_words()

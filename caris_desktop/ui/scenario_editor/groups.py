@@ -3,6 +3,7 @@
 In one file because containers nest in one another: separate modules would import in a circle.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from caris_desktop.domain.schema_fields import (
     Key,
     ValueForm,
     groups_of,
+    is_free,
     is_group,
     item_of,
     keys_of,
@@ -23,23 +25,21 @@ from caris_desktop.domain.schema_fields import (
     size_of,
     text_of,
 )
-from caris_desktop.domain.schema_labels import said_of, section_of, title_of, words_of
+from caris_desktop.domain.schema_labels import noun_of, said_of, section_of, title_of, words_of
 from caris_desktop.domain.schema_paths import (
     ABSENT,
     blank_group,
     blank_of,
     default_of,
+    entry_name,
     group_at,
     text_key,
     value_at,
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.scenario_editor.arranging import drop, show_at_once
+from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.editing_context import FormContext, readable, sentence_at
-from caris_desktop.ui.scenario_editor.keys_of_entries import key_of_entry
-from caris_desktop.ui.scenario_editor.list_entries import card_name, in_one_row, kinds_of_entries
-from caris_desktop.ui.scenario_editor.robot_here import POSE_KEYS, RobotHere
 from caris_desktop.ui.scenario_editor.value_fields import ChoiceField, Field, FormPart, NumberField, field_for
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -581,3 +581,126 @@ class EntryRow(FormPart):
         if not self._folds:
             return
         self.context.theme.paint_box(self, ground="panel", line="line", radius_px=tokens.CONTROL_RADIUS_PX)
+
+
+_KEYS = {spec.id: spec.keys[0] for spec in ACTIONS if spec.keys}
+
+
+def key_of_entry(data: Any, path: KeyPath) -> str:
+    """Key bindings of list entries in the console, for display in the form.
+
+    Key of the entry; empty if none.
+    """
+    match path:
+        case ("phrases", int(index)):
+            entries = value_at(data, ("phrases",))
+            if not isinstance(entries, list) or not 0 <= index < len(entries) or "group" in _keys_in(entries[index]):
+                return ""
+            return _KEYS.get(f"phrase_{sum('group' not in _keys_in(each) for each in entries[: index + 1])}", "")
+        case ("phrases", int(), "phrases", int(index)):
+            return _KEYS.get(f"phrase_{index + 1}", "")
+        case ("recording", "labels", int(index)):
+            return _KEYS.get(f"label_{index + 1}", "")
+        case ("gestures", int(index)):
+            own = _keys_in(value_at(data, path)).get("key")
+            return str(own) if own else _KEYS.get(f"gesture_{index + 1}", "")
+        case ("places", int(index)):
+            return _KEYS.get(f"place_{index + 1}", "")
+    return ""
+
+
+def _keys_in(entry: Any) -> Any:
+    return entry if isinstance(entry, dict) else {}
+
+
+_MOST_IN_A_ROW = 5
+
+
+def card_name(entry: Any) -> str:
+    """Title of a folded entry: its name, else its contents, as for a part of the dock layout."""
+    if not isinstance(entry, dict):
+        return entry if isinstance(entry, str) else ""
+    if entry_name(entry):
+        return entry_name(entry)
+    inside = [card_name(each) for value in entry.values() if isinstance(value, list) for each in value]
+    return ", ".join(name for name in inside if name) or next(
+        (str(value) for value in entry.values() if isinstance(value, str)), ""
+    )
+
+
+def in_one_row(group: Group) -> bool:
+    """Whether the keys are few and short enough for one row."""
+    keys = keys_of(group)
+    return len(keys) <= _MOST_IN_A_ROW and all(
+        scalars_of(key.form.kind) and not key.form.rule.prose and not is_free(key.form.kind) for key in keys
+    )
+
+
+def kinds_of_entries(item: ValueForm) -> list[tuple[str, Callable[[], Any]]]:
+    """Kinds of entries that can be added, with factories of initial values."""
+    groups = (item.kind,) if is_group(item.kind) else groups_of(item.kind)
+    if not groups:
+        return [(tr("an entry"), lambda: blank_of(item))]
+    text = text_of(item.kind)
+    kinds: list[tuple[str, Callable[[], Any]]] = []
+    for number, group in enumerate(groups):
+        blank: Callable[[], Any] = (lambda: "") if text is not None and number == 0 else _blank_of_group(item, group)
+        kinds.append((noun_of(group), blank))
+    return kinds
+
+
+def _blank_of_group(item: ValueForm, group: Group) -> Callable[[], Any]:
+    return (lambda: blank_of(item)) if is_group(item.kind) else (lambda: blank_group(group))
+
+
+POSE_KEYS = {"x_m", "y_m", "heading_deg"}
+"""Keys of a group that is a pose in the map."""
+
+
+class RobotHere(ActionButton):
+    """Button that sets a place to the robot's current pose.
+
+    Button for the group at ``path``.
+    """
+
+    def __init__(self, context: FormContext, path: KeyPath) -> None:
+        super().__init__(context.theme, tr("Here"), icon="robot", height_px=32, text_px=tokens.STATUS_PX)
+        self._context = context
+        self._path = path
+        self.setObjectName("place_from_robot")
+        self.setAccessibleName(context.spoken(tr("Use the robot's current position")))
+        self.clicked.connect(self._use_position)
+
+    def refresh(self) -> None:
+        known = self._context.robot_pose() is not None
+        self.setEnabled(known)
+        where = tr("Use the robot's current position and heading")
+        self.setToolTip(where if known else tr("The robot's position in the map is unknown"))
+
+    def _use_position(self) -> None:
+        pose = self._context.robot_pose()
+        if pose is None:
+            return
+        document = self._context.editing.document
+        document.pause()
+        for name, value in (
+            ("x_m", round(pose.x_m, 2)),
+            ("y_m", round(pose.y_m, 2)),
+            ("heading_deg", round(math.degrees(pose.heading_rad))),
+        ):
+            document.set((*self._path, name), value)
+        self._context.editing.emit_changes()
+
+
+def drop(part: QWidget) -> None:
+    """Remove and delete a form widget."""
+    part.hide()
+    part.setParent(None)
+    part.deleteLater()
+
+
+def show_at_once(part: QWidget) -> None:
+    """Show a new form widget now: Qt shows it only with the next event, and a hidden one cannot be focused."""
+    parent = part.parentWidget()
+    if parent is not None and parent.isVisible():
+        part.show()

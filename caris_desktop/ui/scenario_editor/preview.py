@@ -1,15 +1,18 @@
 """Preview of the edited scenario: errors, consequences for the wizard, and changes, as HTML."""
 
 from collections.abc import Iterator
+from functools import cache
 from html import escape
 from itertools import zip_longest
-from typing import Any
+from typing import Any, Literal
 
+from caris_desktop.domain.intents import INTENTS, Intent
 from caris_desktop.domain.schema_fields import keys_of, value_from
 from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name
 from caris_desktop.domain.schema_validation import quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.scenario.checklist_settings import manual_checks
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.phrases import phrase_groups
@@ -19,8 +22,9 @@ from caris_desktop.scenario.scenario_migrations import migrate
 from caris_desktop.scenario.scenario_model import Permissions, Scenario
 from caris_desktop.ui.action_bindings import rows_of
 from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, perform_nth_gesture
+from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.mark_intents import mark_with_label
-from caris_desktop.ui.scenario_editor.consequences import Consequence, changed_permissions, consequences
+from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.tokens import Colors
 
 _MOST_OF_A_VALUE = 90
@@ -275,6 +279,53 @@ def _allowed(document: ScenarioDocument, colors: Colors) -> str:
         )
         parts.append(_line(escape(words), colors, "dim"))
     return "".join(parts)
+
+
+Sort = Literal["panel", "key", "act"]
+
+
+@dataclass(frozen=True, slots=True)
+class Consequence:
+    """Consequences of a permission, derived from the tables of intents, actions and panels.
+
+    Feature that requires a permission.
+    """
+
+    sort: Sort
+    words: str
+    key: str = ""
+
+
+@cache
+def consequences(permission: str) -> tuple[Consequence, ...]:
+    """Features that this permission alone removes: panels, commands with keys, other intents."""
+    return tuple(dict.fromkeys(_found(permission)))
+
+
+def _found(permission: str) -> Iterator[Consequence]:
+    for panel in PANELS.values():
+        if panel.permission == permission:
+            yield Consequence("panel", panel.title)
+    asked_by_key = set()
+    for spec in ACTIONS:
+        intent = _intent_of(spec)
+        needed = INTENTS[intent].permissions if intent is not None else ()
+        if spec.permission == permission or permission in needed:
+            asked_by_key.add(intent)
+            yield Consequence("key", spec.text, spec.keys[0] if spec.keys else "")
+    for intent, line in INTENTS.items():
+        if permission in line.permissions and intent not in asked_by_key:
+            yield Consequence("act", line.words)
+
+
+def _intent_of(spec: ActionSpec) -> type[Intent] | None:
+    return type(spec.intent) if isinstance(spec.intent, Intent) else None
+
+
+def changed_permissions(before: Permissions, after: Permissions) -> list[tuple[str, bool]]:
+    """Changed permissions with their new values."""
+    names: Any = Permissions.__dataclass_fields__
+    return [(name, getattr(after, name)) for name in names if getattr(before, name) != getattr(after, name)]
 
 
 def _consequences(found: tuple[Consequence, ...], colors: Colors, sign: str) -> Iterator[str]:

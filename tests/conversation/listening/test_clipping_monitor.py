@@ -1,6 +1,6 @@
 """A microphone from which nothing comes is told once."""
 
-from caris_desktop.conversation.listening.clipping_monitor import SignalWatch
+from caris_desktop.conversation.listening.recogniser import SignalWatch
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE
 
 

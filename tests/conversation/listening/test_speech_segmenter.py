@@ -15,8 +15,7 @@ from caris_desktop.conversation.listening.engine import HeardText
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_agreement import HeardWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
-from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.turn_transcript import with_words
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, with_words
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk

@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.listening.turn_transcript import goes_on, with_words
+from caris_desktop.conversation.listening.speech_segmenter import goes_on, with_words
 
 
 @pytest.mark.parametrize("text", ["I came here with the", "I came here with the.", "We went there because", "And um"])

@@ -6,9 +6,8 @@ from random import Random
 
 import pytest
 
-from caris_desktop.conversation.suggestions.edit_distance import characters_changed
-from caris_desktop.conversation.suggestions.intention import intention_of, same_intention
 from caris_desktop.conversation.suggestions.replies import LONGEST_REPLY, fit_to_say, replies_in
+from caris_desktop.conversation.suggestions.suggestion_cycle import characters_changed, intention_of, same_intention
 
 WRITTEN = '{"answer": "It stops \\"at once\\".", "ask": "Shall we?",\n "more": "No: it is safe."}'
 TEXTS = ('It stops "at once".', "Shall we?", "No: it is safe.")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.voices.loudspeaker import _Playback
+from caris_desktop.conversation.voice_engine import _Playback
 from caris_desktop.conversation.voices.utterance_sound import StreamingBuffer
 from tests.support.polling import wait_for
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.voices.synthesis_worker import Rendering
+from caris_desktop.conversation.voice_engine import Rendering
 from caris_desktop.conversation.voices.utterance_sound import Samples, Stop, StreamingBuffer
 from tests.support.polling import wait_for
 

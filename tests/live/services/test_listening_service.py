@@ -25,12 +25,10 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.listening_feed import STREAM, ListeningFeed
-from caris_desktop.live.services.listening_service import ListeningService
+from caris_desktop.live.services.listening_service import TRANSCRIPTION_STREAM, ListeningFeed, ListeningService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ListeningStatus, MicrophoneStatus, RecordingStatus, SoundStatus
-from caris_desktop.scenario.listening_settings import ListeningSettings
-from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario
+from caris_desktop.scenario.scenario_model import ListeningSettings, PanelLeaf, Permissions, Scenario
 from tests.live.bodies import echo
 
 READY = RecogniserReady("tiny.en", "en", 0.5)
@@ -202,7 +200,7 @@ def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is
     child.reads.set()
     qtbot.waitUntil(lambda: any(isinstance(each, Gap) for each in bench.told))
     (gap,) = (each for each in bench.told if isinstance(each, Gap))
-    assert gap.stream == STREAM
+    assert gap.stream == TRANSCRIPTION_STREAM
     qtbot.waitUntil(lambda: gap.count + len(child.got) == 60)
 
 

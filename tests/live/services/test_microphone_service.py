@@ -30,8 +30,7 @@ from caris_desktop.live.services.microphone_service import MicrophoneAdapters, M
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario
-from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
 
 HEADSET = MicrophoneOpened("Headset", 16000)

@@ -14,9 +14,9 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import Problem, ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live import scenario_watch
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.services import scenario_service
 from caris_desktop.live.services.scenario_service import ScenarioService
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_file import load_scenario
@@ -55,7 +55,7 @@ class Bench:
 
 @pytest.fixture
 def bench(qapp: QObject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    monkeypatch.setattr(scenario_watch, "AT_REST_MS", 20)
+    monkeypatch.setattr(scenario_service, "FILE_AT_REST_MS", 20)
     path = tmp_path / "mine.yaml"
     path.write_text(TEXT, encoding="utf-8")
     parent = QObject()

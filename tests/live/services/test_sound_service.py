@@ -26,7 +26,6 @@ from caris_desktop.domain.intents import HearRobot, PushToTalk
 from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PlayedSound
-from caris_desktop.live import push_to_talk
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services import sound_service
@@ -34,8 +33,7 @@ from caris_desktop.live.services.sound_service import SoundAdapters, SoundServic
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SpeechStatus
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario
-from caris_desktop.scenario.sound_settings import SoundSettings
+from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
 
 PIECE = np.full((640, 1), 1000, np.int16)
@@ -272,7 +270,7 @@ def test_the_microphone_is_closed_when_nobody_has_spoken_for_a_while(
     qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sound_service, "_OPEN_FOR_MS", 10)
-    monkeypatch.setattr(push_to_talk, "_TAIL_MS", 1)
+    monkeypatch.setattr(sound_service, "_TAIL_MS", 1)
     bench = Bench()
     bench.do(PushToTalk(on=True))
     bench.do(PushToTalk(on=False))

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.perception.backends.network import ModelFacts, NetworkDetector, UnknownFormError, facts_of
-from caris_desktop.perception.backends.network_pictures import fit, input_size, pixels_rgb, planes_bgr, planes_rgb
+from caris_desktop.perception.backends.network import (
+    ModelFacts,
+    NetworkDetector,
+    UnknownFormError,
+    facts_of,
+    fit,
+    input_size,
+    pixels_rgb,
+    planes_bgr,
+    planes_rgb,
+)
 from caris_desktop.perception.backends.outputs import Found, form_of, person_groups, suppress
 from caris_desktop.perception.weights import Weights
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.perception.cameras import found_cameras as module
-from caris_desktop.perception.cameras.found_cameras import found_cameras
+from caris_desktop.perception.cameras import device_camera as module
+from caris_desktop.perception.cameras.device_camera import found_cameras
 
 
 def test_each_camera_is_listed_once_by_what_chooses_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caris_desktop.recording.annotation import annotation_editing
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError
-from caris_desktop.recording.annotation.annotation_history import EditHistory
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, EditHistory
 from caris_desktop.recording.annotation.annotation_model import (
     Annotation,
     AnnotationDocument,

@@ -39,8 +39,13 @@ from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
-from caris_desktop.recording.annotation.event_summary import EVENTS_IN_WORDS, type_in_words
-from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, session_tiers, streams_of_tiers
+from caris_desktop.recording.annotation.session_tiers import (
+    EVENTS_IN_WORDS,
+    TimelineBuilder,
+    session_tiers,
+    streams_of_tiers,
+    type_in_words,
+)
 from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.annotation.timeline_builder import BUCKET_NS, build_overview
 from caris_desktop.recording.exporters.csv import write_csv

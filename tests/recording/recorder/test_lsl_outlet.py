@@ -11,8 +11,8 @@ import pytest
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import ChatMessage, Problem, StepEntered, UtteranceChanged
-from caris_desktop.recording.recorder.lsl_outlet import STREAM_NAME
 from caris_desktop.recording.recorder.recorder_messages import OfferMarkers, PauseRecording, RecorderReport
+from caris_desktop.recording.recorder.recorder_process import STREAM_NAME
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, command, mark, pose, start
 from tests.recording.told_session import exchange
@@ -78,7 +78,7 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     assert open_session(tmp_path / "s").closed_properly
 
 
-@pytest.mark.logs(r"recorder\.lsl_outlet: ", r"recorder\.session_recorder: ")
+@pytest.mark.logs(r"recorder\.recorder_process: ", r"recorder\.session_recorder: ")
 def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,7 +113,7 @@ class FailingLibrary:
             raise ValueError("the network is gone")
 
 
-@pytest.mark.logs(r"recorder\.lsl_outlet: ", r"recorder\.session_recorder: ")
+@pytest.mark.logs(r"recorder\.recorder_process: ", r"recorder\.session_recorder: ")
 def test_an_outlet_that_fails_ends_itself_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     library = FailingLibrary()
     monkeypatch.setitem(sys.modules, "pylsl", library)

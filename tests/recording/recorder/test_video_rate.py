@@ -13,9 +13,9 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap, Problem
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.recording.recorder import video_encoders, video_rate, video_writer
+from caris_desktop.recording.recorder import media_writer, video_encoders, video_writer
+from caris_desktop.recording.recorder.media_writer import VideoRate
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
-from caris_desktop.recording.recorder.video_rate import VideoRate
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.driving import RecorderUnderTest, mark, picture, start
 from tests.recording.recorder.test_recorder_process import video_times_s
@@ -93,7 +93,7 @@ def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
         write(self, image_bgr, ref)
 
     monkeypatch.setattr(video_writer.VideoFileWriter, "write", write_slowly)
-    monkeypatch.setattr(video_rate, "_CALM_NS", 1_500_000_000)
+    monkeypatch.setattr(media_writer, "_CALM_NS", 1_500_000_000)
     monkeypatch.setattr(video_encoders, "_SHARE_OF_IDLE", 0.0)
 
 

@@ -21,7 +21,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.recorder_messages import ARRIVED, PauseRecording
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.header_recovery import rebuilt_header
+from caris_desktop.recording.session.session_header import rebuilt_header
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
 from tests.recording.driving import RecorderUnderTest, picture, start

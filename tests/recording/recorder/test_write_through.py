@@ -18,7 +18,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
-from caris_desktop.recording.recorder.write_through import FsyncThread
+from caris_desktop.recording.recorder.session_recorder import FsyncThread
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, mark, start
 from tests.support.polling import wait_for
@@ -151,7 +151,7 @@ def test_a_round_in_progress_counts_as_long_as_it_takes_already(
     assert max(lane.delays_s(time.monotonic(), within_s=30.0)) > 0.1
 
 
-@pytest.mark.logs(r"recorder\.write_through: ")
+@pytest.mark.logs(r"recorder\.session_recorder: ")
 def test_what_the_disk_refuses_is_remembered_and_the_rest_is_synced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

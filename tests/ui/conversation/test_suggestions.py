@@ -12,9 +12,9 @@ from caris_desktop.domain import clock
 from caris_desktop.live.status import LevelsStatus, ProposalStatus, ShownSuggestion, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.ui.conversation.levels_button import LevelsButton
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.conversation_panel import LevelsButton
 from caris_desktop.ui.people.pending_identity_question import AskedAbout
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

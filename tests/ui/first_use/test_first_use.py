@@ -25,8 +25,7 @@ from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.banners import QuestionBanner
-from caris_desktop.ui.first_use.drive_hint import DriveHint
-from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, FirstUse
+from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, DriveHint, FirstUse
 from caris_desktop.ui.first_use.set_up_page import SetUpPage
 from caris_desktop.ui.first_use.step_pages import LivePicture
 from caris_desktop.ui.first_use.steps import steps_for

@@ -9,10 +9,10 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.layout.card_place import card_place, in_the_corner
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.problems import card_place, in_the_corner
 from tests.support.window_check import flaws
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole

@@ -15,9 +15,9 @@ from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNod
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock_geometry import place
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of
-from caris_desktop.ui.layout.layout_history import History
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in, tidy
+from caris_desktop.ui.layout_store import LayoutHistory
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.layout.edits import EDIT, WINDOW, edited, room
 from tests.ui.samples import MENTAL_LAYOUT, TOUR_LAYOUT
@@ -34,7 +34,7 @@ def through_json(arrangement: DockLayout) -> DockLayout:
 @given(st.lists(EDIT, min_size=50, max_size=50), st.sampled_from([TOUR_LAYOUT, MENTAL_LAYOUT]))
 def test_500_edits_are_kept_undone_and_done_again(made: list[Any], layout: Any) -> None:
     """Ten times fifty of them, each saved and loaded, laid out without losing a panel, and all undone at the end."""
-    arrangement, history = arrangement_of(layout), History()
+    arrangement, history = arrangement_of(layout), LayoutHistory()
     began, seen = arrangement, []
     for edit in made:
         spare: list[PanelName] = [name for name in PANELS if name not in arrangement.panels]

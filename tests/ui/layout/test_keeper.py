@@ -20,10 +20,9 @@ from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNo
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in, tidy
-from caris_desktop.ui.layout_menu import TitleDialog
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.window_menus import LayoutMenu
+from caris_desktop.ui.window_menus import LayoutMenu, TitleDialog
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
@@ -183,7 +182,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
     assert not host.is_open("drive")
 
 
-@pytest.mark.logs(r"ui\.layout\.saved_layouts_file: ")
+@pytest.mark.logs(r"ui\.layout_store: ")
 @pytest.mark.parametrize(
     "kept",
     [

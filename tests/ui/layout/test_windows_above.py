@@ -8,7 +8,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui.layout.floating_window import FloatingWindow
+from caris_desktop.ui.dock_host import FloatingWindow
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.window_above import clear_place

@@ -17,9 +17,8 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import PhotoEntry
-from caris_desktop.ui.conversation.transcript_painting import words_rect
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
-from caris_desktop.ui.conversation.transcript_view import TranscriptView
+from caris_desktop.ui.conversation.transcript_view import TranscriptView, words_rect
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import ConversationPanel

@@ -26,6 +26,10 @@ from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
 from tests.ui.fake_console import FakeConsole
 
+FACE_INTENTS = (
+    intents.UseFace, intents.KeepFace, intents.ShowExpression, intents.ShowOnFace,
+    intents.ShowFaceWindow, intents.ServeFace,
+)  # fmt: skip
 CALM = FaceStatus("calm", "Calm", "calm", ("calm", "happy"), "face")
 
 
@@ -35,7 +39,7 @@ class Console(FakeConsole):
     refusal = ""
 
     def do(self, intent: Intent) -> str:
-        if type(intent).__module__.endswith(".face_intents"):
+        if isinstance(intent, FACE_INTENTS):
             self.calls.append((type(intent).__name__, intent))
             return self.refusal
         return super().do(intent)

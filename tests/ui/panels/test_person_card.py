@@ -17,10 +17,8 @@ from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel
-from caris_desktop.ui.people.about_page import how_known, tags_of
-from caris_desktop.ui.people.history_list import what, when
-from caris_desktop.ui.people.merge_page import who_stays
-from caris_desktop.ui.people.person_card import PersonCard
+from caris_desktop.ui.people.about_page import how_known, tags_of, what, when
+from caris_desktop.ui.people.person_card import PersonCard, who_stays
 from tests.ui import people_samples
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

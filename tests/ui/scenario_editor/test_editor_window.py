@@ -20,10 +20,10 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import LinkStatus, SavedScenario
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import user_scenarios_dir
-from caris_desktop.ui.scenario_editor.consequences import consequences
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
 from caris_desktop.ui.scenario_editor.groups import ListPart
 from caris_desktop.ui.scenario_editor.opened_scenario import opened_file
+from caris_desktop.ui.scenario_editor.preview import consequences
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.ui.speak.completion import completion
+from caris_desktop.ui.speak.speak_field import completion
 from tests.support.yardstick import in_yardsticks
 
 KNOWN = (
