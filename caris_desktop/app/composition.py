@@ -337,10 +337,7 @@ def _chosen_camera(text: str) -> ChosenCamera:
 def _expected_bytes_per_hour(study: StudyFolder, scenario: Scenario) -> float:
     permissions = scenario.permissions
     return expected_bytes_per_hour(
-        study.sessions,
-        scenario=scenario.title,
-        video=permissions.video_recording,
-        audio=permissions.audio_recording,
+        study.sessions, scenario=scenario.title, video=permissions.video_recording, audio=permissions.audio_recording
     )
 
 

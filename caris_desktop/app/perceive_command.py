@@ -30,12 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one (default: %(default)s)"
     )
-    parser.add_argument(
-        "--model",
-        metavar="FILE|URL",
-        default="",
-        help="detector (default: the default detector)",
-    )
+    parser.add_argument("--model", metavar="FILE|URL", default="", help="detector (default: the default detector)")
     parser.add_argument("--sha256", default="", help="checksum of the detector")
     parser.add_argument(
         "--input-px", type=int, default=416, help="longer side of the detector's input image (default: %(default)s)"

@@ -28,12 +28,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
     try:
         session = open_session(folder)
         read = Counter(spec.name for spec, _ in session.values())
-        problems += [
-            *session.notices,
-            *session.losses,
-            *_missing(session, read),
-            *_not_replayed(session, read),
-        ]
+        problems += [*session.notices, *session.losses, *_missing(session, read), *_not_replayed(session, read)]
     except SessionError as error:
         return ReadBack((), (str(error),))
     found.append(f"{read.total()} values from {len(read)} streams read back, {session.duration_s:.0f} s replayed.")

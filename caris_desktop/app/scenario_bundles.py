@@ -80,9 +80,7 @@ def _reported_errors() -> Iterator[None]:
     except (BundleError, ProfileError, FaceError) as error:
         why = error.what if isinstance(error, FaceError) else str(error)
         raise UserFacingError(
-            tr("The scenario was not imported."),
-            why,
-            tr("Nothing was changed. Ask the sender for the file again."),
+            tr("The scenario was not imported."), why, tr("Nothing was changed. Ask the sender for the file again.")
         ) from error
 
 

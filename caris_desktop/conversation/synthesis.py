@@ -148,10 +148,7 @@ class _Synthesis:
     """One utterance at a time through an untrusted engine: every phase has a deadline."""
 
     def __init__(
-        self,
-        connection: Connection,
-        deadlines: SynthesisDeadlines,
-        inbox: "queue.SimpleQueue[tuple[int, Any]]",
+        self, connection: Connection, deadlines: SynthesisDeadlines, inbox: "queue.SimpleQueue[tuple[int, Any]]"
     ) -> None:
         self._connection = connection
         self._settings = SynthesisSettings()

@@ -14,8 +14,7 @@ _FOV_DEG = (5.0, 170.0)
 Radians = Annotated[float, FieldSpec(unit="radians", at_least=-7, at_most=7)]
 Offset = Annotated[float, FieldSpec(unit="metres", at_least=-5, at_most=5)]
 _HeadingDeg = Annotated[
-    float,
-    FieldSpec("Angle to the left of straight ahead; 0 if not given.", unit="degrees", at_least=-360, at_most=360),
+    float, FieldSpec("Angle to the left of straight ahead; 0 if not given.", unit="degrees", at_least=-360, at_most=360)
 ]
 _HeadingRad = Annotated[
     float,
@@ -29,8 +28,7 @@ class CameraModelKeys:
     """Where a camera is and what it sees, as its data sheet or its calibration says."""
 
     width_px: Annotated[
-        int,
-        FieldSpec("Picture width that the other values refer to.", unit="pixels", at_least=16, at_most=16_384),
+        int, FieldSpec("Picture width that the other values refer to.", unit="pixels", at_least=16, at_most=16_384)
     ]
     height_px: Annotated[int, FieldSpec("Picture height.", unit="pixels", at_least=16, at_most=16_384)]
     horizontal_fov_deg: Annotated[float | None, FieldSpec(

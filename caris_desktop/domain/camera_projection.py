@@ -60,11 +60,7 @@ class CameraModel:
         cos_tilt, sin_tilt = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
         forward, up = cos_tilt - down * sin_tilt, -sin_tilt - down * cos_tilt
         cos_heading, sin_heading = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return (
-            cos_heading * forward + sin_heading * right,
-            sin_heading * forward - cos_heading * right,
-            up,
-        )
+        return (cos_heading * forward + sin_heading * right, sin_heading * forward - cos_heading * right, up)
 
     def optical_rotation(self) -> tuple[float, float, float, float]:
         """Rotation from the optical frame (REP 103: z forward, x right, y down) to the robot frame: quaternion x, y, z,

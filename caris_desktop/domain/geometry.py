@@ -25,9 +25,7 @@ class Pose2D:
     def inverse(self) -> "Pose2D":
         cos, sin = math.cos(self.heading_rad), math.sin(self.heading_rad)
         return Pose2D(
-            -(cos * self.x_m + sin * self.y_m),
-            -(-sin * self.x_m + cos * self.y_m),
-            wrap_angle(-self.heading_rad),
+            -(cos * self.x_m + sin * self.y_m), -(-sin * self.x_m + cos * self.y_m), wrap_angle(-self.heading_rad)
         )
 
 
@@ -146,9 +144,7 @@ def moved_by(twist: Twist2D, duration_s: float) -> Pose2D:
     else:
         ahead, aside = math.sin(turned) / twist.turn_radps, (1.0 - math.cos(turned)) / twist.turn_radps
     return Pose2D(
-        twist.forward_mps * ahead - twist.left_mps * aside,
-        twist.forward_mps * aside + twist.left_mps * ahead,
-        turned,
+        twist.forward_mps * ahead - twist.left_mps * aside, twist.forward_mps * aside + twist.left_mps * ahead, turned
     )
 
 

@@ -270,10 +270,7 @@ class Gamepads(QObject):
 
 def _default_for(device: GamepadDevice) -> GamepadMapping:
     return default_mapping(
-        device.controller,
-        axis_count=device.axis_count,
-        button_count=device.button_count,
-        hat_count=device.hat_count,
+        device.controller, axis_count=device.axis_count, button_count=device.button_count, hat_count=device.hat_count
     )
 
 

@@ -253,12 +253,7 @@ def _held_nowhere(known: float | None, value: float | None, rest: float | None) 
     return known is None and value is not None and rest is not None and abs(value - rest) < 0.3
 
 
-_HAT_WORDS = {
-    1: QT_TR_NOOP("Pad up"),
-    2: QT_TR_NOOP("Pad right"),
-    4: QT_TR_NOOP("Pad down"),
-    8: QT_TR_NOOP("Pad left"),
-}
+_HAT_WORDS = {1: QT_TR_NOOP("Pad up"), 2: QT_TR_NOOP("Pad right"), 4: QT_TR_NOOP("Pad down"), 8: QT_TR_NOOP("Pad left")}
 _NUMBERED_HAT_WORDS = {
     1: QT_TR_NOOP("Pad {number} up"),
     2: QT_TR_NOOP("Pad {number} right"),

@@ -44,9 +44,7 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
         "unhandled error", exc_info=(kind, value, trace)
     )
     threading.excepthook = lambda failure: logging.getLogger("caris_desktop").critical(
-        "unhandled error in thread %s",
-        failure.thread.name if failure.thread else "?",
-        exc_info=failure.exc_value,
+        "unhandled error in thread %s", failure.thread.name if failure.thread else "?", exc_info=failure.exc_value
     )
 
 

@@ -112,12 +112,7 @@ def manual_id(manual: ManualCheck) -> str:
 
 def _ticked(manual: ManualCheck, tick: ChecklistItem | None, why_open: str) -> PreflightCheck:
     check = PreflightCheck(
-        manual_id(manual),
-        manual.check,
-        detail=why_open,
-        advice=manual.advice,
-        manual=True,
-        needed=manual.needed,
+        manual_id(manual), manual.check, detail=why_open, advice=manual.advice, manual=True, needed=manual.needed
     )
     return check if tick is None else replace(check, state="passed", detail="", actor=tick.actor, checked_ns=tick.at_ns)
 

@@ -37,11 +37,7 @@ class RecorderFeed:
     """
 
     def __init__(
-        self,
-        recorder: ChildProcess,
-        *,
-        max_bytes: int = MAX_QUEUED_BYTES,
-        verdicts_within_s: float = VERDICTS_WITHIN_S,
+        self, recorder: ChildProcess, *, max_bytes: int = MAX_QUEUED_BYTES, verdicts_within_s: float = VERDICTS_WITHIN_S
     ) -> None:
         self._recorder = recorder
         self._max_bytes = max_bytes

@@ -62,9 +62,7 @@ def erase(database: Path, person_ids: tuple[str, ...]) -> None:
                     store.forget(person_id)
     except PeopleStoreError as error:
         raise UserFacingError(
-            str(error),
-            QT_TR_NOOP("The person is not yet erased from the study's database."),
-            _advice(database),
+            str(error), QT_TR_NOOP("The person is not yet erased from the study's database."), _advice(database)
         ) from error
 
 

@@ -439,11 +439,7 @@ class PresenceTracker:
 
     def _end(self, visit: Visit) -> None:
         """Store a visit that ended."""
-        self._known.note_visit(
-            visit.visit_id,
-            from_utc_ns=visit.from_utc_ns,
-            to_utc_ns=self._known.utc_now_ns(),
-        )
+        self._known.note_visit(visit.visit_id, from_utc_ns=visit.from_utc_ns, to_utc_ns=self._known.utc_now_ns())
         if not visit.settled and not visit.resembles_somebody:
             self._settle(visit)
         if visit.settled or visit.identified:

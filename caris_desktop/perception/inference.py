@@ -25,9 +25,7 @@ from caris_desktop.perception.inference_messages import (
     InferenceFailed,
     InferenceReady,
 )
-from caris_desktop.perception.inference_settings import (
-    InferenceSettings,
-)
+from caris_desktop.perception.inference_settings import InferenceSettings
 from caris_desktop.perception.perceiver import Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TrackedBox

@@ -248,7 +248,7 @@ class CameraTracker:
                 (_apart(each.looks_like, track.looks_like), number)
                 for number, each in enumerate(self._tracks)
                 if each.confirmed and each.seen_s < stamp_s and each.looks_like is not None
-            ),
+            )
         )
         if track.looks_like is None or not away:
             return None, False

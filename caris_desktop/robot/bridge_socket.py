@@ -289,11 +289,7 @@ class BridgeSocket:
         """Connect. Raises what ``open_wire`` does, and SecurityError if the server refuses access."""
         factory = self._factory
         self._wire = await open_wire(
-            factory.url,
-            self,
-            factory.timings,
-            largest_frame_bytes=factory.sizes.frame_bytes,
-            security=factory.security,
+            factory.url, self, factory.timings, largest_frame_bytes=factory.sizes.frame_bytes, security=factory.security
         )
         if ask_first:
             await self._ask_for_admission(self._wire)

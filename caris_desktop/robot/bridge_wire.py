@@ -596,9 +596,7 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
     if isinstance(error, (InvalidHandshake, ConnectionError)):
         return (
             localized(
-                QT_TR_NOOP("The server at {address} is not a rosbridge server ({error})."),
-                address=address,
-                error=error,
+                QT_TR_NOOP("The server at {address} is not a rosbridge server ({error})."), address=address, error=error
             ),
             (
                 "Check the port; the default port of rosbridge is 9090. The address of a secured rosbridge "

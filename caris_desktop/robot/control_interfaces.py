@@ -445,9 +445,7 @@ class RobotControls:
 
 
 def _reader(
-    controls: list[RobotControl],
-    take: Callable[[str, ControlValue | None], None],
-    unusable: Callable[[str, str], None],
+    controls: list[RobotControl], take: Callable[[str, ControlValue | None], None], unusable: Callable[[str, str], None]
 ) -> Callable[[Any], None]:
     """Message handler of one topic for all controls with readings from it."""
     paths = [

@@ -257,8 +257,7 @@ class ObstacleGuard:
         fastest_mps = speed_mps + abs(twist.turn_radps) * self._footprint.radius_m
         reaction_s = self._settings.reaction_s + self._round_trip_s
         braking_s = max(
-            speed_mps / self._limits.deceleration_mps2,
-            abs(twist.turn_radps) / self._limits.turn_deceleration_radps2,
+            speed_mps / self._limits.deceleration_mps2, abs(twist.turn_radps) / self._limits.turn_deceleration_radps2
         )
         horizon_s = max(
             reaction_s + braking_s + (self._settings.stop_distance_m + LEGS_STOP_M) / fastest_mps,
@@ -281,8 +280,7 @@ class ObstacleGuard:
             contact_s, group, gaps_m = contact_s[reached], kind[reached], gaps_m[reached]
             approach_mps = np.maximum(
                 np.hypot(
-                    twist.forward_mps - twist.turn_radps * group[:, 1],
-                    twist.left_mps + twist.turn_radps * group[:, 0],
+                    twist.forward_mps - twist.turn_radps * group[:, 1], twist.left_mps + twist.turn_radps * group[:, 0]
                 ),
                 1e-6,
             )

@@ -216,9 +216,7 @@ class RobotMaps:
             here = self._pose()
             localizing = self._mapping is False
             request = encode_deserialize_map(
-                path,
-                match_type=LOCALIZE_AT_POSE if localizing and here is not None else START_AT_FIRST_NODE,
-                at=here,
+                path, match_type=LOCALIZE_AT_POSE if localizing and here is not None else START_AT_FIRST_NODE, at=here
             )
             await self._call(offer.deserialize, "slam_toolbox", "DeserializePoseGraph", request)
             return ""

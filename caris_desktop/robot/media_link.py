@@ -154,10 +154,7 @@ class RobotSound:
         if offset is None:
             return None
         return clock.measured_ns(
-            robot_stamp_ns,
-            arrival_ns=arrival_ns,
-            offset_ns=offset.offset_ns,
-            uncertainty_ns=offset.uncertainty_ns,
+            robot_stamp_ns, arrival_ns=arrival_ns, offset_ns=offset.offset_ns, uncertainty_ns=offset.uncertainty_ns
         )
 
     def _samples(self, content: bytes) -> tuple[NDArray[np.int16], int]:

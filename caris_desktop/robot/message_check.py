@@ -208,9 +208,7 @@ def _single(value: Any, type_: str, definition: Definition, where: str, rounds: 
         if not isinstance(value, str):
             raise MessageMismatchError(
                 localized(
-                    QT_TR_NOOP("{where} must be text, but it is {value}"),
-                    where=_named(where),
-                    value=_described(value),
+                    QT_TR_NOOP("{where} must be text, but it is {value}"), where=_named(where), value=_described(value)
                 )
             )
         if len(value) > LONGEST_TEXT:

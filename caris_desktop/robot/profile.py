@@ -234,9 +234,7 @@ def profile_text(profile: RobotProfile) -> str:
     from caris_desktop.robot.profile_file import profile_yaml
 
     public = replace(
-        profile,
-        address=without_credentials(profile.address),
-        security=replace(profile.security, ca_file=None),
+        profile, address=without_credentials(profile.address), security=replace(profile.security, ca_file=None)
     )
     return profile_yaml(profile_data(public, Path()))
 

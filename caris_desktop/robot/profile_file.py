@@ -59,9 +59,7 @@ class ProfileText:
 
 def profile_yaml(data: Mapping[str, Any]) -> str:
     """Profile as text: sections separated, short values on one line."""
-    chunks = [
-        "# A robot profile of CARIS Desktop. The guide of robot profiles explains every line.\n",
-    ]
+    chunks = ["# A robot profile of CARIS Desktop. The guide of robot profiles explains every line.\n"]
     previous = ""
     for key, value in data.items():
         chunk = _section(key, value, default_flow_style=None)

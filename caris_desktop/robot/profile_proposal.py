@@ -620,10 +620,7 @@ def _emergency_stop(offer: RobotOffer, topic: str | None, service: str | None) -
         )
     empty = same_type(found_type, "std_srvs/Empty")
     return EmergencyStopInterface(
-        topic,
-        set_service=stops,
-        clear_service=releases,
-        service_type="std_srvs/Empty" if empty else "std_srvs/Trigger",
+        topic, set_service=stops, clear_service=releases, service_type="std_srvs/Empty" if empty else "std_srvs/Trigger"
     )
 
 

@@ -81,9 +81,7 @@ async def take_inventory(ros: RosbridgeClient) -> RobotInventory:
         When it does not answer, or not with what it should.
     """
     topics, services, actions = await asyncio.gather(
-        ros.ask("/rosapi/topics", "rosapi/Topics"),
-        ros.ask("/rosapi/services", "rosapi/Services"),
-        _action_servers(ros),
+        ros.ask("/rosapi/topics", "rosapi/Topics"), ros.ask("/rosapi/services", "rosapi/Services"), _action_servers(ros)
     )
     names, types = _texts(topics.get("topics")), _texts(topics.get("types"))
     if len(types) != len(names):

@@ -43,11 +43,7 @@ _ENDINGS: dict[int, Ending] = {
     REJECTED: "failed",
     LOST: "failed",
 }
-ROS2_ENDINGS: dict[int, Ending] = {
-    ROS2_SUCCEEDED: "reached",
-    ROS2_CANCELED: "cancelled",
-    ROS2_ABORTED: "failed",
-}
+ROS2_ENDINGS: dict[int, Ending] = {ROS2_SUCCEEDED: "reached", ROS2_CANCELED: "cancelled", ROS2_ABORTED: "failed"}
 
 
 @dataclass(frozen=True, slots=True)

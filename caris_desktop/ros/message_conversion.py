@@ -148,12 +148,7 @@ def decode_laser_scan(message: Any, *, stamp_ns: int) -> LaserScan:
 
 
 def encode_odometry(
-    dialect: Dialect,
-    odometry: Odometry,
-    *,
-    stamp_ns: int,
-    frame_id: str = "odom",
-    child_frame_id: str = "base_link",
+    dialect: Dialect, odometry: Odometry, *, stamp_ns: int, frame_id: str = "odom", child_frame_id: str = "base_link"
 ) -> Message:
     """Encode nav_msgs/Odometry."""
     return {
@@ -201,10 +196,7 @@ def decode_pose_with_covariance_stamped(message: Any, *, stamp_ns: int) -> Robot
 
 def encode_pose_stamped(dialect: Dialect, pose_in_map: Pose2D, *, stamp_ns: int, frame_id: str = "map") -> Message:
     """Encode geometry_msgs/PoseStamped."""
-    return {
-        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
-        "pose": encode_pose(pose_in_map),
-    }
+    return {"header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id), "pose": encode_pose(pose_in_map)}
 
 
 def decode_pose_stamped(message: Any, *, stamp_ns: int) -> RobotPose:
@@ -334,11 +326,7 @@ def encode_compressed_image(
     dialect: Dialect, content: bytes, *, stamp_ns: int, encoding: str = "jpeg", frame_id: str = "camera"
 ) -> Message:
     """Encode sensor_msgs/CompressedImage."""
-    return {
-        "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
-        "format": encoding,
-        "data": content,
-    }
+    return {"header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id), "format": encoding, "data": content}
 
 
 def decode_compressed_image(message: Any) -> CompressedImage:

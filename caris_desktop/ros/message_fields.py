@@ -219,10 +219,7 @@ def decode_heading(quaternion: Message, what: str) -> float:
 
 def encode_pose(pose: Pose2D) -> Message:
     """Encode geometry_msgs/Pose on the floor."""
-    return {
-        "position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
-        "orientation": encode_heading(pose.heading_rad),
-    }
+    return {"position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0}, "orientation": encode_heading(pose.heading_rad)}
 
 
 def decode_pose(pose: Message, what: str) -> Pose2D:

@@ -118,11 +118,7 @@ def decode_cbor(content: bytes, *, max_bytes: int = MAX_MESSAGE_BYTES) -> dict[s
         raise ProtocolError(f"the message is larger than {max_bytes} bytes")
     try:
         operation = cbor2.loads(
-            content,
-            tag_hook=_typed_array,
-            semantic_decoders=_REFUSING,
-            max_depth=MAX_DEPTH,
-            strict_hashable_types=True,
+            content, tag_hook=_typed_array, semantic_decoders=_REFUSING, max_depth=MAX_DEPTH, strict_hashable_types=True
         )
     except (cbor2.CBORError, ValueError, TypeError, OverflowError, MemoryError, RecursionError, EOFError) as error:
         raise ProtocolError(f"the message is not valid CBOR: {error}") from error

@@ -96,6 +96,5 @@ class AssistantSettings:
         ),
     ] = ()
     notes: Annotated[
-        str,
-        FieldSpec("Notes for the model, which the wizard can change.", prose=True, longest=4000, quiet=True),
+        str, FieldSpec("Notes for the model, which the wizard can change.", prose=True, longest=4000, quiet=True)
     ] = ""

@@ -35,10 +35,7 @@ class VideoSettings:
 
     camera: Annotated[
         str,
-        FieldSpec(
-            "Name of the camera to show, as soon as it is available; the first one if not given.",
-            longest=40,
-        ),
+        FieldSpec("Name of the camera to show, as soon as it is available; the first one if not given.", longest=40),
     ] = ""
 
 
@@ -57,8 +54,7 @@ class LogSettings:
     """The log in the Session panel."""
 
     shows: Annotated[
-        Literal["everything", "said", "moved", "people", "session", "problems"],
-        FieldSpec("Kind of events to list."),
+        Literal["everything", "said", "moved", "people", "session", "problems"], FieldSpec("Kind of events to list.")
     ] = "everything"
 
 

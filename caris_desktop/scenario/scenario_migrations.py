@@ -17,10 +17,7 @@ MIGRATIONS: Mapping[int, Migration] = {0: _number_the_version}
 
 
 def migrate(
-    data: dict[str, Any],
-    *,
-    migrations: Mapping[int, Migration] = MIGRATIONS,
-    newest: int = SCENARIO_VERSION,
+    data: dict[str, Any], *, migrations: Mapping[int, Migration] = MIGRATIONS, newest: int = SCENARIO_VERSION
 ) -> dict[str, Any]:
     """``data`` migrated to the newest version; the argument is unchanged.
 

@@ -118,8 +118,7 @@ class Permissions:
         bool, FieldSpec("A face for the robot, in a separate window or on a web page; off by default.", quiet=True)
     ] = False
     speech: Annotated[
-        bool,
-        FieldSpec("The robot speaks: typed text, phrases, fillers, answers of the language model.", quiet=True),
+        bool, FieldSpec("The robot speaks: typed text, phrases, fillers, answers of the language model.", quiet=True)
     ] = True
     notes: Annotated[bool, FieldSpec("Notes of the wizard, saved with the session.", quiet=True)] = True
 

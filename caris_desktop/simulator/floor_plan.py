@@ -191,11 +191,7 @@ def _chair(x: float, y: float, back: str, colour: Colour) -> Furniture:
     return Furniture(
         "chair",
         Box(x, y, x + size, y + size, 0.0, 0.9),
-        (
-            *legs,
-            Box(x, y, x + size, y + size, seat - 0.06, seat, colour),
-            Box(*backs[back], seat, 0.9, colour),
-        ),
+        (*legs, Box(x, y, x + size, y + size, seat - 0.06, seat, colour), Box(*backs[back], seat, 0.9, colour)),
     )
 
 

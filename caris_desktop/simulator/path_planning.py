@@ -78,10 +78,7 @@ def _clearance() -> NDArray[np.float64]:
 
 
 def _axes() -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    return (
-        MAP_ORIGIN_M[0] + (np.arange(COLUMNS) + 0.5) * CELL_M,
-        MAP_ORIGIN_M[1] + (np.arange(ROWS) + 0.5) * CELL_M,
-    )
+    return (MAP_ORIGIN_M[0] + (np.arange(COLUMNS) + 0.5) * CELL_M, MAP_ORIGIN_M[1] + (np.arange(ROWS) + 0.5) * CELL_M)
 
 
 def _clearance_of_circles(circles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,15 +10,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import characters, textures
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
-from caris_desktop.simulator.floor_plan import (
-    FURNITURE,
-    LINTELS,
-    MAP_ORIGIN_M,
-    WALL_HEIGHT_M,
-    WALLS,
-    Box,
-    Colour,
-)
+from caris_desktop.simulator.floor_plan import FURNITURE, LINTELS, MAP_ORIGIN_M, WALL_HEIGHT_M, WALLS, Box, Colour
 from caris_desktop.simulator.person_sprites import levels_of
 from caris_desktop.simulator.ray_casting import corners_of, entry_and_exit
 from caris_desktop.simulator.robot_simulation import View
@@ -381,11 +373,7 @@ def _cut_before_camera(corners: list[Corner]) -> list[Corner]:
         if (here[0] >= _NEAR_M) != (following[0] >= _NEAR_M):
             share = (_NEAR_M - here[0]) / (following[0] - here[0])
             cut.append(
-                (
-                    _NEAR_M,
-                    here[1] + share * (following[1] - here[1]),
-                    here[2] + share * (following[2] - here[2]),
-                )
+                (_NEAR_M, here[1] + share * (following[1] - here[1]), here[2] + share * (following[2] - here[2]))
             )
     return cut
 

@@ -99,10 +99,7 @@ def _generic(dialect: Dialect) -> RobotInterface:
         audio=AudioTopics("/audio/audio", "/speaker/audio"),
         navigation=(
             Navigation(
-                "/move_base",
-                "/move_base_simple/goal",
-                "/move_base/NavfnROS/plan",
-                planner="/move_base/DWAPlannerROS",
+                "/move_base", "/move_base_simple/goal", "/move_base/NavfnROS/plan", planner="/move_base/DWAPlannerROS"
             )
             if ros1
             else Navigation("/navigate_to_pose", "/goal_pose", "/plan", speed_limit="/speed_limit")
@@ -303,10 +300,7 @@ def _naoqi(name: str, body: Body, *, scan: str | None) -> RobotInterface:
         navigation=Navigation(
             "/move_base" if scan else None, "/move_base_simple/goal", "/move_base/NavfnROS/plan" if scan else None
         ),
-        orders=(
-            Order("action", "pose/body_pose_naoqi", "naoqi_bridge_msgs", "BodyPoseWithSpeed"),
-            *_POSE_SERVICES,
-        ),
+        orders=(Order("action", "pose/body_pose_naoqi", "naoqi_bridge_msgs", "BodyPoseWithSpeed"), *_POSE_SERVICES),
     )
 
 

@@ -77,12 +77,7 @@ class Robot:
     """
 
     def __init__(
-        self,
-        seed: int,
-        *,
-        body: Body = DEFAULT_BODY,
-        populated: bool = True,
-        visits: Sequence[Visit] | None = None,
+        self, seed: int, *, body: Body = DEFAULT_BODY, populated: bool = True, visits: Sequence[Visit] | None = None
     ) -> None:
         scan_noise, drift_noise, pose_noise = np.random.SeedSequence(seed).spawn(3)
         self._scan_noise = np.random.default_rng(scan_noise)
@@ -186,11 +181,7 @@ class Robot:
         self._wanted = ZERO_TWIST
         self._ended.extend(
             self._follower.start(
-                goal_id,
-                target_in_map,
-                pose=self._navigation_pose,
-                people=self._bodies,
-                now_s=self.now_s,
+                goal_id, target_in_map, pose=self._navigation_pose, people=self._bodies, now_s=self.now_s
             )
         )
         return True
@@ -342,9 +333,7 @@ class Robot:
             return
         slip = float(self._drift_noise.normal(0.0, 0.02))
         felt = replace(
-            moved,
-            x_m=moved.x_m * _FORWARD_SCALE,
-            heading_rad=moved.heading_rad * _TURN_SCALE + slip * abs(moved.x_m),
+            moved, x_m=moved.x_m * _FORWARD_SCALE, heading_rad=moved.heading_rad * _TURN_SCALE + slip * abs(moved.x_m)
         )
         self._odom_from_robot = self._odom_from_robot @ felt
         self._believed = self._believed @ moved

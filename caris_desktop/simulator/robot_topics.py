@@ -18,11 +18,7 @@ from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
 from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
 from caris_desktop.ros.dialect import Dialect, action_type_name
-from caris_desktop.ros.joint_messages import (
-    decode_joint_angles_with_speed,
-    decode_joint_trajectory,
-    encode_joint_state,
-)
+from caris_desktop.ros.joint_messages import decode_joint_angles_with_speed, decode_joint_trajectory, encode_joint_state
 from caris_desktop.ros.message_fields import MessageError, message_of, number, text, text_or_empty, truth
 from caris_desktop.ros.navigation_messages import encode_clock
 from caris_desktop.simulator import encoding, typedefs

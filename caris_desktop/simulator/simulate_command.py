@@ -118,11 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fault-latency-ms", type=float, default=0.0, metavar="MS", help="delay of every message, in milliseconds"
     )
     parser.add_argument(
-        "--topics-glob",
-        nargs="+",
-        default=(),
-        metavar="GLOB",
-        help="topics that are allowed through (default: all)",
+        "--topics-glob", nargs="+", default=(), metavar="GLOB", help="topics that are allowed through (default: all)"
     )
     parser.add_argument(
         "--lidar-roll-deg", type=float, default=0.0, metavar="DEG", help="roll angle of the LIDAR; 180: upside down"

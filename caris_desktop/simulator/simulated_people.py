@@ -201,16 +201,7 @@ class Crowd:
     def seen(self) -> tuple[Seen, ...]:
         """All people, for the camera."""
         return tuple(
-            Seen(
-                p.x_m,
-                p.y_m,
-                p.role.height_m,
-                p.role.looks,
-                p.walking,
-                p.stride_rad,
-                p.heading_rad,
-                p.role.appearance,
-            )
+            Seen(p.x_m, p.y_m, p.role.height_m, p.role.looks, p.walking, p.stride_rad, p.heading_rad, p.role.appearance)
             for p in self._people
         )
 

@@ -89,11 +89,7 @@ def free_bytes(folder: StudyFolder) -> int | None:
 
 
 def new_session_folder(
-    folder: StudyFolder,
-    details: TrialDetails,
-    *,
-    now: datetime | None = None,
-    min_free_bytes: int = MIN_FREE_BYTES,
+    folder: StudyFolder, details: TrialDetails, *, now: datetime | None = None, min_free_bytes: int = MIN_FREE_BYTES
 ) -> Path:
     """Create an empty folder such as ``sessions/2026-11-21_10-14-02_P07``, local time; never an existing one.
 

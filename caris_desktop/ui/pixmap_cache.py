@@ -26,12 +26,7 @@ class PixmapCache:
         self._kept.clear()
 
     def draw(
-        self,
-        painter: QPainter,
-        at: QPointF,
-        size: QSizeF,
-        key: Hashable,
-        paint: Callable[[QPainter], None],
+        self, painter: QPainter, at: QPointF, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]
     ) -> None:
         """Paint the cached pixmap at ``at``; other parameters as for :meth:`picture`."""
         if size.isEmpty():

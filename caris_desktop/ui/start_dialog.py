@@ -102,11 +102,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
     microphone_chosen = Signal(object)
 
     def __init__(
-        self,
-        theme: Theme,
-        parent: QWidget,
-        offer: RecordingOffer | None = None,
-        console: WizardConsole | None = None,
+        self, theme: Theme, parent: QWidget, offer: RecordingOffer | None = None, console: WizardConsole | None = None
     ) -> None:
         """Without ``console`` there are no checks."""
         super().__init__(parent)

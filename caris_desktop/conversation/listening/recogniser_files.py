@@ -97,10 +97,7 @@ def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Pa
     name = unquote(urlsplit(url).path).rsplit("/", maxsplit=1)[-1]
     if not sha256:
         raise _no(
-            localized(
-                QT_TR_NOOP("The recogniser {url} has no checksum, so the download cannot be verified."),
-                url=url,
-            ),
+            localized(QT_TR_NOOP("The recogniser {url} has no checksum, so the download cannot be verified."), url=url),
             QT_TR_NOOP("Enter its SHA-256 as listening.sha256 in the scenario."),
         )
     if not re.fullmatch(r"[\w.-]+\.zip", name):

@@ -198,12 +198,7 @@ class RobotSpeechFilter:
         )
 
     def _may_be_as_late(
-        self,
-        late_s: float,
-        aligned: "_Aligned",
-        sayings: Sequence[_Saying],
-        started_ns: int,
-        echo_share: float | None,
+        self, late_s: float, aligned: "_Aligned", sayings: Sequence[_Saying], started_ns: int, echo_share: float | None
     ) -> bool:
         """True if the robot's words come at a time at which they may still be heard."""
         said = [word for saying in sayings for word in saying.words]

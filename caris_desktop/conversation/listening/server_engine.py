@@ -145,10 +145,7 @@ class ServerEngine:
     async def _post(self, fields: dict[str, str], wav: bytes) -> tuple[int, bytes]:
         headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
         path = ("" if urlsplit(self._endpoint.base_url).path else "v1/") + "audio/transcriptions"
-        async with (
-            asyncio.timeout(_ANSWER_WITHIN_S),
-            connected(self._endpoint, local_only=self._local_only) as client,
-        ):
+        async with asyncio.timeout(_ANSWER_WITHIN_S), connected(self._endpoint, local_only=self._local_only) as client:
             request = client.build_request(
                 "POST", path,
                 data=fields, files={"file": ("speech.wav", wav, "audio/wav")}, headers=headers, timeout=_TIMEOUT,

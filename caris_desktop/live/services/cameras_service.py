@@ -170,9 +170,7 @@ class CamerasService(Service):
         del self._running[name]
         running.child.ask_to_end()
         self._slow_work.do(
-            lambda: running.child.stop(grace_s=_GRACE_S),
-            lambda _ended: self._left(running),
-            self._bus.answer,
+            lambda: running.child.stop(grace_s=_GRACE_S), lambda _ended: self._left(running), self._bus.answer
         )
         self._bus.publish(
             CameraState(clock.now_ns(), name, "ended", QT_TR_NOOP("This scenario does not use this camera."))

@@ -21,12 +21,7 @@ from caris_desktop.conversation.listening.recogniser_messages import (
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Gap, UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sensing import AudioChunk
-from caris_desktop.domain.sound_values import (
-    PARTICIPANT_SOURCES,
-    WIZARD_MICROPHONE,
-    PlayedSound,
-    PlayedSoundEnded,
-)
+from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec

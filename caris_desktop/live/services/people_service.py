@@ -92,10 +92,7 @@ class PeopleService(Service):
         asked = scenario.perception
         # Without naming there is nobody to recognise, so nothing is learnt about people.
         self._recognition = RecognitionSettings(
-            asked.recognise if names else "nobody",
-            asked.confirm_at,
-            _PORTRAITS[scenario.blur.who],
-            asked.ask_at,
+            asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who], asked.ask_at
         )
         self._may_decide = names
         self._cover = scenario.covers_people
@@ -123,10 +120,7 @@ class PeopleService(Service):
         if body is None:
             return
         worker = PerceptionWorker(
-            self._placed(body),
-            self._parts.open_presence,
-            self._bus.publish,
-            self._state.portraits,
+            self._placed(body), self._parts.open_presence, self._bus.publish, self._state.portraits
         )
         worker.moveToThread(self._thread)
         worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)

@@ -104,11 +104,7 @@ class SuggestionsService(Service):
         }
 
     def follows(self) -> Follows:
-        return {
-            UtteranceChanged: self._on_utterance,
-            UtteranceCorrected: self._on_correction,
-            Marked: self._on_marked,
-        }
+        return {UtteranceChanged: self._on_utterance, UtteranceCorrected: self._on_correction, Marked: self._on_marked}
 
     def use_scenario(self, scenario: Scenario) -> None:
         before, self._scenario = self._used, scenario

@@ -66,9 +66,7 @@ class OpenvinoNetwork:
         fixed = height.is_static and width.is_static
         self.fixed_size: tuple[int, int] | None = (height.get_length(), width.get_length()) if fixed else None
         self._compiled = core.compile_model(
-            model,
-            "CPU",
-            {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "ENABLE_CPU_PINNING": False},
+            model, "CPU", {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "ENABLE_CPU_PINNING": False}
         )
         self.runtime = "OpenVINO on CPU"
 

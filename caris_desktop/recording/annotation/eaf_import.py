@@ -295,8 +295,7 @@ def _spans(items: dict[str, _Item], times: dict[str, int]) -> dict[str, tuple[in
         if not ready:
             _, name = next(iter(waiting))
             raise AnnotationError(
-                QT_TR_NOOP("Annotations on the tier “{name}” refer to a missing annotation, or form a loop."),
-                name=name,
+                QT_TR_NOOP("Annotations on the tier “{name}” refer to a missing annotation, or form a loop."), name=name
             )
         for key in ready:
             start_ms, end_ms = spans[key[0]]

@@ -399,10 +399,7 @@ class TimelineBuilder:
         annotations: list[Annotation] = []
         for row in rows:
             lanes = _lanes(
-                row.stretches,
-                started_ns=self._session.started_ns,
-                duration_ms=duration_ms,
-                joined=not row.vocabulary,
+                row.stretches, started_ns=self._session.started_ns, duration_ms=duration_ms, joined=not row.vocabulary
             )
             for number, lane in enumerate(lanes, start=1):
                 name = row.name

@@ -35,11 +35,7 @@ from caris_desktop.recording.session_export import ExportContext
 FREE_TEXT = "free text"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _SCHEMA = "http://www.mpi.nl/tools/elan/EAFv3.0.xsd"
-_LANGUAGE = {
-    "LANG_ID": "und",
-    "LANG_DEF": "http://cdb.iso.org/lg/CDB-00130975-001",
-    "LANG_LABEL": "undetermined (und)",
-}
+_LANGUAGE = {"LANG_ID": "und", "LANG_DEF": "http://cdb.iso.org/lg/CDB-00130975-001", "LANG_LABEL": "undetermined (und)"}
 _CONSTRAINTS = {
     "Time_Subdivision": "Time subdivision of parent annotation's time interval, no time gaps allowed within this "
     "interval",

@@ -53,10 +53,7 @@ _DESCRIPTIONS = (
         "events.mcap",
         "Every event and every value of the robot's streams, with timestamps. FORMAT.md describes the format.",
     ),
-    (
-        "*.frames.csv",
-        "Arrival time, capture time and position in the video of each frame of the video with this name.",
-    ),
+    ("*.frames.csv", "Arrival time, capture time and position in the video of each frame of the video with this name."),
     ("video-*", "Video of one camera; the .frames.csv file next to it contains the true time of each frame."),
     ("audio-*", "Audio of one source. The audio stream of events.mcap contains the time of each sample."),
     ("movement.txt", "Readable log of how the robot was driven."),

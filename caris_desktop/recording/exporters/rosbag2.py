@@ -371,10 +371,7 @@ class _Translator:
         status = {"level": 0, "name": "robot clock", "message": "as measured by the link", "hardware_id": "link"}
         yield (
             CLOCK,
-            {
-                "header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=""),
-                "status": [{**status, "values": values}],
-            },
+            {"header": encode_header(_PLAIN, stamp_ns=at_ns, frame_id=""), "status": [{**status, "values": values}]},
         )
 
     def _utterance(self, utterance: UtteranceChanged, _at_ns: int) -> _Out:

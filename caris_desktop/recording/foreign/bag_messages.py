@@ -26,14 +26,14 @@ _MAX_DEFINITION_CHARS = 200_000
 _MORE_OF_ROS1 = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
 _MORE_OF_ROS2 = {
     "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\n"
-    "string format",
+    "string format"
 }
 # Definitions up to ROS 1 Melodic.
 _OLDER_OF_ROS1 = {
     "sensor_msgs/msg/BatteryState": "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\n"
     "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
     "uint8 power_supply_health\nuint8 power_supply_technology\nbool present\nfloat32[] cell_voltage\n"
-    "string location\nstring serial_number",
+    "string location\nstring serial_number"
 }
 _ALIASES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 

@@ -168,8 +168,7 @@ def _flattest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:
     roughness = 64 * steps + np.abs(wide[1:]).max(axis=1)
     edges = np.linspace(0, len(roughness), count + 1).astype(int)
     return np.array(
-        [low + int(np.argmin(roughness[low:high])) for low, high in pairwise(edges) if high > low],
-        dtype=np.intp,
+        [low + int(np.argmin(roughness[low:high])) for low, high in pairwise(edges) if high > low], dtype=np.intp
     )
 
 

@@ -487,11 +487,7 @@ def texts_for(wanted: TakePhoto, utc: str) -> dict[str, str]:
 
 
 def write_photo(
-    image_bgr: NDArray[np.uint8],
-    path: Path,
-    *,
-    texts: Mapping[str, str],
-    on_full: Callable[[], bool] = lambda: False,
+    image_bgr: NDArray[np.uint8], path: Path, *, texts: Mapping[str, str], on_full: Callable[[], bool] = lambda: False
 ) -> Path:
     """Write a PNG atomically. Raises OSError, ValueError."""
     import cv2

@@ -16,10 +16,7 @@ _log = logging.getLogger(__name__)
 TICKS_PER_S = 90_000
 # Fragments that end at key frames, even in a closed file: a kill loses at most one, and a truncated copy is readable up
 # to its end. A plain mp4 is unreadable without its single index.
-MUXER = {
-    "movflags": "frag_keyframe+empty_moov+default_base_moof",
-    "flush_packets": "1",
-}
+MUXER = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "flush_packets": "1"}
 _PROBE_WAIT_S = 2.0
 _TRIAL_PX, _TRIAL_FRAMES, _TRIAL_KEYS = (640, 480), 12, (0, 6)
 _LARGEST_TRIAL_DELAY = 3

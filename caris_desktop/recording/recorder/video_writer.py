@@ -57,13 +57,7 @@ class VideoFileWriter:
         self.last_stamp_ns = 0
         self.width_px, self.height_px = width_px // 2 * 2, height_px // 2 * 2
         if not (self.width_px and self.height_px):
-            raise ValueError(
-                localized(
-                    gap_messages.PICTURE_TOO_SMALL,
-                    width=width_px,
-                    height=height_px,
-                )
-            )
+            raise ValueError(localized(gap_messages.PICTURE_TOO_SMALL, width=width_px, height=height_px))
         self._av = av
         self._clock = clock
         self._last_tick = -1

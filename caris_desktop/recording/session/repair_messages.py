@@ -14,9 +14,7 @@ def new_index_words(left: int, *, finished: bool) -> str:
     """For truncated events, after ``{seconds}``, or events damaged after the end of the recording."""
     if finished:
         return QT_TR_NOOP(
-            "events.mcap was damaged after the recording ended. Its %n remaining values were indexed again.",
-            "",
-            left,
+            "events.mcap was damaged after the recording ended. Its %n remaining values were indexed again.", "", left
         )
     return QT_TR_NOOP(
         "The recording was cut off after {seconds} s. Its %n remaining values were indexed again.", "", left
@@ -51,9 +49,7 @@ def lost_values_words(lost: int, *, broken: bool, early: bool) -> str:
 def unread_bytes_words(count: int) -> str:
     """For unreadable bytes without a known loss."""
     return QT_TR_NOOP(
-        "%n bytes at the end of events.mcap cannot be read. None of the values counted before is missing.",
-        "",
-        count,
+        "%n bytes at the end of events.mcap cannot be read. None of the values counted before is missing.", "", count
     )
 
 

@@ -261,8 +261,7 @@ def _recorded_header(folder: Path, path: Path) -> Any:
             )
         raise SessionError(
             localized(
-                QT_TR_NOOP("{path} is damaged, and there is no events.mcap next to it to rebuild it from."),
-                path=path,
+                QT_TR_NOOP("{path} is damaged, and there is no events.mcap next to it to rebuild it from."), path=path
             )
         )
     header = rebuilt_header(folder, missing=missing)

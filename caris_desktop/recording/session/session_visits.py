@@ -52,11 +52,7 @@ class Visit:
 
 
 def visits_of(
-    events: Iterable[VisitEvent],
-    *,
-    started_ns: int,
-    ended_ns: int,
-    pauses: Sequence[tuple[int, int]] = (),
+    events: Iterable[VisitEvent], *, started_ns: int, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
 ) -> tuple[Visit, ...]:
     """Visits in order of their start. A person who left without an arrival was present before the recording.
 

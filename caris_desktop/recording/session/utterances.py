@@ -95,11 +95,7 @@ def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
 
 
 def spoken_utterances(
-    events: Iterable[UtteranceEvent],
-    *,
-    ended_ns: int,
-    paused_ns: Iterable[int] = (),
-    visits: Sequence[Visit] = (),
+    events: Iterable[UtteranceEvent], *, ended_ns: int, paused_ns: Iterable[int] = (), visits: Sequence[Visit] = ()
 ) -> tuple[SpokenUtterance, ...]:
     """Fold ``events`` in recording order. ``paused_ns`` are the starts of pauses.
 

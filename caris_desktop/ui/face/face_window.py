@@ -21,10 +21,7 @@ class FaceWindow(QWidget):
     closed_by_hand = Signal()
 
     def __init__(self, state: LiveState, beside: QWidget) -> None:
-        super().__init__(
-            None,
-            Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus,
-        )
+        super().__init__(None, Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus)
         self.setObjectName("face_window")
         self.setWindowTitle(tr("Robot’s face"))
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)

@@ -18,10 +18,7 @@ from caris_desktop.scenario.assistance import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX, SuggestionCards
-from caris_desktop.ui.conversation.transcript_rows import (
-    RowMaker,
-    found_in,
-)
+from caris_desktop.ui.conversation.transcript_rows import RowMaker, found_in
 from caris_desktop.ui.conversation.transcript_view import TranscriptView
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.focus_widget import focus_widget

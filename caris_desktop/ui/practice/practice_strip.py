@@ -179,10 +179,7 @@ class PracticeStrip(Bar, QWidget):
         if not self._kept:
             self._kept = True
             now = datetime.now(UTC).isoformat(timespec="seconds")
-            save_run(
-                self._wizards,
-                PracticeRun(now, status.done, len(STEPS), round(status.minutes, 1), status.score),
-            )
+            save_run(self._wizards, PracticeRun(now, status.done, len(STEPS), round(status.minutes, 1), status.score))
 
     def _say(self, title: str, how: str) -> None:
         self._title.setText(title)

@@ -119,11 +119,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         choices.setHorizontalSpacing(16)
         choices.setVerticalSpacing(8)
         for row, (words, choice) in enumerate(
-            (
-                (tr("First"), self._first),
-                (tr("Second"), self._second),
-                (tr("Timing tolerance"), self._tolerance),
-            )
+            ((tr("First"), self._first), (tr("Second"), self._second), (tr("Timing tolerance"), self._tolerance))
         ):
             choices.addWidget(QLabel(words), row, 0)
             choices.addWidget(choice, row, 1)

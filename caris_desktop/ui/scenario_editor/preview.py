@@ -33,13 +33,7 @@ _BEFORE_DIFFERENCE = 20
 
 def preview_page(document: ScenarioDocument, section: str, colors: Colors) -> str:
     """HTML with errors, consequences of the section, and changes since the last save."""
-    return "".join(
-        (
-            _mistakes(document, colors),
-            _of_section(document, section, colors),
-            _changes(document, colors),
-        )
-    )
+    return "".join((_mistakes(document, colors), _of_section(document, section, colors), _changes(document, colors)))
 
 
 def _heading(text: str, colors: Colors, role: str = "text") -> str:

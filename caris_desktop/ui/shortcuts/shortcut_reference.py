@@ -12,10 +12,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS
 from caris_desktop.ui.action_spec import ActionSpec
 
-_TABLES: dict[str, Sequence[ActionSpec]] = {
-    "window": ACTIONS,
-    "replay": (*REPLAY_ACTIONS, *TIMELINE_ACTIONS),
-}
+_TABLES: dict[str, Sequence[ActionSpec]] = {"window": ACTIONS, "replay": (*REPLAY_ACTIONS, *TIMELINE_ACTIONS)}
 _PLACE = re.compile(r"(<!-- shortcuts of (\w+) -->\n).*?(?=\n<!-- end of shortcuts -->)", re.DOTALL)
 _NUMBERED = re.compile(r"_\d+$")
 _WORDS = {"Return": "Enter", "Del": "Delete", "PgUp": "Page Up", "PgDown": "Page Down"}

@@ -567,10 +567,7 @@ _BETWEEN_PX = 1.0
 
 
 def tag_places(
-    boxes: Sequence[QRectF],
-    tags: Sequence[tuple[float, float]],
-    picture: QRectF,
-    other_words: Sequence[QRectF] = (),
+    boxes: Sequence[QRectF], tags: Sequence[tuple[float, float]], picture: QRectF, other_words: Sequence[QRectF] = ()
 ) -> list[QPointF | None]:
     """Placement of name labels over a picture without overlap.
 
