@@ -286,7 +286,7 @@ class AudioInterface:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyStopInterface:
-    """The robot's own emergency stop: what tells its state, and how it is set."""
+    """The robot's own emergency stop: the topic that reports its state, and the service that sets it."""
 
     topic: Annotated[RosName | None, FieldSpec("std_msgs/Bool: true while the robot is stopped.")] = None
     inverted: Annotated[

@@ -15,9 +15,9 @@ def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:
 
 @dataclass(frozen=True, slots=True)
 class AssistanceSettings:
-    """How much is done without being asked for, each as `off`, `suggest` (the wizard's key does it) or `act` (done
-    after a countdown that the wizard sees and can stop). The wizard can lower each while a session runs, and raise it
-    to what stands here. What moves the robot always waits for the wizard's key.
+    """Automation level of each function: `off`, `suggest` (the wizard's key carries it out) or `act` (carried out after
+    a countdown that the wizard sees and can stop). During a session, the wizard can lower each level, and raise it
+    again to the level in the scenario. Actions that move the robot always wait for the wizard's key.
     """
 
     replies: Annotated[
