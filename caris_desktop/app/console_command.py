@@ -70,16 +70,16 @@ class ConsoleRun:
         settings: QSettings | None = None,
         robot: Callable[[Console], DemoRobot] | None = None,
     ) -> None:
-        kept = own_settings() if settings is None else settings
-        self._settings_trouble = bring_up_to_date(kept)
-        self.settings = SavedSettings(kept)
+        store = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(store)
+        self.settings = SavedSettings(store)
         self._arguments = arguments
         # Without a visible window, nobody can be asked.
         self._asks = robot is None
         self._to_confirm: ConfirmationNeededError | None = None
         scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
-        self._narrowed = study.narrowed + narrow([*composition.own_folders(), Path(kept.fileName())])
+        self._narrowed = study.narrowed + narrow([*composition.own_folders(), Path(store.fileName())])
         check_screen()
         self.application = the_application(str(self.settings.value(SCALE_KEY, "")))
         self._language = Language()
@@ -119,7 +119,7 @@ class ConsoleRun:
             replay_options=("--language", arguments.language) if arguments.language else (),
         )
         self.window.use_library(self.library)
-        self.window.kept_choices.begin()
+        self.window.preferences.begin()
         self._make_demo_robot = robot
         if robot is None and arguments.demo:
             self._make_demo_robot = DemoRobot
@@ -204,7 +204,7 @@ class ConsoleRun:
             self.demo_robot.start()
             return
         named, robot = self._arguments.robot, self._arguments.robot or self.console.scenario.robot
-        last = "" if named else self.window.kept_choices.robot_of_last_time
+        last = "" if named else self.window.preferences.robot_of_last_time
         if not named and (last or robot) == PROFILE and self.settings.value(_OWN_ROBOT_KEY, "") == "yes":
             # It ended with the console that had started it.
             self._use_simulated_robot(WIZARD)
@@ -300,8 +300,8 @@ class ConsoleRun:
 
     def _stored_microphone(self, role: Role) -> str | None:
         """Stored microphone; empty for the system's default, None if switched off."""
-        kept = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
-        return None if kept == _NO_MICROPHONE else kept
+        stored = str(self.settings.value(_MICROPHONE_KEYS[role], ""))
+        return None if stored == _NO_MICROPHONE else stored
 
     def _store_microphone(self, role: Role, name: str | None) -> None:
         self.settings.setValue(_MICROPHONE_KEYS[role], _NO_MICROPHONE if name is None else name)

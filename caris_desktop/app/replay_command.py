@@ -113,9 +113,9 @@ class ReplayRun:
     def __init__(self, arguments: argparse.Namespace, *, settings: QSettings | None = None) -> None:
         self._arguments = arguments
         self.application = the_application()
-        kept = own_settings() if settings is None else settings
-        self._settings_trouble = bring_up_to_date(kept)
-        self.settings = SavedSettings(kept)
+        store = own_settings() if settings is None else settings
+        self._settings_trouble = bring_up_to_date(store)
+        self.settings = SavedSettings(store)
         self._language = Language()
         self._language.use(arguments.language or str(self.settings.value(LANGUAGE_KEY, ENGLISH)))
         session = _opened(_session_folder(arguments.session))

@@ -84,9 +84,9 @@ class Rendering:
     One voice with its cached audio. ``run`` is the thread function; other methods are for other threads.
     """
 
-    def __init__(self, voice: Voice, *, kept_at_most_bytes: int = KEPT_AT_MOST_BYTES) -> None:
+    def __init__(self, voice: Voice, *, cache_bytes: int = KEPT_AT_MOST_BYTES) -> None:
         self._voice = voice
-        self._kept = SoundCache(kept_at_most_bytes)
+        self._cache = SoundCache(cache_bytes)
         self._changed = threading.Condition()
         self._wanted: _Making | None = None
         self._making: _Making | None = None
@@ -124,7 +124,7 @@ class Rendering:
         nothing is typed.
         """
         with self._changed:
-            self._draft = "" if self._kept.get(text) is not None else text
+            self._draft = "" if self._cache.get(text) is not None else text
             making = self._making
             if making is not None and not making.is_heard and making.text != text and (self._draft or making.is_draft):
                 making.stop.set()
@@ -133,7 +133,7 @@ class Rendering:
     def prepare(self, texts: Sequence[str]) -> None:
         """Texts to render in advance, in order; replaces earlier ones."""
         with self._changed:
-            self._kept.want(texts)
+            self._cache.want(texts)
             self._prepared = tuple(texts)
             self._ahead = deque(texts)
             self._changed.notify()
@@ -161,16 +161,16 @@ class Rendering:
                 if self._tuned is not None:
                     self._voice.tune(*self._tuned)
                     self._tuned = None
-                    self._kept.clear()
+                    self._cache.clear()
                     self._ahead = deque(self._prepared)
                     continue
                 making = self._next()
-                kept = self._kept.get(making.text)
-                if kept is not None and not making.is_heard:
+                cached = self._cache.get(making.text)
+                if cached is not None and not making.is_heard:
                     continue
                 self._making = making
             begun_s = time.monotonic()
-            self._make(making, kept)
+            self._make(making, cached)
             if not (making.is_draft or making.is_heard):
                 # Not urgent: leave half of the processor time to others.
                 with self._changed:
@@ -186,11 +186,11 @@ class Rendering:
             return _Making(draft, is_draft=True)
         return _Making(self._ahead.popleft())
 
-    def _make(self, making: _Making, kept: Samples | None) -> None:
+    def _make(self, making: _Making, cached: Samples | None) -> None:
         trouble = ""
         try:
             parts = trimmed(self._voice.parts(making.text, making.stop), self._voice.rate_hz, self._voice.least_heard)
-            for part in parts if kept is None else [kept]:
+            for part in parts if cached is None else [cached]:
                 making.stop.check()
                 making.add(part)
         except RenderingStoppedError:
@@ -203,7 +203,7 @@ class Rendering:
             if making.stop.is_set and making.text in self._prepared:
                 self._ahead.appendleft(making.text)
             elif not trouble and making.parts:
-                self._kept.put(making.text, np.concatenate(making.parts))
+                self._cache.put(making.text, np.concatenate(making.parts))
         making.finish(trouble or ("" if making.parts else "the voice produced no audio"))
 
 

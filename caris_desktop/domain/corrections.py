@@ -31,8 +31,8 @@ class Corrections:
         self._by_console: dict[str, Correction] = {}
 
     def take(self, event: UtteranceCorrected) -> None:
-        kept = self._by_console if event.actor == CONSOLE else self._by_people
-        kept[event.utterance_id] = _later(kept.get(event.utterance_id, Correction()), event)
+        corrections = self._by_console if event.actor == CONSOLE else self._by_people
+        corrections[event.utterance_id] = _later(corrections.get(event.utterance_id, Correction()), event)
 
     def of(self, utterance_id: str) -> Correction:
         """Effective correction of this utterance."""

@@ -91,10 +91,10 @@ def _copy_permissions(descriptor: int, path: Path) -> None:
         there = path.lstat()
     except FileNotFoundError:
         return
-    kept = stat.S_IMODE(there.st_mode)
+    mode = stat.S_IMODE(there.st_mode)
     # Queried first: file systems without permissions refuse to change them.
-    if stat.S_ISREG(there.st_mode) and stat.S_IMODE(os.fstat(descriptor).st_mode) != kept and hasattr(os, "fchmod"):
-        os.fchmod(descriptor, kept)
+    if stat.S_ISREG(there.st_mode) and stat.S_IMODE(os.fstat(descriptor).st_mode) != mode and hasattr(os, "fchmod"):
+        os.fchmod(descriptor, mode)
 
 
 def _write_all(descriptor: int, data: bytes, on_full: Callable[[], bool]) -> None:

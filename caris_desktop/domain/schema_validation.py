@@ -165,12 +165,12 @@ def _value_problem(form: ValueForm, value: Any, path: KeyPath) -> str | None:
         if rule.pattern and not re.search(rule.pattern, value):
             return f"{_found(name, quoted(value))} {_allowed(tr(rule.allowed) or rule.pattern)}"
         return _length_problem(form, value, tr("{key} has {count} characters."), path)
-    for limit, kept, allowed in (
+    for limit, satisfied, allowed in (
         (rule.at_least, rule.at_least is None or value >= rule.at_least, tr("Allowed: at least {limit}.")),
         (rule.more_than, rule.more_than is None or value > rule.more_than, tr("Allowed: more than {limit}.")),
         (rule.at_most, rule.at_most is None or value <= rule.at_most, tr("Allowed: at most {limit}.")),
     ):
-        if not kept:
+        if not satisfied:
             return f"{_found(name, str(value))} {allowed.format(limit=limit)}"
     return None
 

@@ -89,12 +89,12 @@ class GamepadMapping:
         taken = set(binding.split("|")) if binding else set()
 
         def freed(bindings: Mapping[Any, str]) -> dict[Any, str]:
-            kept = {}
+            remaining = {}
             for other, old in bindings.items():
                 parts = [part for part in old.split("|") if not any(_same_input(part, new) for new in taken)]
                 if other != action and parts:
-                    kept[other] = "|".join(parts)
-            return kept
+                    remaining[other] = "|".join(parts)
+            return remaining
 
         axes, buttons = freed(self.axes), freed(self.buttons)
         if binding and action in AXIS_ACTIONS:

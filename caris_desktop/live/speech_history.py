@@ -79,8 +79,8 @@ def without_names(sentences: Iterable[str], names: Iterable[str]) -> tuple[str, 
 
 
 def _newest(sentences: Iterable[str]) -> tuple[str, ...]:
-    kept = list(dict.fromkeys(reversed(tuple(sentences))))[:AT_MOST]
-    return tuple(reversed(kept))
+    newest = list(dict.fromkeys(reversed(tuple(sentences))))[:AT_MOST]
+    return tuple(reversed(newest))
 
 
 def _read(path: Path) -> tuple[str, ...]:  # background thread

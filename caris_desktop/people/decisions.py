@@ -85,8 +85,8 @@ class Decisions:
                 wanted = tuple(dict.fromkeys(filter(None, map(_one_line, tags))))[:MAX_TAGS]
                 return self._describe(person_id, "tags", {"tags": wanted}, now_ns, asked.actor)
             case intents.NotePerson(person_id=person_id, note=note):
-                kept = note.strip()[:MAX_NOTE_LENGTH]
-                return self._describe(person_id, "note", {"note": kept}, now_ns, asked.actor)
+                shortened = note.strip()[:MAX_NOTE_LENGTH]
+                return self._describe(person_id, "note", {"note": shortened}, now_ns, asked.actor)
             case intents.ConfirmPerson(person_id=person_id, is_person_id=is_person_id):
                 visit = self._visits.find(person_id)
                 if visit is None or not self._exists(is_person_id):

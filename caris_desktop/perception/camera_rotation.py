@@ -32,8 +32,8 @@ class CameraTurning:
 
     def forget(self) -> None:
         """Clear everything for another robot."""
-        for kept in (self._headings, self._pans, self._tilts):
-            kept.clear()
+        for readings in (self._headings, self._pans, self._tilts):
+            readings.clear()
 
     def looked(self, stamp_ns: int, *, on_head: bool) -> tuple[float, float] | None:
         """Heading in the odometry frame (left positive, not wrapped) and tilt (down positive) at that time, in radians;

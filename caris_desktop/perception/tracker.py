@@ -314,8 +314,8 @@ def _people(detections: Detections, classes: Sequence[int]) -> NDArray[np.int64]
         return rows
     surest_first = rows[np.argsort(-detections.confidences[rows], kind="stable")]
     together = overlaps(detections.corners_px[surest_first], detections.corners_px[surest_first])
-    kept: list[int] = []
+    chosen: list[int] = []
     for each in range(len(surest_first)):
-        if not kept or together[each, kept].max() <= _SAME_PERSON:
-            kept.append(each)
-    return surest_first[kept]
+        if not chosen or together[each, chosen].max() <= _SAME_PERSON:
+            chosen.append(each)
+    return surest_first[chosen]

@@ -65,14 +65,14 @@ def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
     wizards: dict[str, str] = {}
     coders: dict[str, str] = {}
     for parent, folders in studies.items():
-        kept = parent.parent / FILE_NAME if parent.name == "sessions" else None
-        known = _read_assignment(kept) if kept is not None else Pseudonyms(dict(wizards), dict(coders))
+        stored = parent.parent / FILE_NAME if parent.name == "sessions" else None
+        known = _read_assignment(stored) if stored is not None else Pseudonyms(dict(wizards), dict(coders))
         now = Pseudonyms(
             _numbered(map(_key, _wizards_of(folders)), known.wizards, _WIZARD),
             _numbered(_coders_of(folders), known.coders, _CODER),
         )
-        if kept is not None and now != known:
-            _persist(kept, now)
+        if stored is not None and now != known:
+            _persist(stored, now)
         wizards |= now.wizards
         coders |= now.coders
     return Pseudonyms(wizards, coders)

@@ -47,7 +47,7 @@ class NavigationSpeed:
         self._in_background = in_background
         self._wanted_mps: float | None = None
         self._wanted_by: Actor = CONSOLE
-        self._kept_mps: float | None = None
+        self._limit_mps: float | None = None
         self._reported_failure = False
         self._asked = 0
         self._topic: RosbridgeTopic | None = None
@@ -93,7 +93,7 @@ class NavigationSpeed:
     async def restore(self) -> None:
         """Restore the robot's own limit when the console leaves."""
         self._asked += 1
-        if self._kept_mps is None or not self._ros.is_connected:
+        if self._limit_mps is None or not self._ros.is_connected:
             return
         if self._topic is not None:
             self._topic.publish(encode_speed_limit(NO_LIMIT))
@@ -167,7 +167,7 @@ class NavigationSpeed:
             )
         )
 
-    def _persist(self, kept_mps: float | None, actor: Actor) -> None:
-        if kept_mps != self._kept_mps:
-            self._kept_mps = kept_mps
-            self._emit(NavigationSpeedChanged(now_ns(), kept_mps, actor))
+    def _persist(self, speed_mps: float | None, actor: Actor) -> None:
+        if speed_mps != self._limit_mps:
+            self._limit_mps = speed_mps
+            self._emit(NavigationSpeedChanged(now_ns(), speed_mps, actor))

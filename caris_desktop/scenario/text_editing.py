@@ -316,14 +316,14 @@ class _Editor:
         old, new = [_identity(item) for item in said], [_identity(item) for item in wanted]
         matcher = difflib.SequenceMatcher(None, old, new, autojunk=False)
         for _tag, start, end, new_start, new_end in matcher.get_opcodes():
-            kept = min(end - start, new_end - new_start)
-            for index in range(kept):
+            common = min(end - start, new_end - new_start)
+            for index in range(common):
                 item = node.value[start + index]
                 edits += self._item(item, said[start + index], wanted[new_start + index])
-            for item in node.value[start + kept : end]:
+            for item in node.value[start + common : end]:
                 edits.append(self._removed(node, item.start_mark, item, introduced_by="-"))
-            before = start + kept - 1
-            for item in wanted[new_start + kept : new_end]:
+            before = start + common - 1
+            for item in wanted[new_start + common : new_end]:
                 edits.append(self._added_item(node, node.value[before] if before >= 0 else None, item))
         return edits
 

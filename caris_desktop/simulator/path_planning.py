@@ -155,7 +155,7 @@ def _downhill(field: NDArray[np.float64], start: tuple[int, int], goal: tuple[in
 
 
 def _pulled_straight(points: list[Point], clearance: NDArray[np.float64], body_m: float) -> list[Point]:
-    kept, here = [points[0]], 0
+    straight, here = [points[0]], 0
     while here < len(points) - 1:
         following = here + 1
         step = max(1, (len(points) - here) // 2)
@@ -165,9 +165,9 @@ def _pulled_straight(points: list[Point], clearance: NDArray[np.float64], body_m
                 following = ahead
             else:
                 step //= 2
-        kept.append(points[following])
+        straight.append(points[following])
         here = following
-    return kept
+    return straight
 
 
 def _passable(a: Point, b: Point, clearance: NDArray[np.float64], body_m: float) -> bool:

@@ -237,14 +237,14 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     x0, y0, x1, y1 = _bounds([points for points, _ in shapes], eye.lens)
     if x0 >= x1 or y0 >= y1 or hidden[x0:x1].all():
         return
-    kept = [(columns, picture[y0:y1, columns].copy()) for columns in _runs(hidden, x0, x1)]
+    covered = [(columns, picture[y0:y1, columns].copy()) for columns in _runs(hidden, x0, x1)]
     for points, colour in shapes:
         _fill(picture, points, colour)
     for decal in thing.decals:
         for side, corners in _sides_seen(thing.outline, eye):
             if side == decal.side:
                 _paste(picture, corners, decal, eye.lens)
-    for columns, pixels in kept:
+    for columns, pixels in covered:
         picture[y0:y1, columns] = pixels
 
 

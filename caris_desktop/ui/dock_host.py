@@ -296,10 +296,10 @@ class DockHost(DockArea):
     def show_everything(self) -> None:
         """Apply the layout on the current screens. A focused widget stays focused as long as it is visible."""
         focused = focused_widget()
-        kept = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
+        focused_before = focused if any(_holds(dock, focused) for dock in self._docks.values()) else None
         self._show_arranged()
-        if kept is not None and kept.isVisible() and not kept.hasFocus():
-            focus_widget(kept, Qt.FocusReason.OtherFocusReason)
+        if focused_before is not None and focused_before.isVisible() and not focused_before.hasFocus():
+            focus_widget(focused_before, Qt.FocusReason.OtherFocusReason)
 
     def _show_arranged(self) -> None:
         arrangement = self._arrangement

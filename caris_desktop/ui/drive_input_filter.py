@@ -128,7 +128,7 @@ class DriveInputFilter(QObject):
         self._key_owner: KeyOwner = "elsewhere"
         self._last_escape = _NEVER
         self._keys = PhysicalKeys()
-        self._kept_keys = KeyboardGrab(self._keys.focused_window, self)
+        self._keyboard_grab = KeyboardGrab(self._keys.focused_window, self)
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
@@ -153,7 +153,7 @@ class DriveInputFilter(QObject):
         self.release_all(QT_TR_NOOP("The window was closed"))
         self._app.removeEventFilter(self)
         self._app.removeNativeEventFilter(self._grabs)
-        self._kept_keys.give_back()
+        self._keyboard_grab.give_back()
 
     def ask_next_key(
         self, letters: str, answer: Callable[[str], None], *, after: Qt.KeyboardModifier = _CTRL_SHIFT
@@ -258,7 +258,7 @@ class DriveInputFilter(QObject):
                 self.release_all(QT_TR_NOOP("A dialog or menu opened"))
             elif kind == QEvent.Type.Hide and watched is not self._window and had_the_keys(watched):
                 # Closed by a button: an Esc that follows at once still needs a recipient.
-                self._kept_keys.hold_during_close(watched, self._window)
+                self._keyboard_grab.hold_during_close(watched, self._window)
             # Qt registers popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
         return False
@@ -704,7 +704,7 @@ class DriveInputFilter(QObject):
     def _on_keyboard_taken(self) -> None:
         if self._app.activePopupWidget() is not None or not self._is_ours(self._app.activeWindow()):
             return  # our own menus grab the keyboard too
-        if self._kept_keys.just_taken:
+        if self._keyboard_grab.just_taken:
             return
         key = self._keys.stop_key_down()
         if key is not None:
@@ -729,13 +729,13 @@ class DriveInputFilter(QObject):
             popup.hide()  # closing would destroy its native window, and a following Esc sent to it would be lost
             return
         if front is not None and front is not self._window:
-            self._kept_keys.hold_during_close(front, self._window)
+            self._keyboard_grab.hold_during_close(front, self._window)
         if isinstance(front, QDialog):
             front.reject()
         else:
             self.escape_pressed.emit()
         if front is not None and front is not self._window and front.isVisible():
-            self._kept_keys.give_back()  # the window stays open and keeps the focus
+            self._keyboard_grab.give_back()  # the window stays open and keeps the focus
 
     def _on_gamepad_button(self, action_id: str) -> None:
         if action_id == "stop":

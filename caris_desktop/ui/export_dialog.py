@@ -293,7 +293,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
         exports = tr("1 export") if written == 1 else tr("%n exports", "", written)
-        kept = tr("Finished exports remain ({exports}).").format(exports=exports) if written else ""
+        remaining = tr("Finished exports remain ({exports}).").format(exports=exports) if written else ""
         match status.state:
             case "done":
                 if self._out is None:
@@ -302,10 +302,10 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
                     text = tr("Done: {exports} in {folder}.").format(exports=exports, folder=self._out)
                 return (f"{text} {status.detail}".strip(), "amber" if status.detail else "green")
             case "cancelled":
-                return " ".join((tr("Cancelled."), kept or tr("Nothing was saved."))), "dim"
+                return " ".join((tr("Cancelled."), remaining or tr("Nothing was saved."))), "dim"
             case _:
                 why = status.detail or tr("The export failed; see the program’s log for the reason.")
-                return f"{why} {kept}".strip(), "red"
+                return f"{why} {remaining}".strip(), "red"
 
     # ---- style
 

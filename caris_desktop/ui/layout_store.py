@@ -112,7 +112,7 @@ class LayoutStore(QObject):
         self._docks = docks
         self._board = board
         self._console = console
-        self._kept = LayoutFile(wizards)
+        self._file = LayoutFile(wizards)
         self._show_scenario = show_scenario
         self._recorded: LayoutNode | None = None
         self._of_scenario: LayoutNode | None = None
@@ -162,7 +162,7 @@ class LayoutStore(QObject):
         if (name, trees) != (self._name, self._trees):
             self._histories = {}
         self._name, self._trees = name, trees
-        self._docks.set_locked(not self._in_replay and self._kept.is_locked(name))
+        self._docks.set_locked(not self._in_replay and self._file.is_locked(name))
         return self._load(self._kind_now())
 
     def _trees_of(self, scenario: Scenario, tree: LayoutNode) -> dict[SizeClass, LayoutNode]:
@@ -177,7 +177,7 @@ class LayoutStore(QObject):
     def _kind_now(self) -> SizeClass:
         if self._in_replay:
             return "compact" if self._docks.width() < _NARROW_REPLAY_PX else "usual"
-        if not self._kept.adapts or not self._docks.isVisible():
+        if not self._file.adapts or not self._docks.isVisible():
             return "usual"
         return size_class(self._docks.width(), self._height)
 
@@ -195,20 +195,20 @@ class LayoutStore(QObject):
     def _load(self, kind: SizeClass) -> DockLayout:
         self._kind, self._touched = kind, False
         self._baseline = baseline = self._baseline_of(kind)
-        kept = None
+        stored = None
         if not self._in_replay:
             try:
-                kept = self._kept.working(self._name, kind, self._file_tree(kind))
+                stored = self._file.working(self._name, kind, self._file_tree(kind))
             except ValueError:
                 self._notice(
                     tr("Your panel layout could not be read."),
                     tr("The layout of the scenario is used instead. A copy of your saved layout is in the settings."),
                 )
-        mine = None if kept is None else self._possible(kept.arrangement)
-        if kept is None or mine is None:
+        mine = None if stored is None else self._possible(stored.arrangement)
+        if stored is None or mine is None:
             return arrangement_of(baseline)
-        if kept.of_another:
-            self._kept.save_working_copy(self._name, kind, self._file_tree(kind), None)
+        if stored.of_another:
+            self._file.save_working_copy(self._name, kind, self._file_tree(kind), None)
             self._history.note(tr("The scenario’s new layout"), mine)
             self._notice(
                 tr("The scenario’s layout has changed since last time."),
@@ -256,7 +256,7 @@ class LayoutStore(QObject):
         if self._in_replay or not self._touched or arrangement is None or self._board.building:
             return
         own = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
-        self._kept.save_working_copy(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
+        self._file.save_working_copy(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
         self._touched = own
 
     def follow(self, scenario: Scenario) -> None:
@@ -272,7 +272,7 @@ class LayoutStore(QObject):
     def _on_wizard_changed(self) -> None:
         if self._trees and not self._in_replay:
             self._histories = {}
-            self._docks.set_locked(self._kept.is_locked(self._name))
+            self._docks.set_locked(self._file.is_locked(self._name))
             self._board.show(self._load(self._kind_now()))
 
     # ---- menu commands
@@ -297,17 +297,17 @@ class LayoutStore(QObject):
 
     def set_locked(self, locked: bool) -> None:
         """Lock the layout for a study: no panel can be moved, closed or floated."""
-        self._kept.set_locked(self._name, locked)
+        self._file.set_locked(self._name, locked)
         self._docks.set_locked(locked)
         self.changed.emit()
 
     @property
     def adapts(self) -> bool:
-        return self._kept.adapts
+        return self._file.adapts
 
     def set_adapts(self, adapts: bool) -> None:
         """Set whether small and large screens get a layout of their own."""
-        self._kept.set_adapts(adapts)
+        self._file.set_adapts(adapts)
         self._fit()
 
     @property
@@ -389,7 +389,7 @@ class LayoutStore(QObject):
         if present is None or self._baseline is None:
             return
         self._history.note(tr("Revert"), present)
-        self._kept.save_working_copy(self._name, self._kind, self._file_tree(self._kind), None)
+        self._file.save_working_copy(self._name, self._kind, self._file_tree(self._kind), None)
         self._touched = False
         self._board.show(arrangement_of(self._baseline_of(self._kind)))
 
@@ -398,7 +398,7 @@ class LayoutStore(QObject):
         present = self._docks.arrangement
         if present is not None:
             self._history.note(tr("Reset"), present)
-        self._kept.forget(self._name)
+        self._file.forget(self._name)
         self._console.do(intents.ResetLayout())
         self._show_scenario(self._console.scenario)
         self._console.do(intents.KeepLayout(layout_text(self._console.scenario.layout)))

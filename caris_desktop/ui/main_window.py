@@ -154,7 +154,7 @@ class MainWindow(PanelWindow, QWidget):
         # Popups and panels
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
-        self.kept_choices = Preferences(console, self.wizards, self.board, self)
+        self.preferences = Preferences(console, self.wizards, self.board, self)
         self.help = HelpWindows(self.theme, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)

@@ -165,7 +165,7 @@ class Panel(QWidget):
         finally:
             self._goes_by_itself -= 1
 
-    def use_choices(self, kept: Mapping[str, Any]) -> None:
+    def use_choices(self, stored: Mapping[str, Any]) -> None:
         """Restore ``choices``. Entries may be missing or of another type."""
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:

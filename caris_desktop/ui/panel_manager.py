@@ -121,14 +121,14 @@ class PanelManager(QObject):
         actions, hold = self._context.actions, self._context.hold
         hold.release_all(QT_TR_NOOP("The scenario was changed"))
         actions.bind_driving_panels(())
-        kept, possible = {**self._panels, **self._aside}, self.possible()
-        for name, panel in tuple(kept.items()):
+        remaining, possible = {**self._panels, **self._aside}, self.possible()
+        for name, panel in tuple(remaining.items()):
             if name not in possible or not panel.can_reuse(scenario):
-                self._persist(name, kept.pop(name))
+                self._persist(name, remaining.pop(name))
         self._open_scenario(scenario)
         tree = permitted(scenario.layout, possible)
         arrangement = arrange(tree)
-        self._panels, self._aside = kept, {}
+        self._panels, self._aside = remaining, {}
         self._put_aside_all_but(arrangement.panels)
         self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)

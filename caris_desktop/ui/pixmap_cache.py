@@ -19,11 +19,11 @@ class PixmapCache:
 
     def __init__(self, at_most: int = AT_MOST) -> None:
         self._at_most = at_most
-        self._kept: OrderedDict[Hashable, QPixmap] = OrderedDict()
+        self._pixmaps: OrderedDict[Hashable, QPixmap] = OrderedDict()
 
     def clear(self) -> None:
         """Clear the cache, for example after a change of theme."""
-        self._kept.clear()
+        self._pixmaps.clear()
 
     def draw(
         self, painter: QPainter, at: QPointF, size: QSizeF, key: Hashable, paint: Callable[[QPainter], None]
@@ -52,7 +52,7 @@ class PixmapCache:
         """
         ratio = _ratio_of(painter)
         whole = (key, size.width(), size.height(), ratio)
-        picture = self._kept.get(whole)
+        picture = self._pixmaps.get(whole)
         if picture is None:
             picture = QPixmap((size * ratio).toSize().expandedTo(QSize(1, 1)))
             picture.setDevicePixelRatio(ratio)
@@ -61,11 +61,11 @@ class PixmapCache:
             onto.setRenderHint(QPainter.RenderHint.Antialiasing)
             paint(onto)
             onto.end()
-            self._kept[whole] = picture
-            if len(self._kept) > self._at_most:
-                self._kept.popitem(last=False)
+            self._pixmaps[whole] = picture
+            if len(self._pixmaps) > self._at_most:
+                self._pixmaps.popitem(last=False)
         else:
-            self._kept.move_to_end(whole)
+            self._pixmaps.move_to_end(whole)
         return picture
 
 

@@ -109,8 +109,8 @@ class Preferences(QObject):
     @property
     def robot_of_last_time(self) -> str:
         """Profile name that this wizard last used with this scenario; empty if none."""
-        kept = _from_json(self._wizards.value(self._place("robot")))
-        return kept if isinstance(kept, str) else ""
+        stored = _from_json(self._wizards.value(self._place("robot")))
+        return stored if isinstance(stored, str) else ""
 
     # Saving
 
@@ -156,28 +156,28 @@ class Preferences(QObject):
         for choice in self._choices:
             self._last[choice.name] = choice.read()
         for choice in self._choices:
-            kept = _stored_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
-            if kept is not None and kept != self._last[choice.name] and not choice.use(kept):
-                self._waiting[choice.name] = kept
+            stored = _stored_value(self._wizards.value(self._place(choice.name)), choice.file(self._scenario))
+            if stored is not None and stored != self._last[choice.name] and not choice.use(stored):
+                self._waiting[choice.name] = stored
 
     def _speed(self) -> float:
         return round(float(self._console.state.drive.value.speed_fraction), 3)
 
-    def _use_speed(self, kept: Any) -> bool:
-        fits = isinstance(kept, int | float) and not isinstance(kept, bool) and _LEAST_SPEED <= kept <= 1.0
+    def _use_speed(self, stored: Any) -> bool:
+        fits = isinstance(stored, int | float) and not isinstance(stored, bool) and _LEAST_SPEED <= stored <= 1.0
         if fits and self._scenario.permissions.driving:
-            self._console.do(intents.SetSpeed(float(kept)))
+            self._console.do(intents.SetSpeed(float(stored)))
         return True
 
     def _voice(self) -> list[Any]:
         voice: VoiceStatus = self._console.state.voice.value
         return [voice.output, voice.name, voice.language, voice.rate, voice.volume]
 
-    def _use_voice(self, kept: Any) -> bool:
+    def _use_voice(self, stored: Any) -> bool:
         voice: VoiceStatus = self._console.state.voice.value
-        if not (isinstance(kept, list) and len(kept) == 5 and self._scenario.permissions.speech):
+        if not (isinstance(stored, list) and len(stored) == 5 and self._scenario.permissions.speech):
             return True
-        output, name, language, rate, volume = kept
+        output, name, language, rate, volume = stored
         texts = isinstance(name, str) and isinstance(language, str) and output in get_args(VoiceOutput)
         numbers = all(isinstance(each, int | float) and not isinstance(each, bool) for each in (rate, volume))
         if not (texts and numbers and 0.5 <= rate <= 2.0 and 0.0 <= volume <= 1.0):
@@ -187,49 +187,49 @@ class Preferences(QObject):
         self._console.do(intents.SetVoice(output, name, language, float(rate), float(volume)))
         return True
 
-    def _use_model(self, kept: Any) -> bool:
-        if not (isinstance(kept, str) and self._scenario.permissions.assistant):
+    def _use_model(self, stored: Any) -> bool:
+        if not (isinstance(stored, str) and self._scenario.permissions.assistant):
             return True
-        if kept not in (choice.model for choice in self._console.state.assistant_setup.value.models):
+        if stored not in (choice.model for choice in self._console.state.assistant_setup.value.models):
             return False
-        self._console.do(intents.ChooseModel(kept))
+        self._console.do(intents.ChooseModel(stored))
         return True
 
-    def _use_role(self, kept: Any) -> bool:
+    def _use_role(self, stored: Any) -> bool:
         roles = {"", *(role.name for role in self._console.state.assistant_setup.value.roles)}
-        if isinstance(kept, str) and kept in roles and self._scenario.permissions.assistant:
-            self._console.do(intents.ChoosePrompt("role", kept))
+        if isinstance(stored, str) and stored in roles and self._scenario.permissions.assistant:
+            self._console.do(intents.ChoosePrompt("role", stored))
         return True
 
-    def _use_style(self, kept: Any) -> bool:
+    def _use_style(self, stored: Any) -> bool:
         styles = {"", *(style.name for style in self._console.state.assistant_setup.value.styles)}
-        if isinstance(kept, str) and kept in styles and self._scenario.permissions.assistant:
-            self._console.do(intents.ChoosePrompt("style", kept))
+        if isinstance(stored, str) and stored in styles and self._scenario.permissions.assistant:
+            self._console.do(intents.ChoosePrompt("style", stored))
         return True
 
     def _levels(self) -> dict[str, str]:
         levels = self._console.state.levels.value
         return {function: getattr(levels, function) for function in get_args(AssistedFunction)}
 
-    def _use_levels(self, kept: Any) -> bool:
+    def _use_levels(self, stored: Any) -> bool:
         """Restore lowered levels; a level is never raised."""
         now = self._levels()
         for function in get_args(AssistedFunction):
-            wanted = kept.get(function) if isinstance(kept, dict) else None
+            wanted = stored.get(function) if isinstance(stored, dict) else None
             if wanted != now[function] and wanted in levels_up_to(now[function]):  # type: ignore[arg-type]
                 self._console.do(intents.SetLevel(function, wanted))
         return True
 
-    def _use_phrases(self, kept: Any) -> bool:
-        number = isinstance(kept, int) and not isinstance(kept, bool)
-        if number and 0 <= kept < len(phrase_groups(self._scenario.phrases)):
-            self._console.state.choose_phrases(kept)
+    def _use_phrases(self, stored: Any) -> bool:
+        number = isinstance(stored, int) and not isinstance(stored, bool)
+        if number and 0 <= stored < len(phrase_groups(self._scenario.phrases)):
+            self._console.state.choose_phrases(stored)
         return True
 
-    def _use_camera(self, kept: Any) -> bool:
-        if kept not in self._console.state.cameras.value:
-            return not isinstance(kept, str)
-        self._console.state.choose_camera(kept)
+    def _use_camera(self, stored: Any) -> bool:
+        if stored not in self._console.state.cameras.value:
+            return not isinstance(stored, str)
+        self._console.state.choose_camera(stored)
         return True
 
     # Panels
@@ -247,10 +247,10 @@ class Preferences(QObject):
             self._use_in_panel(name, panel)
 
     def _use_in_panel(self, name: str, panel: Panel) -> None:
-        kept = _stored_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
-        if isinstance(kept, dict):
+        stored = _stored_value(self._wizards.value(self._place_of_panel(name)), self._file_of_panel(name))
+        if isinstance(stored, dict):
             with panel.preferences_blocked():
-                panel.use_choices(kept)
+                panel.use_choices(stored)
 
     def _file_of_panel(self, name: str) -> Any:
         return getattr(self._console.scenario.panels, name, None)
@@ -273,10 +273,10 @@ def _stored_text(chosen: Any, file: Any) -> str:
 
 def _stored_value(text: Any, file: Any) -> Any:
     """The saved value; None if there is none, or if the file has changed since."""
-    kept = _from_json(text)
-    if not (isinstance(kept, dict) and kept.keys() == {"chosen", "file"}):
-        return kept  # saved by a version without the file's hash
-    return kept["chosen"] if kept["file"] == _mark_of(file) else None
+    stored = _from_json(text)
+    if not (isinstance(stored, dict) and stored.keys() == {"chosen", "file"}):
+        return stored  # saved by a version without the file's hash
+    return stored["chosen"] if stored["file"] == _mark_of(file) else None
 
 
 def _mark_of(file: Any) -> str:

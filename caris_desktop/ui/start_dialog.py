@@ -71,15 +71,15 @@ def contents_sentence(permissions: Permissions, microphone: str | None, blur: Bl
     """Sentence on what a recording will contain and omit."""
     who_is_blurred = _BLURRED.get((blur.what, blur.who), "")
     blurred = tr(who_is_blurred)
-    kept = [tr("robot actions and sensor data"), tr("speech as text"), tr("your actions")]
+    recorded = [tr("robot actions and sensor data"), tr("speech as text"), tr("your actions")]
     absent: list[str] = []
     for permitted, name, how in (
         (permissions.video_recording, tr("video"), blurred),
         (permissions.photos, tr("photos"), blurred),
         (permissions.audio_recording and microphone is not None, tr("sound"), ""),
     ):
-        (kept if permitted else absent).append(f"{name} ({how})" if permitted and how else name)
-    sentences = [tr("Records {kept}.").format(kept=_listed(kept, tr("{some} and {last}")))]
+        (recorded if permitted else absent).append(f"{name} ({how})" if permitted and how else name)
+    sentences = [tr("Records {kept}.").format(kept=_listed(recorded, tr("{some} and {last}")))]
     if absent:
         sentences.append(tr("No {absent}.").format(absent=_listed(absent, tr("{some} or {last}"))))
     return " ".join(sentences)
@@ -151,8 +151,8 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         self._microphone = self._make_microphones()
         if self._microphone is not None:
             form.addRow(tr("Microphone"), self._microphone)
-        self._kept = self._small("")
-        self._kept.setObjectName("start_kept")
+        self._contents = self._small("")
+        self._contents.setObjectName("start_kept")
         self._room = self._small("")
         self._room.setObjectName("start_room")
         self._room.hide()
@@ -173,7 +173,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         buttons.addWidget(skip)
         buttons.addWidget(begin)
         column = layouts.vbox(spacing_px=4)
-        column.addWidget(self._kept)
+        column.addWidget(self._contents)
         column.addWidget(self._room)
         self._asked = self._small("")
         self._asked.setObjectName("start_asked")
@@ -318,7 +318,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         )
 
     def _show_contents(self, _index: int = 0) -> None:
-        self._kept.setText(contents_sentence(self._offer.permissions, self.microphone, self._offer.blur))
+        self._contents.setText(contents_sentence(self._offer.permissions, self.microphone, self._offer.blur))
 
     def _on_again(self, again: bool) -> None:
         """Fill in the previous session's details for a repeated trial."""

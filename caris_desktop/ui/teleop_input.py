@@ -103,9 +103,9 @@ class TeleopInput(QObject):
         """Release bare keys: the driving panels lost the focus."""
         if not any(hold.bare for hold in self._keys.values()):
             return
-        kept = {key: hold for key, hold in self._keys.items() if not hold.bare}
-        if kept or self._arrows or self._sticks or self._pad.moving:
-            self._keys = kept
+        with_modifier = {key: hold for key, hold in self._keys.items() if not hold.bare}
+        if with_modifier or self._arrows or self._sticks or self._pad.moving:
+            self._keys = with_modifier
             self._send("keyboard")
         else:
             self.release_all(reason)

@@ -22,8 +22,8 @@ class Appearance:
     @property
     def scale(self) -> str:
         """One of SCALES, or empty."""
-        kept = str(self._settings.value(SCALE_KEY, "")) if self._settings is not None else ""
-        return kept if kept in SCALES else ""
+        stored = str(self._settings.value(SCALE_KEY, "")) if self._settings is not None else ""
+        return stored if stored in SCALES else ""
 
     def choose_scale(self, scale: str) -> None:
         self._persist(SCALE_KEY, scale)

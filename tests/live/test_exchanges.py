@@ -48,14 +48,14 @@ class Desk:
         _endpoint: ModelEndpoint,
         _messages: object,
         *,
-        told_version: Callable[[str], None],
+        on_version: Callable[[str], None],
         seed: int | None,
         **_more: object,
     ) -> AsyncIterator[str]:
         self.seeds.append(seed)
         try:
             if self.tells:
-                told_version(self.tells)
+                on_version(self.tells)
             for piece in self.pieces:
                 yield piece
             if self.failure is not None:

@@ -54,7 +54,7 @@ class Talk:
             given["notes"].cut = "length"
             given["notes"].left_out = ("temperature", "seed")
         if "busy" in question:
-            given["told_wait"]("It is busy.")
+            given["on_wait"]("It is busy.")
         if "broken off" in question:
             raise failures.broke_off(ELSEWHERE)
         if "fails" in question:

@@ -144,7 +144,7 @@ class Subject(ToldByLines):
 
     def do_keep_keys(self, seconds: str) -> None:
         keyboard_grab.KEPT_S = float(seconds)
-        self.window.hold._kept_keys.give_back()
+        self.window.hold._keyboard_grab.give_back()
 
     def do_combo(self) -> None:
         self.combo.show()

@@ -46,7 +46,7 @@ def start(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> Start:
         state.assistant_setup.set(SETUP)
         state.voice.set(replace(state.voice.value, choices=(("alba", "en"),)))
         state.cameras.set(("front", "desk"))
-        window.kept_choices.begin()
+        window.preferences.begin()
         return window, console
 
     return run
@@ -70,7 +70,7 @@ def chosen(window: MainWindow, console: FakeConsole) -> dict[str, object]:
         "camera": state.camera.value,
         "map": panel(window, MapPanel).choices(),
         "log": panel(window, SessionPanel).choices(),
-        "robot": window.kept_choices.robot_of_last_time,
+        "robot": window.preferences.robot_of_last_time,
     }
 
 
@@ -107,10 +107,10 @@ def test_the_robot_that_somebody_practises_on_was_not_chosen(start: Start) -> No
     console.state.robot.set(load_profile("pepper"))
     console.state.practice.set(PracticeStatus("preparing"))
     console.state.robot.set(load_profile("simulated"))
-    assert window.kept_choices.robot_of_last_time == "pepper"
+    assert window.preferences.robot_of_last_time == "pepper"
     console.state.practice.set(PracticeStatus("ended"))
     console.state.robot.set(load_profile("nao"))
-    assert window.kept_choices.robot_of_last_time == "nao"
+    assert window.preferences.robot_of_last_time == "nao"
     console.state.practice.set(PracticeStatus())
 
 
@@ -134,7 +134,7 @@ def test_each_scenario_has_its_own_and_another_one_s_own_settings_are_no_choice(
 
 
 def console_is_busy(window: MainWindow) -> bool:
-    return window.kept_choices._anew.isActive()
+    return window.preferences._anew.isActive()
 
 
 def test_the_file_says_how_a_panel_is_at_first_and_the_wizard_from_then_on(qtbot: QtBot, start: Start) -> None:
@@ -162,7 +162,7 @@ def test_levels_are_never_raised_by_it(qtbot: QtBot, start: Start, settings: Mem
     again, console = start()
     assert console.state.levels.value == LevelsStatus("suggest", "act", "off")
     console.state.levels.set(LevelsStatus("off", "off", "suggest"))
-    again.kept_choices._use_stored()
+    again.preferences._use_stored()
     assert console.state.levels.value == LevelsStatus("off", "off", "off")
 
 
@@ -173,7 +173,7 @@ def test_a_camera_and_a_model_are_waited_for(qtbot: QtBot, start: Start, setting
     window, console = start()
     console.state.cameras.set(("front",))
     console.state.assistant_setup.set(replace(SETUP, models=()))
-    window.kept_choices._use_stored()
+    window.preferences._use_stored()
     assert console.state.assistant_setup.value.model == "embedded"
     console.state.assistant_setup.set(replace(console.state.assistant_setup.value, models=SETUP.models))
     assert console.state.assistant_setup.value.model == "ollama:small"
@@ -190,7 +190,7 @@ def test_what_is_gone_or_unfit_is_left_out_without_a_word(start: Start, settings
     names = ["speed", "voice", "model", "role", "style", "levels", "phrases", "camera", "robot"]
     before = {**chosen(window, console), "robot": ""}
     for name in names:
-        settings.setValue(f"wizards/*/{window.kept_choices._place(name)}", unfit)
+        settings.setValue(f"wizards/*/{window.preferences._place(name)}", unfit)
     for name in ("map", "session"):
         settings.setValue(f"wizards/*/choices/panels/{name}", unfit)
     window, console = start()
@@ -232,7 +232,7 @@ def test_what_the_file_says_anew_counts_and_what_it_leaves_alone_stays_chosen(
     console.state.voice.set(replace(console.state.voice.value, choices=(("alba", "en"),)))
     console.state.cameras.set(("front", "desk"))
     before = chosen(window, console)
-    window.kept_choices.begin()
+    window.preferences.begin()
     now = chosen(window, console)
     assert now["voice"] == before["voice"]
     assert now["levels"] == before["levels"]
@@ -256,7 +256,7 @@ def test_a_panel_is_as_its_file_has_it_once_that_says_something_else(
     again = open_window(
         qtbot, FakeConsole(replace(TOUR, panels=replace(TOUR.panels, map=settings_of_map))), settings, theme
     )
-    again.kept_choices.begin()
+    again.preferences.begin()
     assert panel(again, MapPanel).choices() == {
         "follow": settings_of_map.follow, "rotate": settings_of_map.up == "robot", "trail": settings_of_map.trail,
     }  # fmt: skip

@@ -403,7 +403,7 @@ def at_the_start(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[
     settings.setValue(f"wizards/*/choices/{TOUR_NAME}/panels/session", json.dumps({"category": CATEGORIES[0]}))
     console = FakeConsole(samples.TOUR)
     window = MainWindow(console, settings=settings, theme=theme, all_panels=False)
-    window.kept_choices.begin()
+    window.preferences.begin()
     qtbot.addWidget(window)
     console.state.close()
     return window, console

@@ -662,8 +662,8 @@ class Walk:
 
     def _may_be_asked(self, seen: Seen) -> set[str]:
         window = self.opened.window
-        if is_there(seen.part) and window.hold._is_driving_part(seen.part):
-            return set(ASKED_BY_NOBODY)  # a card in the picture or the map, which keep the keys
+        if shiboken6.isValid(seen.part) and window.hold._is_driving_part(seen.part):
+            return set(ASKED_BY_NOBODY)  # a card in the picture or the map, which keep the keys, also as it closes
         speaks = (QApplication.focusWidget() or window).objectName() == "speak_field"
         return {"say"} if speaks else {"say", "go_to_place"} if seen.name == "palette" else set()
 

@@ -177,18 +177,18 @@ def without_repetition(words: Sequence[HeardWord]) -> list[HeardWord]:
 
     People do repeat a word three times, and a question twice.
     """
-    kept = _said_once(list(words))
+    remaining = _said_once(list(words))
     for length in range(1, 7):
         at = 0
-        while at + length <= len(kept):
-            phrase = [word.spoken for word in kept[at : at + length]]
+        while at + length <= len(remaining):
+            phrase = [word.spoken for word in remaining[at : at + length]]
             times = 1
-            while [word.spoken for word in kept[at + times * length : at + (times + 1) * length]] == phrase:
+            while [word.spoken for word in remaining[at + times * length : at + (times + 1) * length]] == phrase:
                 times += 1
             if times > _REPEATED_AT_MOST:
-                del kept[at + length : at + times * length]
+                del remaining[at + length : at + times * length]
             at += 1
-    return kept
+    return remaining
 
 
 def _said_once(words: list[HeardWord]) -> list[HeardWord]:

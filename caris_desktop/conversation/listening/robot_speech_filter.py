@@ -358,14 +358,14 @@ def _ends(said: Sequence[str], text: str) -> bool:
 
 def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
     """Words without immediate repetitions, which recognisers produce on unintelligible sound."""
-    kept: list[str] = []
+    remaining: list[str] = []
     for word in words:
-        kept.append(word)
-        for length in range(1, len(kept) // 2 + 1):
-            if kept[-length:] == kept[-2 * length : -length]:
-                del kept[-length:]
+        remaining.append(word)
+        for length in range(1, len(remaining) // 2 + 1):
+            if remaining[-length:] == remaining[-2 * length : -length]:
+                del remaining[-length:]
                 break
-    return tuple(kept)
+    return tuple(remaining)
 
 
 def _sounds_like(

@@ -24,24 +24,26 @@ class Resampler:
         if from_hz != to_hz:
             self._half, self._kernels = _kernels(from_hz, to_hz, self._phases)
         # Silence before the first sample.
-        self._kept = np.zeros(self._half, np.float32)
+        self._buffered = np.zeros(self._half, np.float32)
         self._phase = 0
 
     def take(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
         """Add samples, shape (n,); return all final output samples."""
-        kept = np.concatenate((self._kept, samples.astype(np.float32, copy=False)))
+        available = np.concatenate((self._buffered, samples.astype(np.float32, copy=False)))
         width = self._kernels.shape[1]
         # Output i is at `phase + i * step` phases after the first fully retained sample.
-        usable = (len(kept) - width + 1) * self._phases - self._phase
+        usable = (len(available) - width + 1) * self._phases - self._phase
         count = max(0, -(-usable // self._step))
         at = self._phase + np.arange(count, dtype=np.int64) * self._step
         first, phase = at // self._phases, at % self._phases
         if count == 0:
-            self._kept = kept
+            self._buffered = available
             return np.zeros(0, np.float32)
-        out: NDArray[np.float32] = np.einsum("ij,ij->i", sliding_window_view(kept, width)[first], self._kernels[phase])
+        out: NDArray[np.float32] = np.einsum(
+            "ij,ij->i", sliding_window_view(available, width)[first], self._kernels[phase]
+        )
         after = self._phase + count * self._step
-        self._kept = kept[after // self._phases :]
+        self._buffered = available[after // self._phases :]
         self._phase = after % self._phases
         return out
 

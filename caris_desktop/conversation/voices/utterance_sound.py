@@ -83,7 +83,7 @@ class SilenceTrimmer:
     """Removes silence before the first and after the last sample of at least ``least``."""
 
     def __init__(self, rate_hz: int, least: int) -> None:
-        self._kept = round(_SILENCE_KEPT_S * rate_hz)
+        self._margin_frames = round(_SILENCE_KEPT_S * rate_hz)
         self._least = least
         self._begun = False
         self._held = np.zeros(0, np.int16)
@@ -93,10 +93,10 @@ class SilenceTrimmer:
         whole = np.concatenate([self._held, part])
         loud = np.flatnonzero(np.abs(whole.astype(np.int32)) >= self._least)
         if loud.size == 0:
-            self._held = whole if self._begun else whole[-self._kept :]
+            self._held = whole if self._begun else whole[-self._margin_frames :]
             return whole[:0]
-        first = 0 if self._begun else max(0, int(loud[0]) - self._kept)
-        end = int(loud[-1]) + 1 + self._kept
+        first = 0 if self._begun else max(0, int(loud[0]) - self._margin_frames)
+        end = int(loud[-1]) + 1 + self._margin_frames
         self._begun = True
         self._held = whole[end:]
         return whole[first:end]
@@ -183,7 +183,7 @@ class SoundCache:
 
     def __init__(self, at_most_bytes: int) -> None:
         self._at_most_bytes = at_most_bytes
-        self._kept: OrderedDict[str, Samples] = OrderedDict()
+        self._sounds: OrderedDict[str, Samples] = OrderedDict()
         self._wanted: frozenset[str] = frozenset()
         self.bytes = 0
 
@@ -192,24 +192,24 @@ class SoundCache:
         self._wanted = frozenset(texts)
 
     def clear(self) -> None:
-        self._kept.clear()
+        self._sounds.clear()
         self.bytes = 0
 
     def get(self, text: str) -> Samples | None:
-        if text in self._kept:
-            self._kept.move_to_end(text)
-        return self._kept.get(text)
+        if text in self._sounds:
+            self._sounds.move_to_end(text)
+        return self._sounds.get(text)
 
     def put(self, text: str, samples: Samples) -> bool:
         """Add audio; False if there is no space."""
         self._drop(text)
-        for other in [each for each in self._kept if each not in self._wanted]:
+        for other in [each for each in self._sounds if each not in self._wanted]:
             if self._fits(samples):
                 break
             self._drop(other)
         if not self._fits(samples):
             return False
-        self._kept[text] = samples
+        self._sounds[text] = samples
         self.bytes += samples.nbytes
         return True
 
@@ -217,6 +217,6 @@ class SoundCache:
         return self.bytes + samples.nbytes <= self._at_most_bytes
 
     def _drop(self, text: str) -> None:
-        dropped = self._kept.pop(text, None)
+        dropped = self._sounds.pop(text, None)
         if dropped is not None:
             self.bytes -= dropped.nbytes

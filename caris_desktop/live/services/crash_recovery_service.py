@@ -72,7 +72,7 @@ class CrashRecoveryService(Service):
         self._confirmed: list[ConfirmedAsBefore] = []
         self.step = ""
         """Protocol step in which the next recording resumes; empty if no recording broke off in a step."""
-        self._kept: UnfinishedTrial | None = None
+        self._saved: UnfinishedTrial | None = None
         self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
         self._soon.timeout.connect(self._persist)
         self._end_expected = False
@@ -131,8 +131,8 @@ class CrashRecoveryService(Service):
 
     def _on_not_shut_down(self) -> None:
         self._end_expected = False
-        if self._kept is not None:
-            self._kept = None
+        if self._saved is not None:
+            self._saved = None
             self._persist()
 
     def state_events(self, now_ns: int) -> list[Event]:
@@ -145,11 +145,11 @@ class CrashRecoveryService(Service):
 
     def _on_recording_changed(self, status: RecordingStatus) -> None:
         if status.state in ("recording", "paused"):
-            if self._kept is None:
+            if self._saved is None:
                 self._state.going_on.set(CrashRecoveryStatus())
                 self._persist()
-        elif status.state in ("idle", "failed") and self._kept is not None:
-            self._kept = None
+        elif status.state in ("idle", "failed") and self._saved is not None:
+            self._saved = None
             self._soon.stop()
             self._slow_work.do(
                 _reporting_errors(lambda: unfinished_trial.forget(self._parts.folder)), lambda _done: None, _notify
@@ -162,7 +162,7 @@ class CrashRecoveryService(Service):
         self._state.going_on.set(CrashRecoveryStatus())
 
     def _on_changed(self, _value: object) -> None:
-        if self._kept is not None and not self._soon.isActive():
+        if self._saved is not None and not self._soon.isActive():
             self._soon.start()
 
     def _persist(self) -> None:
@@ -178,8 +178,8 @@ class CrashRecoveryService(Service):
             state.selected_person.value,
             state.protocol.value.step_id,
         )
-        if trial != self._kept:
-            self._kept = trial
+        if trial != self._saved:
+            self._saved = trial
             self._slow_work.do(_reporting_errors(lambda: self._write(trial)), lambda _done: None, _notify)
 
     def _write(self, trial: UnfinishedTrial) -> None:  # any thread

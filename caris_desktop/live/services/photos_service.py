@@ -90,7 +90,7 @@ class PhotosService(Service):
         self._frames = frames
         self._study = study
         self._aside = study / _FOLDER / _ASIDE
-        self._kept: dict[str, _StoredPhoto] = {}
+        self._stored: dict[str, _StoredPhoto] = {}
         self._session: Path | None = None
         self._permitted = False
         self._listed = False
@@ -141,12 +141,12 @@ class PhotosService(Service):
         self._slow_work.do(names, self._read_next, self._bus.answer)
 
     def _read_next(self, names: list[str]) -> None:
-        names = [name for name in names if name not in self._kept]
+        names = [name for name in names if name not in self._stored]
         if not names or not self._permitted:
             return
 
         def done(entry: PhotoEntry | None) -> None:
-            if entry is not None and entry.file_name not in self._kept:
+            if entry is not None and entry.file_name not in self._stored:
                 self._persist(_StoredPhoto(entry, self._study, of_session=False))
             self._read_next(names[1:])
 
@@ -167,35 +167,35 @@ class PhotosService(Service):
     def _on_session_started(self, _event: SessionStarted) -> None:
         """Hide the former participant's photos."""
         self._session = self._recording.session_folder
-        self._kept = {name: kept for name, kept in self._kept.items() if not kept.of_session}
+        self._stored = {name: photo for name, photo in self._stored.items() if not photo.of_session}
         self._show()
 
     def _on_session_ended(self, _event: SessionEnded) -> None:
         self._session = None
-        gone = [kept for kept in self._kept.values() if kept.of_session and kept.entry.deleted]
-        for kept in gone:
-            del self._kept[kept.entry.file_name]
-        self._kept = {
-            name: replace(kept, entry=replace(kept.entry, changeable=False)) if kept.of_session else kept
-            for name, kept in self._kept.items()
+        gone = [photo for photo in self._stored.values() if photo.of_session and photo.entry.deleted]
+        for photo in gone:
+            del self._stored[photo.entry.file_name]
+        self._stored = {
+            name: replace(photo, entry=replace(photo.entry, changeable=False)) if photo.of_session else photo
+            for name, photo in self._stored.items()
         }
         self._show()
         if gone:
-            lie_aside = [self._lies_aside(kept) for kept in gone]
+            lie_aside = [self._lies_aside(photo) for photo in gone]
             self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._bus.answer)
 
-    def _persist(self, kept: _StoredPhoto) -> None:
-        self._kept[kept.entry.file_name] = kept
+    def _persist(self, photo: _StoredPhoto) -> None:
+        self._stored[photo.entry.file_name] = photo
         self._show()
 
     def _update(self, file_name: str, **changes: Any) -> None:
         """Update the current entry, which may have changed or been removed."""
-        kept = self._kept.get(file_name)
-        if kept is not None:
-            self._persist(replace(kept, entry=replace(kept.entry, **changes)))
+        photo = self._stored.get(file_name)
+        if photo is not None:
+            self._persist(replace(photo, entry=replace(photo.entry, **changes)))
 
     def _show(self) -> None:
-        entries = (kept.entry for kept in self._kept.values()) if self._permitted else ()
+        entries = (photo.entry for photo in self._stored.values()) if self._permitted else ()
         self._state.photos.set(tuple(sorted(entries, key=lambda entry: entry.utc_ns, reverse=True)))
 
     # Intents
@@ -212,26 +212,26 @@ class PhotosService(Service):
                 ),
                 severity="warning",
             )
-        kept = self._changeable(asked.file_name, tr("The photo was not tagged."))
+        photo = self._changeable(asked.file_name, tr("The photo was not tagged."))
 
         def done(_: None) -> None:
             self._update(asked.file_name, tags=tags)
             self._bus.publish(PhotoTagged(clock.now_ns(), asked.file_name, tags, asked.actor))
 
-        self._change(lambda: change_texts(kept.path, {TAGS: ", ".join(tags)}), done, tr("The photo was not tagged."))
+        self._change(lambda: change_texts(photo.path, {TAGS: ", ".join(tags)}), done, tr("The photo was not tagged."))
 
     def _delete(self, asked: intents.DeletePhoto) -> None:
-        kept = self._changeable(asked.file_name, tr("The photo was not deleted."))
+        photo = self._changeable(asked.file_name, tr("The photo was not deleted."))
 
         self._change(
-            lambda: move_photo(kept.path, self._lies_aside(kept)),
-            lambda _: self._note_deleted(kept, asked.actor, deleted=True),
+            lambda: move_photo(photo.path, self._lies_aside(photo)),
+            lambda _: self._note_deleted(photo, asked.actor, deleted=True),
             tr("The photo was not deleted."),
         )
 
     def _restore(self, asked: intents.RestorePhoto) -> None:
-        kept = self._kept.get(asked.file_name)
-        if kept is None or not kept.entry.deleted:
+        photo = self._stored.get(asked.file_name)
+        if photo is None or not photo.entry.deleted:
             raise UserFacingError(
                 tr("There is no deleted photo to restore."),
                 tr("Deleted photos are removed permanently when their session ends."),
@@ -239,14 +239,14 @@ class PhotosService(Service):
                 severity="warning",
             )
         self._change(
-            lambda: move_photo(self._lies_aside(kept), kept.path),
-            lambda _: self._note_deleted(kept, asked.actor, deleted=False),
+            lambda: move_photo(self._lies_aside(photo), photo.path),
+            lambda _: self._note_deleted(photo, asked.actor, deleted=False),
             tr("The photo was not restored."),
         )
 
-    def _note_deleted(self, kept: _StoredPhoto, actor: str, *, deleted: bool) -> None:
-        self._update(kept.entry.file_name, deleted=deleted)
-        self._bus.publish(PhotoDeleted(clock.now_ns(), kept.entry.file_name, not deleted, actor))
+    def _note_deleted(self, photo: _StoredPhoto, actor: str, *, deleted: bool) -> None:
+        self._update(photo.entry.file_name, deleted=deleted)
+        self._bus.publish(PhotoDeleted(clock.now_ns(), photo.entry.file_name, not deleted, actor))
 
     def _ask(self, asked: intents.AskAboutPhoto) -> None:
         if not self._permitted:
@@ -256,9 +256,9 @@ class PhotosService(Service):
                 tr("Ask without a photo."),
                 severity="warning",
             )
-        kept = self._found(asked.file_name)
+        photo = self._found(asked.file_name)
         question = asked.question.strip() or tr("What is in this picture?")
-        self._assistant.ask(intents.Ask(question, pictures=(kept.entry.file_name,), actor=asked.actor))
+        self._assistant.ask(intents.Ask(question, pictures=(photo.entry.file_name,), actor=asked.actor))
 
     def _read_for_model(
         self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[UserFacingError], None]
@@ -284,25 +284,25 @@ class PhotosService(Service):
         return lambda: jpegs_of(image_bgr, _FOR_MODEL_PX)[0]
 
     def _found(self, file_name: str) -> _StoredPhoto:
-        kept = self._kept.get(file_name)
-        if kept is None or kept.entry.deleted:
+        photo = self._stored.get(file_name)
+        if photo is None or photo.entry.deleted:
             raise UserFacingError(
                 tr("The photo does not exist."), tr("It was deleted, or belongs to another session."),
                 tr("Choose another one."),
                 severity="warning",
             )  # fmt: skip
-        return kept
+        return photo
 
     def _changeable(self, file_name: str, if_not: str) -> _StoredPhoto:
-        kept = self._found(file_name)
-        if not kept.entry.changeable:
+        photo = self._found(file_name)
+        if not photo.entry.changeable:
             raise UserFacingError(
                 if_not,
                 tr("Its session has ended, and the checksums cover every file."),
                 tr("Note it in the session's annotations."),
                 severity="warning",
             )
-        return kept
+        return photo
 
     def _change(self, work: Callable[[], object], done: Callable[[None], None], what: str) -> None:
         def change() -> None:
@@ -318,9 +318,9 @@ class PhotosService(Service):
 
         self._slow_work.do(change, done, self._bus.answer)
 
-    def _lies_aside(self, kept: _StoredPhoto) -> Path:
-        owner = kept.folder.name if kept.of_session else "study"
-        return self._aside / f"{owner} {Path(kept.entry.file_name).name}"
+    def _lies_aside(self, photo: _StoredPhoto) -> Path:
+        owner = photo.folder.name if photo.of_session else "study"
+        return self._aside / f"{owner} {Path(photo.entry.file_name).name}"
 
 
 def _with_pictures(entry: PhotoEntry, folder: Path) -> PhotoEntry:

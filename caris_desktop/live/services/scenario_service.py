@@ -270,7 +270,7 @@ class ScenarioService(Service):
                     tr("Free some disk space, or make your settings writable, then open it again."),
                 ) from error
 
-        self._slow_work.do(save, lambda _kept: None, self._bus.answer)
+        self._slow_work.do(save, lambda _saved: None, self._bus.answer)
 
     def _save(self, asked: intents.SaveScenario) -> None:
         in_session = self._state.recording.value.state in IN_SESSION

@@ -76,8 +76,8 @@ def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values:
     values = output[0]
     last_class = len(values) - keypoint_values
     best = values[4:last_class].max(axis=0)
-    kept = np.flatnonzero(best > confidence)
-    few = values[:, kept].T.astype(np.float64)
+    indices = np.flatnonzero(best > confidence)
+    few = values[:, indices].T.astype(np.float64)
     centres, halves = few[:, :2], few[:, 2:4] / 2.0
     return _finite(
         Found(
@@ -104,15 +104,15 @@ def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: f
     """Decode YOLOX: offset and log size in strides relative to the anchor, objectness, class probabilities."""
     values = output[0]
     best = values[:, 4] * values[:, 5:].max(axis=1)
-    kept = np.flatnonzero(best > confidence)
-    few = values[kept].astype(np.float64)
+    indices = np.flatnonzero(best > confidence)
+    few = values[indices].astype(np.float64)
     corners_xy, stride_px = places(*size)
-    centres = (few[:, :2] + corners_xy[:, kept].T - 0.5) * stride_px[kept, np.newaxis]
-    halves = np.exp(np.minimum(few[:, 2:4], 20.0)) * stride_px[kept, np.newaxis] / 2.0
+    centres = (few[:, :2] + corners_xy[:, indices].T - 0.5) * stride_px[indices, np.newaxis]
+    halves = np.exp(np.minimum(few[:, 2:4], 20.0)) * stride_px[indices, np.newaxis] / 2.0
     return _finite(
         Found(
             np.concatenate([centres - halves, centres + halves], axis=1),
-            best[kept].astype(np.float64),
+            best[indices].astype(np.float64),
             few[:, 5:].argmax(axis=1).astype(np.int64),
         )
     )
@@ -143,17 +143,17 @@ def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
     group = groups[found.classes]
     left, top, right, bottom = found.corners.T
     area = (right - left) * (bottom - top)
-    kept: list[int] = []
+    indices: list[int] = []
     rest = np.arange(len(order))
-    while len(rest) and len(kept) < _BOXES_AT_MOST:
+    while len(rest) and len(indices) < _BOXES_AT_MOST:
         first, rest = int(rest[0]), rest[1:]
-        kept.append(first)
+        indices.append(first)
         width = np.minimum(right[rest], right[first]) - np.maximum(left[rest], left[first])
         height = np.minimum(bottom[rest], bottom[first]) - np.maximum(top[rest], top[first])
         shared = np.maximum(width, 0.0) * np.maximum(height, 0.0)
         same = shared > _SAME_OVERLAP * (area[rest] + area[first] - shared)
         rest = rest[~(same & (group[rest] == group[first]))]
-    return found.at(np.array(kept, dtype=np.intp))
+    return found.at(np.array(indices, dtype=np.intp))
 
 
 def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, ...]) -> NDArray[np.int64]:
@@ -181,16 +181,16 @@ def decode(raw: NDArray[np.float32], size: tuple[int, int], confidence: float) -
     """
     floor = min(max(confidence, 1e-6), 0.5)
     class_logits = raw[0, 4 * BINS :]
-    kept = np.flatnonzero(class_logits.max(axis=0) > np.log(floor / (1.0 - floor)))
+    indices = np.flatnonzero(class_logits.max(axis=0) > np.log(floor / (1.0 - floor)))
     places_xy, stride_px = places(*size)
-    places_xy, stride_px = places_xy[:, kept], stride_px[kept]
-    weights = raw[0, : 4 * BINS, kept].T.reshape(4, BINS, len(kept))
+    places_xy, stride_px = places_xy[:, indices], stride_px[indices]
+    weights = raw[0, : 4 * BINS, indices].T.reshape(4, BINS, len(indices))
     weights = np.exp(weights - weights.max(axis=1, keepdims=True))
     bins = np.arange(BINS, dtype=np.float32)[:, np.newaxis]
     distances = (weights * bins).sum(axis=1) / weights.sum(axis=1)
     near, far = places_xy - distances[:2], places_xy + distances[2:]
     boxes = np.concatenate([(near + far) / 2.0, far - near]) * stride_px
-    probabilities = 1.0 / (1.0 + np.exp(-class_logits[:, kept]))
+    probabilities = 1.0 / (1.0 + np.exp(-class_logits[:, indices]))
     return np.concatenate([boxes, probabilities])[np.newaxis].astype(np.float32)
 
 

@@ -414,11 +414,11 @@ def _path_lines(way: Trajectory, spot: Any) -> list[Markup]:
 
 def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Drop points closer than a visible distance; the last one stays."""
-    kept = points[:1]
+    thinned = points[:1]
     for point in points[1:-1]:
-        if math.dist(point, kept[-1]) >= 1.5:
-            kept.append(point)
-    return [*kept, points[-1]] if math.dist(points[-1], kept[-1]) > 0.2 else kept
+        if math.dist(point, thinned[-1]) >= 1.5:
+            thinned.append(point)
+    return [*thinned, points[-1]] if math.dist(points[-1], thinned[-1]) > 0.2 else thinned
 
 
 def _minutes(way: Trajectory, spot: Any, places_px: Sequence[tuple[float, float]]) -> list[Markup]:

@@ -365,16 +365,16 @@ class _Answers:
 
     def _checked(self) -> list[SheetItem]:
         """Pre-session checks; omitted if no session recorded any."""
-        kept = [one for one in self._of.known if one.preflight.checks]
-        if not kept:
+        checked = [one for one in self._of.known if one.preflight.checks]
+        if not checked:
             return []
-        ready = sum(not one.preflight.still_open for one in kept)
+        ready = sum(not one.preflight.still_open for one in checked)
         by_hand = Counter(
-            check.title for one in kept for check in one.preflight.checks if check.manual and check.state == "passed"
+            check.title for one in checked for check in one.preflight.checks if check.manual and check.state == "passed"
         )
-        still_open = Counter(words for one in kept for words in open_words(one.preflight))
-        which = "the session" if len(kept) == 1 else f"{ready} of {len(kept)} sessions"
-        share = "all" if ready or len(kept) > 1 else "not all"
+        still_open = Counter(words for one in checked for words in open_words(one.preflight))
+        which = "the session" if len(checked) == 1 else f"{ready} of {len(checked)} sessions"
+        share = "all" if ready or len(checked) > 1 else "not all"
         parts = [f"In {which}, {share} of the program's checks passed."]
         if by_hand:
             parts.append(f"Ticked by the wizard: {listing_counts(by_hand)}.")

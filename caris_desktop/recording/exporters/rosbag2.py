@@ -564,8 +564,8 @@ def _one(topic: RosTopic, message: Message) -> _Out:
 
 def _session_json(session: Session) -> str:
     """Session header without paths and network addresses."""
-    kept = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
-    head = {name: session.header[name] for name in kept if name in session.header}
+    fields = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
+    head = {name: session.header[name] for name in fields if name in session.header}
     return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
 
 

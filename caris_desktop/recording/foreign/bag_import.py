@@ -286,9 +286,9 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
     survey.stretches = _intervals([minutes[minute] for minute in sorted(minutes)])
     if survey.own is None:
         _take_out_gaps(survey.stretches, notes)
-    kept = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
-    survey.first_ns = min((each.first_ns + moved_ns for each, moved_ns in kept), default=_LATEST_UTC_NS)
-    survey.last_ns = max((each.last_ns + moved_ns for each, moved_ns in kept), default=0)
+    used = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
+    survey.first_ns = min((each.first_ns + moved_ns for each, moved_ns in used), default=_LATEST_UTC_NS)
+    survey.last_ns = max((each.last_ns + moved_ns for each, moved_ns in used), default=0)
     if not survey.counts or not survey.last_ns:
         said = f" {notes.sentences[0]}" if notes.sentences else ""
         raise BagError(f"{path.name} contains no messages.{said} Nothing was written.")
@@ -322,19 +322,19 @@ def _take_out_gaps(stretches: list[_BagPart], notes: ReadNotes) -> None:
                 f"{stretch.count} message{'s' * (stretch.count != 1)} of {_utc_text(stretch.first_ns)} UTC, hours from"
                 " all others, were skipped: their time is wrong."
             )
-    kept = sorted((each for each in stretches if each.moved_ns is not None), key=lambda stretch: stretch.number)
-    largest = max(kept, key=lambda stretch: stretch.count, default=None)
+    used = sorted((each for each in stretches if each.moved_ns is not None), key=lambda stretch: stretch.number)
+    largest = max(used, key=lambda stretch: stretch.count, default=None)
     if largest is None:
         return
-    at = kept.index(largest)
+    at = used.index(largest)
     starts_ns, ends_ns = largest.first_ns, largest.last_ns
-    for stretch in reversed(kept[:at]):
+    for stretch in reversed(used[:at]):
         stretch.moved_ns = starts_ns - _APART_NS - stretch.last_ns
         starts_ns = stretch.first_ns + stretch.moved_ns
-    for stretch in kept[at + 1 :]:
+    for stretch in used[at + 1 :]:
         stretch.moved_ns = ends_ns + _APART_NS - stretch.first_ns
         ends_ns = stretch.last_ns + stretch.moved_ns
-    for stretch in kept:
+    for stretch in used:
         if stretch.moved_ns:
             notes.add(
                 f"The times from {_utc_text(stretch.first_ns)} to {_utc_text(stretch.last_ns)} UTC"

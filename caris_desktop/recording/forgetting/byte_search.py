@@ -146,13 +146,13 @@ class ByteSearch:
 
     def _stream(self, head: bytes, read: Callable[[int], bytes], inside: str, *, media: bool) -> tuple[list[Hit], int]:
         hits: list[Hit] = []
-        kept, at, total = b"", 0, len(head)
+        overlap, at, total = b"", 0, len(head)
         block = head
         while True:
             self._may_go_on()
             more = read(_BLOCK_BYTES)
             total += len(more)
-            data = kept + block + more
+            data = overlap + block + more
             block = b""
             # The end of a piece is searched again with the next one: word ends depend on the following text.
             until = len(data) - _AROUND_BYTES if more else len(data)
@@ -160,8 +160,8 @@ class ByteSearch:
                 hits.append(replace(hit, offset=at + hit.offset, inside=inside))
             if not more:
                 return hits, total
-            kept = data[-2 * _AROUND_BYTES :] if at or len(data) > 2 * _AROUND_BYTES else data
-            at += len(data) - len(kept)
+            overlap = data[-2 * _AROUND_BYTES :] if at or len(data) > 2 * _AROUND_BYTES else data
+            at += len(data) - len(overlap)
 
     def _in_block(self, data: bytes, begin: int, until: int, *, media: bool) -> Iterator[Hit]:
         small = folded(data)

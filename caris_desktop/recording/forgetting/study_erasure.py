@@ -715,7 +715,7 @@ class _Forgetting:
             search = ByteSearch(all_of((), sentences.probes))
             spoken |= {path: search.file(path) for path in found if path.is_relative_to(folder) and not is_opaque(path)}
         waiting = {place.file for place in self._texts.open_places()}
-        left, kept, still = [], 0, 0
+        left, retained, still = [], 0, 0
         for path, searched in found.items():
             hits = [*searched.hits, *(spoken[path].hits if path in spoken else ())]
             if not hits:
@@ -724,7 +724,7 @@ class _Forgetting:
             if file in waiting:
                 still += len(hits)
             elif self._texts.retains_name(file):
-                kept += len(hits)
+                retained += len(hits)
             else:
                 left.append(file)
         return {
@@ -732,7 +732,7 @@ class _Forgetting:
             "sentences": sum(len(one.hits) for one in spoken.values()),
             "files": len(found),
             "bytes": sum(searched.searched_bytes for searched in found.values()),
-            "kept_by_decision": kept,
+            "kept_by_decision": retained,
             "waiting_for_decision": still,
             "left": left,
             "not_unpacked": [

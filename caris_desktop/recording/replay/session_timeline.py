@@ -60,7 +60,7 @@ class SessionTimeline:
         self._specs: dict[int, StreamSpec] = {number: spec for number, spec in specs.items() if spec is not None}
         self._read = value_reader(self._path)
         self._blocks: OrderedDict[int, _Block | None] = OrderedDict()
-        self._kept_bytes = 0
+        self._cached_bytes = 0
         self._values: dict[int, tuple[tuple[int, int], Any]] = {}
 
     @property
@@ -210,10 +210,10 @@ class SessionTimeline:
             return self._blocks[number]
         block = self._unfolded(number)
         self._blocks[number] = block
-        self._kept_bytes += len(block.content) if block is not None else 0
-        while len(self._blocks) > 1 and (len(self._blocks) > _KEPT_BLOCKS or self._kept_bytes > _KEPT_BLOCK_BYTES):
+        self._cached_bytes += len(block.content) if block is not None else 0
+        while len(self._blocks) > 1 and (len(self._blocks) > _KEPT_BLOCKS or self._cached_bytes > _KEPT_BLOCK_BYTES):
             _, gone = self._blocks.popitem(last=False)
-            self._kept_bytes -= len(gone.content) if gone is not None else 0
+            self._cached_bytes -= len(gone.content) if gone is not None else 0
         return block
 
     def _unfolded(self, number: int) -> _Block | None:

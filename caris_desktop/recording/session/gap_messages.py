@@ -24,6 +24,6 @@ _REASONS = (
 )  # fmt: skip
 
 
-def read_reason(kept: str) -> str:
+def read_reason(recorded: str) -> str:
     """Recorded reason of a gap, for ``tr``."""
-    return parse_recorded(kept, _REASONS)
+    return parse_recorded(recorded, _REASONS)

@@ -149,26 +149,32 @@ def index_lines(video: Path, content: VideoContent, recorded: list[FrameRef], cl
         lines, times = [], FrameTimes.none()
     if lines and times.count == len(content.times_s) and len(lines) == times.count + 2 and not lines[-1]:
         return None
-    kept = min(times.count, len(content.times_s))
-    head = lines[0] if kept else INDEX_HEAD.rstrip("\n").encode()
-    rows = [*lines[1 : kept + 1]]
-    if kept < len(content.times_s):
-        rows += _missing_lines(content, kept, times, recorded, clock, columns=head.count(b",") + 1)
+    retained = min(times.count, len(content.times_s))
+    head = lines[0] if retained else INDEX_HEAD.rstrip("\n").encode()
+    rows = [*lines[1 : retained + 1]]
+    if retained < len(content.times_s):
+        rows += _missing_lines(content, retained, times, recorded, clock, columns=head.count(b",") + 1)
     return b"\n".join([head, *rows, b""])
 
 
 def _missing_lines(
-    content: VideoContent, kept: int, times: FrameTimes, recorded: list[FrameRef], clock: SessionClock, *, columns: int
+    content: VideoContent,
+    retained: int,
+    times: FrameTimes,
+    recorded: list[FrameRef],
+    clock: SessionClock,
+    *,
+    columns: int,
 ) -> list[bytes]:
     of_size = [ref for ref in recorded if _even_size(ref) == (content.width_px, content.height_px)] or recorded
-    if kept:
+    if retained:
         zero_ns = int(times.shown_ns[0]) - round(float(times.video_s[0]) * 1e9)
     else:
         zero_ns = of_size[0].shown_ns if of_size else clock.started_ns
     of_size = sorted(of_size, key=lambda ref: ref.shown_ns)
     moments_ns = [ref.shown_ns for ref in of_size]
     rows = []
-    for number in range(kept, len(content.times_s)):
+    for number in range(retained, len(content.times_s)):
         video_s = content.times_s[number]
         at_ns = zero_ns + round(video_s * 1e9)
         at = bisect_left(moments_ns, at_ns - _SAME_FRAME_NS)

@@ -454,15 +454,15 @@ class _Repair:
         with path.open("rb") as file:
             file.seek(whole)
             tail = file.read()
-        kept = self._folder / KEPT_FOLDER / f"{path.name}.tail"
-        kept.parent.mkdir(exist_ok=True)
-        if not (kept.exists() and kept.read_bytes() == tail):
-            replace_file(_unused(kept), tail, durable=True)
+        copy = self._folder / KEPT_FOLDER / f"{path.name}.tail"
+        copy.parent.mkdir(exist_ok=True)
+        if not (copy.exists() and copy.read_bytes() == tail):
+            replace_file(_unused(copy), tail, durable=True)
         with path.open("rb+") as file:
             file.truncate(whole)
             os.fsync(file.fileno())
         what = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
-        self._sentences.append(localized(what, file=path.name, place=f"{KEPT_FOLDER}/{kept.name}"))
+        self._sentences.append(localized(what, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
         """Count logged frames after the last complete part of the video."""
@@ -481,21 +481,23 @@ class _Repair:
         """Move half-written files aside without deleting them."""
         for path in sorted(self._folder.rglob(".*.part")):
             if path.name != _REWRITTEN and path.is_file() and not path.is_symlink():
-                kept = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
-                kept.parent.mkdir(exist_ok=True)
-                path.replace(kept)
+                target = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
+                target.parent.mkdir(exist_ok=True)
+                path.replace(target)
                 what = QT_TR_NOOP("A half-written file was moved to {place}.")
-                self._sentences.append(localized(what, place=f"{KEPT_FOLDER}/{kept.name}"))
+                self._sentences.append(localized(what, place=f"{KEPT_FOLDER}/{target.name}"))
 
     def _write_finished_header(self) -> None:
         """Restore the header of a closed session except for its events: the rest remains the reference."""
         files = self._header.get("files")
         size_bytes = (self._folder / _EVENTS).stat().st_size
-        kept = [file for file in files if not (isinstance(file, dict) and file.get("name") == _EVENTS)] if files else []
+        others = (
+            [file for file in files if not (isinstance(file, dict) and file.get("name") == _EVENTS)] if files else []
+        )
         self._replace_header(
             {
                 "counts": dict(sorted(self._record.counts.items())),
-                "files": [*kept, {"name": _EVENTS, "bytes": size_bytes}],
+                "files": [*others, {"name": _EVENTS, "bytes": size_bytes}],
             }
         )
 
@@ -550,19 +552,19 @@ class _Repair:
 
     def _preserve(self, path: Path) -> None:
         """Preserve a file that will be replaced."""
-        kept_folder = self._folder / KEPT_FOLDER
-        kept_folder.mkdir(exist_ok=True)
-        for kept in kept_folder.glob(f"{path.name}.original*"):
-            if kept.samefile(path):
+        backup_folder = self._folder / KEPT_FOLDER
+        backup_folder.mkdir(exist_ok=True)
+        for backup in backup_folder.glob(f"{path.name}.original*"):
+            if backup.samefile(path):
                 return  # an earlier attempt came this far
-        kept = _unused(kept_folder / f"{path.name}.original")
+        backup = _unused(backup_folder / f"{path.name}.original")
         try:
-            os.link(path, kept)
+            os.link(path, backup)
         except OSError:
             # Removable disks may lack hard links.
             with path.open("rb") as file:
-                replace_file(kept, iter(lambda: file.read(_COPIED_BYTES), b""), durable=True)
-        bring_to_disk(kept_folder)
+                replace_file(backup, iter(lambda: file.read(_COPIED_BYTES), b""), durable=True)
+        bring_to_disk(backup_folder)
 
 
 def _unused(path: Path) -> Path:

@@ -88,6 +88,6 @@ LOSSES = (
 """Those with values in them; the others are found as they are."""
 
 
-def read_loss(kept: str) -> str:
+def read_loss(recorded: str) -> str:
     """Stored sentence on missing data, for ``tr``."""
-    return parse_recorded(kept, LOSSES)
+    return parse_recorded(recorded, LOSSES)

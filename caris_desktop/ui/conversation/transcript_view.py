@@ -326,14 +326,14 @@ class TranscriptView(QAbstractScrollArea):
         """Apply a change while the visible turn, or the newest, stays in place."""
         bar = self.verticalScrollBar()
         anchor = self._row_at(0) if not self._following else -1
-        kept = (self._rows[anchor].utterance_id, self._tops[anchor] - bar.value()) if anchor >= 0 else None
+        position = (self._rows[anchor].utterance_id, self._tops[anchor] - bar.value()) if anchor >= 0 else None
         change()
         self._sum_up()
 
         def place() -> None:
-            row = None if kept is None else self._row_of(kept[0])
-            if kept is not None and row is not None:
-                bar.setValue(self._tops[row] - kept[1])
+            row = None if position is None else self._row_of(position[0])
+            if position is not None and row is not None:
+                bar.setValue(self._tops[row] - position[1])
             else:
                 self._scroll_to_followed()
 

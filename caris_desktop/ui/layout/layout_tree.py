@@ -79,14 +79,14 @@ def without(node: LayoutNode, absent: Collection[str]) -> LayoutNode | None:
         if len(tabs) > 1:
             return TabNode(tabs, node.current if node.current in tabs else tabs[0])
         return PanelLeaf(tabs[0]) if tabs else None
-    kept = [
+    remaining = [
         (smaller, weight)
         for child, weight in zip(node.children, node.weights, strict=True)
         if (smaller := without(child, absent)) is not None
     ]
-    if len(kept) <= 1:
-        return kept[0][0] if kept else None
-    return SplitNode(node.split, tuple(child for child, _ in kept), tuple(weight for _, weight in kept))
+    if len(remaining) <= 1:
+        return remaining[0][0] if remaining else None
+    return SplitNode(node.split, tuple(child for child, _ in remaining), tuple(weight for _, weight in remaining))
 
 
 def permitted(node: LayoutNode, possible: Collection[str]) -> LayoutNode:

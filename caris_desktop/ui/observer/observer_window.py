@@ -191,9 +191,9 @@ class ObserverWindows:
         """Reopen the window of the last run with the same content."""
         if self._settings is None or self.shown is not None:
             return
-        kept, geometry = self._settings.value(_SEES_KEY), self._settings.value(_GEOMETRY_KEY)
+        stored, geometry = self._settings.value(_SEES_KEY), self._settings.value(_GEOMETRY_KEY)
         for sees in SEES_WORDS:
-            if sees == kept:
+            if sees == stored:
                 self.open(sees, geometry if isinstance(geometry, QByteArray) else None)
 
     def end(self) -> None:

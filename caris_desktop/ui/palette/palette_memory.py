@@ -35,17 +35,17 @@ class PaletteMemory:
         name = entry.id
         counts[name] += 1
         recent = [name, *(known for known in recent if known != name)][:_KEPT]
-        kept = {known: counts[known] for known in recent}
-        self._wizards.set_value(_KEY, json.dumps({"recent": recent, "counts": kept}))
+        recent_counts = {known: counts[known] for known in recent}
+        self._wizards.set_value(_KEY, json.dumps({"recent": recent, "counts": recent_counts}))
 
     def _read(self) -> tuple[list[str], Counter[str]]:
         try:
-            kept: Any = json.loads(str(self._wizards.value(_KEY, "{}")))
+            stored: Any = json.loads(str(self._wizards.value(_KEY, "{}")))
         except (ValueError, RecursionError):
-            kept = {}
-        if not isinstance(kept, dict):
-            kept = {}
-        recent, counts = kept.get("recent"), kept.get("counts")
+            stored = {}
+        if not isinstance(stored, dict):
+            stored = {}
+        recent, counts = stored.get("recent"), stored.get("counts")
         return (
             [name for name in recent if isinstance(name, str)] if isinstance(recent, list) else [],
             Counter({name: times for name, times in counts.items() if isinstance(times, int)})

@@ -194,11 +194,11 @@ class MapPanel(Panel):
         follow = self._follows_on_map if self.tools.by_odometry else self.view.follow
         return {"follow": follow, "rotate": shown.rotate, "trail": shown.show_trail}
 
-    def use_choices(self, kept: Mapping[str, Any]) -> None:
+    def use_choices(self, stored: Mapping[str, Any]) -> None:
         view = self.view
         for name, use in (("rotate", view.set_rotate), ("follow", self._set_follow), ("trail", view.set_trail_shown)):
-            if isinstance(kept.get(name), bool):
-                use(kept[name])
+            if isinstance(stored.get(name), bool):
+                use(stored[name])
 
     def _set_follow(self, follow: bool) -> None:
         followed, self._follows_on_map = self.view.follow, follow

@@ -229,9 +229,9 @@ class SessionPanel(Panel):
     def choices(self) -> dict[str, Any]:
         return {"category": self._category}
 
-    def use_choices(self, kept: Mapping[str, Any]) -> None:
-        if kept.get("category") in ("", *event_messages.CATEGORIES):
-            self.show_category(kept["category"])
+    def use_choices(self, stored: Mapping[str, Any]) -> None:
+        if stored.get("category") in ("", *event_messages.CATEGORIES):
+            self.show_category(stored["category"])
 
     def use_settings(self, settings: PanelSettings) -> None:
         self.show_category(_SHOWN[settings.session.shows])

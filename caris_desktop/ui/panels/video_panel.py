@@ -413,8 +413,8 @@ class VideoPanel(Panel):
             taken = self._remembered
             known = taken is not None and (taken[0], taken[1]) == (event.camera, event.frame_sequence)
             in_session = self.state.recording.value.state in ("starting", "recording", "paused")
-            kept = tr("Photo saved with the session") if in_session else tr("Photo saved in the study’s folder")
-            self._thumbnail.show_photo(taken[2] if known and taken is not None else None, kept, event.file_name)
+            text = tr("Photo saved with the session") if in_session else tr("Photo saved in the study’s folder")
+            self._thumbnail.show_photo(taken[2] if known and taken is not None else None, text, event.file_name)
 
     def _on_asking(self, intent: Intent) -> None:
         """Show a preview of a requested photo; the current frame is a good approximation."""

@@ -26,14 +26,14 @@ class PortraitPixmaps:
         self._decoded_s = -math.inf
         self.put_off = False
         """Something was not drawn that can be drawn in a second."""
-        self._kept: dict[tuple[str, int], QPixmap] = {}
+        self._cache: dict[tuple[str, int], QPixmap] = {}
 
     def pixmap(self, key: str, size_px: int, *, may_wait: bool = False) -> QPixmap | None:
         """Square pixmap of this key; None if missing, unreadable or deferred."""
         if not key:
             return None
-        kept = self._kept.pop((key, size_px), None)
-        if kept is None:
+        cached = self._cache.pop((key, size_px), None)
+        if cached is None:
             jpeg = self._jpeg_of(key)
             if jpeg is None:
                 return None
@@ -42,12 +42,12 @@ class PortraitPixmaps:
                 self.put_off = True
                 return None
             self._decoded_s = now_s
-            kept = _square(image_of(jpeg), size_px * _DETAIL)
-            while len(self._kept) >= _KEPT:
-                del self._kept[next(iter(self._kept))]
+            cached = _square(image_of(jpeg), size_px * _DETAIL)
+            while len(self._cache) >= _KEPT:
+                del self._cache[next(iter(self._cache))]
         # Least recently used first out.
-        self._kept[(key, size_px)] = kept
-        return None if kept.isNull() else kept
+        self._cache[(key, size_px)] = cached
+        return None if cached.isNull() else cached
 
     def draw(self, painter: QPainter, place: QRect, key: str, *, may_wait: bool = False) -> bool:
         """Paint the portrait as a circle; False if there is none."""

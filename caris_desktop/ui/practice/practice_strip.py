@@ -87,7 +87,7 @@ class PracticeStrip(Bar, QWidget):
         self._console = console
         self._actions = actions
         self._wizards = wizards
-        self._kept = False
+        self._saved = False
         self._title, self._how = QLabel(), QLabel()
         self._title.setObjectName("practice_title")
         self._how.setObjectName("practice_how")
@@ -147,7 +147,7 @@ class PracticeStrip(Bar, QWidget):
                 tr("Practice starts as soon as the simulated robot is ready."),
                 tr("This is recorded as practice and excluded from the data."),
             )
-        self._kept = self._kept and ended
+        self._saved = self._saved and ended
         self.setVisible(bool(status.state) and self.parentWidget() is not None)
 
     def _end_words(self, status: PracticeStatus) -> str:
@@ -176,8 +176,8 @@ class PracticeStrip(Bar, QWidget):
 
     def _persist(self, status: PracticeStatus) -> None:
         """Save the result, once per run."""
-        if not self._kept:
-            self._kept = True
+        if not self._saved:
+            self._saved = True
             now = datetime.now(UTC).isoformat(timespec="seconds")
             save_run(self._wizards, PracticeRun(now, status.done, len(STEPS), round(status.minutes, 1), status.score))
 
@@ -217,10 +217,10 @@ class PracticeRun:
 def practised(wizards: WizardProfiles) -> tuple[PracticeRun, ...]:
     """Results of the current wizard, oldest first; unreadable ones are skipped."""
     try:
-        kept = json.loads(str(wizards.own_value(_KEY, "[]")))
+        stored = json.loads(str(wizards.own_value(_KEY, "[]")))
     except ValueError:
         return ()
-    runs = [_run(item) for item in kept] if isinstance(kept, list) else []
+    runs = [_run(item) for item in stored] if isinstance(stored, list) else []
     return tuple(run for run in runs if run is not None)
 
 

@@ -31,7 +31,7 @@ class Thumbnails(QObject):
     def __init__(self, replay: ReplayControls, parent: QObject) -> None:
         super().__init__(parent)
         self._replay = replay
-        self._kept: OrderedDict[Moment, QImage] = OrderedDict()
+        self._cache: OrderedDict[Moment, QImage] = OrderedDict()
         self._first: Moment | None = None
         self._shown: list[Moment] = []
         self._asked: dict[Moment, float] = {}
@@ -43,9 +43,9 @@ class Thumbnails(QObject):
     def picture(self, camera: str, at_ns: int) -> QImage | None:
         """The thumbnail if cached; a null image if there was none."""
         moment = (camera, at_ns)
-        found = self._kept.get(moment)
+        found = self._cache.get(moment)
         if found is not None:
-            self._kept.move_to_end(moment)
+            self._cache.move_to_end(moment)
         return found
 
     def want(self, camera: str, at_ns: int) -> None:
@@ -55,7 +55,7 @@ class Thumbnails(QObject):
 
     def want_shown(self, moments: Sequence[Moment]) -> None:
         """Set the visible thumbnails, replacing the former ones."""
-        self._shown = [moment for moment in moments if moment not in self._kept]
+        self._shown = [moment for moment in moments if moment not in self._cache]
         self._ask()
 
     def _ask(self) -> None:
@@ -63,7 +63,7 @@ class Thumbnails(QObject):
         for moment in waiting:
             if len(self._asked) >= _AT_ONCE and moment is not self._first:
                 break
-            if moment is None or moment in self._kept or moment in self._given_up or moment in self._asked:
+            if moment is None or moment in self._cache or moment in self._given_up or moment in self._asked:
                 continue
             self._asked[moment] = time.monotonic()
             self._replay.request_thumbnail(*moment)
@@ -72,9 +72,9 @@ class Thumbnails(QObject):
 
     def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
         moment = (camera, int(at_ns))
-        self._kept[moment] = _as_image(image_bgr)
-        while len(self._kept) > KEPT:
-            self._kept.popitem(last=False)
+        self._cache[moment] = _as_image(image_bgr)
+        while len(self._cache) > KEPT:
+            self._cache.popitem(last=False)
         self._given_up.discard(moment)
         if moment in self._shown:
             self._shown.remove(moment)

@@ -691,13 +691,13 @@ class Saving(QObject):
         notice, reason = self._editor.notice, found if isinstance(found, str) else ""
         if isinstance(found, Opened):
             try:
-                kept = self._rebase(found)
+                own_changes = self._rebase(found)
             except ValueError as error:
                 reason = _error_text(error)
             else:
                 said = tr(
                     "Not saved yet: the file was changed elsewhere and has been reloaded. It includes your "
-                        "own changes: %n. Check them on the right, then save again.", "", kept,
+                        "own changes: %n. Check them on the right, then save again.", "", own_changes,
                 )  # fmt: skip
                 notice.say("meanwhile", said, "amber")
                 return
@@ -732,24 +732,26 @@ class Saving(QObject):
             notice.say("meanwhile", broken.format(reason=found), "red")
             return
         try:
-            kept = self._rebase(found)
+            own_changes = self._rebase(found)
         except ValueError as error:
             notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
             return
         said = tr("The file was changed elsewhere and has been reloaded.")
-        if kept:
+        if own_changes:
             said = tr(
-                "The file was changed elsewhere and has been reloaded. It includes your own changes: %n", "", kept
+                "The file was changed elsewhere and has been reloaded. It includes your own changes: %n",
+                "",
+                own_changes,
             )
         notice.say("meanwhile", said, "blue")
 
     def _rebase(self, found: Opened) -> int:
         """Rebase the edits onto the file's current contents; returns how many remain. Raises ValueError."""
-        kept = self._editor.document.rebase(found.text)
+        own_changes = self._editor.document.rebase(found.text)
         self._opened = found
         self._editor.editing.emit_changes(reshaped=True)
         self._editor.compare_page.offer_again()
-        return len(kept)
+        return len(own_changes)
 
 
 def _error_text(error: ValueError) -> str:

@@ -40,12 +40,12 @@ class WizardKeys(QObject):
 
     def take_up(self) -> None:
         """Apply the current wizard's bindings."""
-        kept = str(self._wizards.value(_KEY, "") or "")
+        stored = str(self._wizards.value(_KEY, "") or "")
         try:
-            choices = from_text(kept) if kept else {}
+            choices = from_text(stored) if stored else {}
         except ValueError:
             choices = {}
-            self._wizards.set_value(_UNREAD_KEY, kept)
+            self._wizards.set_value(_UNREAD_KEY, stored)
             self._wizards.set_value(_KEY, "")
             self._tell(
                 tr("Your custom keys could not be read."),

@@ -72,9 +72,9 @@ class Trail:
             part = points[first : first + per_shade + 1]
             gaps = np.flatnonzero(np.isnan(part[:, 0]))
             for run in np.split(part, gaps):
-                kept = run[~np.isnan(run[:, 0])]
-                if len(kept) > 1:
-                    pieces.append((shade / _TRAIL_SHADES, kept))
+                known = run[~np.isnan(run[:, 0])]
+                if len(known) > 1:
+                    pieces.append((shade / _TRAIL_SHADES, known))
         return pieces
 
 
@@ -91,10 +91,10 @@ def polygon(points: NDArray[np.float64] | list[tuple[float, float]], to_view: QT
 def thinned(points: NDArray[np.float32], at_most: int = 400) -> NDArray[np.float64]:
     """Line reduced to at most this many points, keeping its end."""
     step = max(1, math.ceil(len(points) / at_most))
-    kept = points[::step]
+    fewer = points[::step]
     if len(points) and step > 1:
-        kept = np.concatenate((kept, points[-1:]))
-    return kept.astype(np.float64)
+        fewer = np.concatenate((fewer, points[-1:]))
+    return fewer.astype(np.float64)
 
 
 def outline_in_map(outline_m: tuple[tuple[float, float], ...], pose: Pose2D) -> list[tuple[float, float]]:

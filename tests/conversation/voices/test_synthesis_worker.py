@@ -45,7 +45,7 @@ def voice() -> SlowVoice:
 
 @pytest.fixture
 def rendering(voice: SlowVoice) -> Iterator[Rendering]:
-    rendering = Rendering(voice, kept_at_most_bytes=200)
+    rendering = Rendering(voice, cache_bytes=200)
     thread = threading.Thread(target=rendering.run)
     thread.start()
     yield rendering
