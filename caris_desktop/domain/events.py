@@ -965,9 +965,7 @@ PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
 
 @dataclass(frozen=True, slots=True)
 class PreflightChecked:
-    """Events of the preflight checks before a recording.
-
-    State of one check. A recording starts with all of them (``at_start``); manual ticks may follow.
+    """State of one check. A recording starts with all of them (``at_start``); manual ticks may follow.
 
     ``checked_ns`` is when ``actor`` ticked a ``manual`` check, possibly before the recording; None if not ticked.
     ``accepted``: the wizard was asked about it and started anyway.

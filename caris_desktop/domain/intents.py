@@ -347,9 +347,7 @@ SPEAKING: IntentTable = {
 
 @dataclass(frozen=True, slots=True)
 class CorrectUtterance(Intent):
-    """Intents that correct utterances.
-
-    Correct an utterance's text or speaker, or set its tags; None leaves a value as it is.
+    """Correct an utterance's text or speaker, or set its tags; None leaves a value as it is.
 
     ``speaker`` and ``person_id`` may be empty for "not sure".
     """

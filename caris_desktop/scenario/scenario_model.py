@@ -333,10 +333,7 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True)
 class FaceSettings:
-    """Face section of a scenario.
-
-    The robot's face, if `permissions` include `face`: in a separate window, or as a web page on the robot.
-    """
+    """The robot's face, if `permissions` include `face`: in a separate window, or as a web page on the robot."""
 
     face: Annotated[
         str,
@@ -364,9 +361,7 @@ class FaceSettings:
 
 @dataclass(frozen=True, slots=True)
 class ListeningSettings:
-    """Speech recognition section of a scenario.
-
-    How what is said near the robot is turned into text, and when somebody has finished. Used with the permission
+    """How what is said near the robot is turned into text, and when somebody has finished. Used with the permission
     `transcription`.
     """
 
@@ -436,10 +431,7 @@ class ListeningSettings:
 
 @dataclass(frozen=True, slots=True)
 class SoundSettings:
-    """Sound section of a scenario: the participant's microphone, and the wizard's audio.
-
-    Microphones and loudspeakers. A microphone is open only while a permitted function needs it.
-    """
+    """Microphones and loudspeakers. A microphone is open only while a permitted function needs it."""
 
     ear: Annotated[
         str,
@@ -479,10 +471,7 @@ class SoundSettings:
 
 @dataclass(frozen=True, slots=True)
 class VoiceSettings:
-    """Speech synthesis section of a scenario.
-
-    Speech output of this computer.
-    """
+    """Speech output of this computer."""
 
     name: Annotated[
         str,
