@@ -711,11 +711,17 @@ def test_what_is_found_is_grouped_by_session_under_headings_that_the_keys_skip(
     hits = sessions.hit_list
     hits.setFocus()
     reached = [hits.currentIndex().row()]
-    for key in (*[Qt.Key.Key_Down] * 3, *[Qt.Key.Key_Up] * 3, Qt.Key.Key_End, Qt.Key.Key_Home, Qt.Key.Key_PageDown,
-                Qt.Key.Key_PageUp):  # fmt: skip
+    for key in (*[Qt.Key.Key_Down] * 3, *[Qt.Key.Key_Up] * 3, Qt.Key.Key_End, Qt.Key.Key_Home):
         QTest.keyClick(hits, key)
         reached.append(hits.currentIndex().row())
-    assert reached == [1, 2, 4, 4, 2, 1, 1, 4, 1, 4, 1]
+    assert reached == [1, 2, 4, 4, 2, 1, 1, 4, 1]
+    # How far a page goes depends on the height of the list.
+    for key, last in ((Qt.Key.Key_PageDown, 4), (Qt.Key.Key_PageUp, 1)):
+        rows = set[int]()
+        for _ in range(4):
+            QTest.keyClick(hits, key)
+            rows.add(hits.currentIndex().row())
+        assert rows <= {1, 2, 4} and hits.currentIndex().row() == last
     QTest.keyClick(hits, Qt.Key.Key_Return)
     heading = hits.visualRect(sessions.hits.index(3, 0)).center()
     for act in (QTest.mouseClick, QTest.mouseDClick):
