@@ -26,7 +26,6 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.recording.session_export",
     "caris_desktop.robot.profile_proposal",
     "caris_desktop.ui.sessions_window",
-    "caris_desktop.ui.sessions_window",
     "caris_desktop.ui.export_dialog",
     "caris_desktop.ui.robot_dialog",
     "caris_desktop.scenario.document",
