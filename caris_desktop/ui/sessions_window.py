@@ -470,8 +470,8 @@ class HitsModel(QAbstractListModel):
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         hit = self._rows[index.row()]
         if isinstance(hit, Path):
-            told = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
-            return self._heading(hit) if told else None
+            is_text = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
+            return self._heading(hit) if is_text else None
         if role == Qt.ItemDataRole.DisplayRole:
             return hit.snippet
         if role == _HIT_ROLE:
