@@ -19,8 +19,10 @@ from PySide6.QtGui import (
     QMouseEvent,
     QMoveEvent,
     QPaintEvent,
+    QPlatformSurfaceEvent,
     QResizeEvent,
     QShortcut,
+    QWindow,
 )
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -46,7 +48,7 @@ from caris_desktop.ui.focus_widget import bar_of, focused_widget, follow_click, 
 from caris_desktop.ui.key_bindings import CHORD_MODIFIERS, LETTERS, KeyBindings, PressedKey, pressed_key
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.keyboard_grab import KeyboardGrab, had_the_keys
-from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, KeyboardGrabs, PhysicalKeys
+from caris_desktop.ui.physical_keys import LONGEST_REPEAT_GAP_S, X11_LEVELS, NativeKeyEvents, PhysicalKeys
 from caris_desktop.ui.teleop_input import WISHES, Hold, TeleopInput
 
 DOUBLE_STOP_S = 0.6
@@ -132,9 +134,9 @@ class DriveInputFilter(QObject):
         app = QApplication.instance()
         assert isinstance(app, QApplication)  # noqa: S101 (a widget exists, so the application does)
         self._app = app
-        self._grabs = KeyboardGrabs(self._on_keyboard_taken)
+        self._native_keys = NativeKeyEvents(self._on_keyboard_taken, self._on_lost_key)
         if self._keys.exact:
-            app.installNativeEventFilter(self._grabs)
+            app.installNativeEventFilter(self._native_keys)
         app.focusChanged.connect(self._on_focus_changed)
         app.applicationStateChanged.connect(self._on_application_state_changed)
         actions.rebuilt.connect(self._on_rebuilt)
@@ -152,7 +154,7 @@ class DriveInputFilter(QObject):
         self._nowhere.stop()
         self.release_all(QT_TR_NOOP("The window was closed"))
         self._app.removeEventFilter(self)
-        self._app.removeNativeEventFilter(self._grabs)
+        self._app.removeNativeEventFilter(self._native_keys)
         self._keyboard_grab.give_back()
 
     def ask_next_key(
@@ -261,6 +263,12 @@ class DriveInputFilter(QObject):
                 self._keyboard_grab.hold_during_close(watched, self._window)
             # Qt registers popups and dialogs only after this event.
             QTimer.singleShot(0, self, self._on_windows_changed)
+        elif (
+            isinstance(event, QPlatformSurfaceEvent)
+            and event.surfaceEventType() == QPlatformSurfaceEvent.SurfaceEventType.SurfaceAboutToBeDestroyed
+            and isinstance(watched, QWindow)
+        ):
+            self._native_keys.add_closed_window(int(watched.winId()))
         return False
 
     def _filter_press(self, watched: QObject, event: QMouseEvent) -> bool:
@@ -712,6 +720,16 @@ class DriveInputFilter(QObject):
             self._on_stop_key(Qt.Key(key))
         else:
             self.release_all(QT_TR_NOOP("The window manager took over the keyboard"))
+
+    def _on_lost_key(self, code: int, time_ms: int, pressed: bool) -> None:
+        """Stop for Esc and Pause that the X server sent to a window which has closed meanwhile."""
+        key = self._keys.stop_key(code)
+        if key is None:
+            return
+        if not pressed:
+            self._keys.release(code)
+        elif not self._keys.repeats(code, time_ms):
+            self._on_stop_key(Qt.Key(key), pressed_ms=time_ms)
 
     def _stop(self) -> None:
         self.motion.end_held()

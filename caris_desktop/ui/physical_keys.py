@@ -7,6 +7,7 @@ Detectable auto-repeat of the X server reports only real releases.
 
 import ctypes
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QAbstractNativeEventFilter, QByteArray, Qt
@@ -15,8 +16,10 @@ from PySide6.QtGui import QGuiApplication, QKeyEvent, QNativeInterface
 logger = logging.getLogger(__name__)
 
 _CORE_KEYBOARD = 0x0100
-_FOCUS_OUT, _NOTIFY_GRAB = 10, 1
+_KEY_PRESS, _KEY_RELEASE, _FOCUS_OUT = 2, 3, 10
+_NOTIFY_GRAB = 1
 _XK_ESCAPE, _XK_PAUSE, _XK_F1 = 0xFF1B, 0xFF13, 0xFFBE
+_STOP_KEYS = {_XK_PAUSE: int(Qt.Key.Key_Pause), _XK_ESCAPE: int(Qt.Key.Key_Escape)}
 _FUNCTION_KEYS = {_XK_F1 + number: int(Qt.Key.Key_F1) + number for number in range(12)}
 
 X11_LEVELS = 0x80 | 0x20
@@ -35,21 +38,45 @@ class _XkbState(ctypes.Structure):
     ]  # fmt: skip
 
 
-class KeyboardGrabs(QAbstractNativeEventFilter):
-    """Reports keyboard grabs by other programs, such as a window manager's Alt+Tab or Alt+Escape.
+class _XcbEvent(ctypes.Structure):
+    """Start of xcb_key_press_event_t; ``mode`` is the byte there in xcb_focus_out_event_t."""
 
-    On X11 a grab arrives as a FocusOut event, which Qt ignores, together with the key.
+    _fields_ = [
+        ("response_type", ctypes.c_uint8), ("detail", ctypes.c_uint8), ("sequence", ctypes.c_uint16),
+        ("time", ctypes.c_uint32), ("mode", ctypes.c_uint8), ("root", ctypes.c_uint8 * 3), ("window", ctypes.c_uint32),
+    ]  # fmt: skip
+
+
+class NativeKeyEvents(QAbstractNativeEventFilter):
+    """Key events of the X server that Qt discards.
+
+    Reports keyboard grabs by other programs, such as a window manager's Alt+Tab or Alt+Escape (on X11 a grab arrives as
+    a FocusOut event, together with the key), and keys sent to a window of ours that was closed meanwhile: between an
+    Esc that closes a dialog and the keyboard grab that follows, the X server still sends keys to the dialog.
+
+    Args:
+        on_grab: Called when another program, or Qt, grabbed the keyboard.
+        on_lost_key: Called with key code, X server time in ms and whether it is a press.
     """
 
-    def __init__(self, on_grab: Callable[[], None]) -> None:
+    def __init__(self, on_grab: Callable[[], None], on_lost_key: Callable[[int, int, bool], None]) -> None:
         super().__init__()
         self._on_grab = on_grab
+        self._on_lost_key = on_lost_key
+        # X window ids are not used again for a long time; a key for a closed window arrives within a second.
+        self._closed_windows: deque[int] = deque(maxlen=32)
+
+    def add_closed_window(self, window_id: int) -> None:
+        """Report the keys still sent to this native window."""
+        self._closed_windows.append(window_id)
 
     def nativeEventFilter(self, _event_type: QByteArray | bytes | bytearray | memoryview, message: int) -> object:
-        # xcb_focus_out_event_t: response_type, detail, sequence (2 bytes), event (4 bytes), mode.
-        head = (ctypes.c_ubyte * 9).from_address(int(message))
-        if head[0] & 0x7F == _FOCUS_OUT and head[8] == _NOTIFY_GRAB:
+        head = _XcbEvent.from_address(int(message))
+        kind = head.response_type & 0x7F
+        if kind == _FOCUS_OUT and head.mode == _NOTIFY_GRAB:
             self._on_grab()
+        elif kind in (_KEY_PRESS, _KEY_RELEASE) and head.window in self._closed_windows:
+            self._on_lost_key(head.detail, head.time, kind == _KEY_PRESS)
         return False, 0
 
 
@@ -101,7 +128,10 @@ class PhysicalKeys:
         scan_code = int(event.nativeScanCode())
         if self._x11 is None or not scan_code:
             return event.isAutoRepeat()
-        stamp_ms = int(event.timestamp())
+        return self.repeats(scan_code, int(event.timestamp()))
+
+    def repeats(self, scan_code: int, stamp_ms: int) -> bool:
+        """Register a press at this X server time in ms; whether it is auto-repeat."""
         known = self._down.get(scan_code)
         if known is not None and known[0] == stamp_ms:
             # The same press, on its way from shortcut to window to widget.
@@ -114,8 +144,12 @@ class PhysicalKeys:
 
     def released(self, event: QKeyEvent) -> bool:
         """Register a release; False if it is part of auto-repeat."""
-        self._down.pop(int(event.nativeScanCode()), None)
+        self.release(int(event.nativeScanCode()))
         return self.exact or not event.isAutoRepeat()
+
+    def release(self, scan_code: int) -> None:
+        """Register a physical release."""
+        self._down.pop(scan_code, None)
 
     def still_down(self, scan_codes: set[int]) -> set[int]:
         """Keys of ``scan_codes`` that are down now; empty if unknown."""
@@ -130,8 +164,12 @@ class PhysicalKeys:
 
     def stop_key_down(self) -> int | None:
         """Qt key of Escape or Pause if it is down now, whichever program receives it."""
-        down = self._first_down({_XK_PAUSE: int(Qt.Key.Key_Pause), _XK_ESCAPE: int(Qt.Key.Key_Escape)})
+        down = self._first_down(_STOP_KEYS)
         return None if down is None else down[0]
+
+    def stop_key(self, scan_code: int) -> int | None:
+        """Qt key of Escape or Pause if it has this key code."""
+        return next((key for keysym, key in _STOP_KEYS.items() if self._code_of(keysym) == scan_code), None)
 
     def function_key_down(self) -> tuple[int, int] | None:
         """Qt key and key code of one of F1 to F12 that is down now, whichever program receives it."""
@@ -144,10 +182,14 @@ class PhysicalKeys:
         keymap = ctypes.create_string_buffer(32)
         self._x11.XQueryKeymap(self._display, keymap)
         for keysym, key in keys.items():
-            code = self._x11.XKeysymToKeycode(self._display, keysym)
+            code = self._code_of(keysym)
             if code and keymap.raw[code // 8] >> code % 8 & 1:
-                return key, int(code)
+                return key, code
         return None
+
+    def _code_of(self, keysym: int) -> int:
+        """Key code of a keysym; 0 if no key has it."""
+        return 0 if self._x11 is None else int(self._x11.XKeysymToKeycode(self._display, keysym))
 
     def focused_window(self) -> int:
         """Focused window id of the X server, even during a grab; 0 if unknown."""

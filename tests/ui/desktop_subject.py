@@ -142,6 +142,17 @@ class Subject(ToldByLines):
     def do_dialog(self) -> None:
         self.window.sessions.open_start_dialog()
 
+    def do_slow_stop(self, seconds: str) -> None:
+        """Let the next stop take this long, as on a busy machine."""
+        stop = self.console.stop
+
+        def slow_stop() -> None:
+            del self.console.stop
+            time.sleep(float(seconds))
+            stop()
+
+        self.console.stop = slow_stop  # type: ignore[method-assign]
+
     def do_keep_keys(self, seconds: str) -> None:
         keyboard_grab.KEPT_S = float(seconds)
         self.window.hold._keyboard_grab.give_back()

@@ -250,7 +250,7 @@ def test_chords_work_by_position_on_a_keyboard_without_latin_letters(desktop: De
         desktop.do("keydown", "ctrl", "key", "45", "keyup", "ctrl")  # K
         desktop.expect("PALETTE True")
         desktop.do("key", "Escape", "keydown", "ctrl", "key", "40", "keyup", "ctrl")  # D
-        desktop.expect("PALETTE False", "KEYS driving")
+        desktop.expect_all("PALETTE False", "KEYS driving")
         desktop.do("keydown", "25", "keyup", "25")
         desktop.expect(FORWARD, "release_drive")
     finally:
@@ -384,6 +384,18 @@ def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: Vi
         desktop.do("key", "--delay", str(delay_ms), "Escape", "Escape")
         desktop.expect("stop", "emergency_stop")
         assert len(desktop.intents("emergency_stop")) == 1
+
+
+@pytest.mark.parametrize("delay_ms", [40, 160])
+def test_an_escape_for_a_dialog_that_closed_meanwhile_counts(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
+    desktop = Desktop(whole_desktop)
+    _dialog(desktop)
+    desktop.say("slow_stop 0.4")  # the X server sends the second press to the dialog, and Qt reads it after its end
+    desktop.do("sleep", "0.1", "key", "--delay", str(delay_ms), "Escape", "Escape")
+    desktop.expect("stop", "emergency_stop", "READY True", "KEYS driving")
+    desktop.do("sleep", "0.2", "key", "Escape")
+    desktop.expect("stop")  # the earlier press and release do not make it a repeat
+    assert len(desktop.intents("emergency_stop")) == 1
 
 
 def test_one_escape_that_closes_a_dialog_is_one_and_the_keys_are_the_windows_again(desktop: Desktop) -> None:
