@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import fnmatch
 import gc
 import itertools
 import os
@@ -124,12 +125,19 @@ def _turn(item: pytest.Item) -> int:
     return _LONGEST_FIRST.index(file) if file in _LONGEST_FIRST else len(_LONGEST_FIRST)
 
 
+def _is_long(item: pytest.Item) -> bool:
+    """Whether a test is marked ``long``, or is one of the variants that its mark names by pattern."""
+    variant = item.callspec.id if isinstance(item, pytest.Function) and hasattr(item, "callspec") else ""
+    marks = item.iter_markers("long")
+    return any(not mark.args or any(fnmatch.fnmatchcase(variant, each) for each in mark.args) for mark in marks)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=_turn)
     if config.getoption("--long"):
         return
     for item in items:
-        if item.get_closest_marker("long"):
+        if _is_long(item):
             item.add_marker(pytest.mark.skip(reason="runs with --long"))
 
 

@@ -85,6 +85,7 @@ def everything_told(trees: dict[Path, ast.Module]) -> Iterator[tuple[str, str, a
                 yield f"{path.relative_to(ROOT)}:{node.lineno}", *found  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_no_warning_and_no_error_comes_without_advice(trees: dict[Path, ast.Module]) -> None:
     found = list(everything_told(trees))
     assert len(found) > 200, "they are found at all"
@@ -96,6 +97,7 @@ def test_no_warning_and_no_error_comes_without_advice(trees: dict[Path, ast.Modu
 _NO_HELP = re.compile(r"(The log (has the details|tells why)|Nothing (is )?to (be )?do(ne)?|Check the \w+)\.")
 
 
+@pytest.mark.long
 def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
     """More than where the details are, and which thing to look at for what."""
     told = [

@@ -66,6 +66,7 @@ def test_paths_that_a_page_names_exist(name: str) -> None:
     assert [path for path in named if not any((place / path).exists() for place in places)] == []
 
 
+@pytest.mark.long
 def test_the_drawing_shows_the_packages_and_imports_that_there_are() -> None:
     drawing = script("architecture_drawing")
     rows = drawing.layers()

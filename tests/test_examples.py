@@ -72,6 +72,7 @@ NOTEBOOKS = [
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS)
+@pytest.mark.long("align_elan")
 def test_the_code_of_a_notebook_runs(notebook: Path, examples: Path) -> None:
     pytest.importorskip("pandas", reason="pandas is not installed: pip install '.[test]'")
     cells = json.loads(notebook.read_text("utf-8"))["cells"]

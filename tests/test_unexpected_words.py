@@ -13,6 +13,7 @@ _LOG = "import logging\ndef test_it():\n    logging.getLogger('x').warning('Some
 
 @pytest.mark.parametrize("body", [_QT, _LOG], ids=["qt", "log"])
 @pytest.mark.parametrize("expected", [False, True])
+@pytest.mark.long
 def test_a_warning_fails_the_test_unless_it_is_expected(body: str, expected: bool, tmp_path: Path) -> None:
     mark = "@pytest.mark.logs('out of range')\ndef test_it" if expected else "def test_it"
     (tmp_path / "test_said.py").write_text(f"import pytest\n{_HEAD}{body.replace('def test_it', mark)}", "utf-8")

@@ -85,6 +85,7 @@ def start(folder: Path, files: dict[str, str]) -> "subprocess.Popen[str]":
     )
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_costs_the_test_it_died_in_and_no_other(tmp_path: Path) -> None:
     files = {f"test_{name}.py": _SHORT for name in "abcdefgh"}
     run = start(tmp_path, {**files, "test_m.py": _FATAL, **{f"test_{name}.py": _SHORT for name in "nopq"}})
@@ -104,6 +105,7 @@ def test_the_tests_of_a_file_that_shares_nothing_are_done_by_all(tmp_path: Path)
     assert sorted(number for _, number in done_by) == list("012345")
 
 
+@pytest.mark.long
 def test_what_hangs_is_named_when_the_run_is_stopped(tmp_path: Path) -> None:
     run = start(tmp_path, {"test_short.py": _SHORT, "test_long.py": _HANGING})
     try:

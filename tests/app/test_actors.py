@@ -420,6 +420,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 @pytest.mark.parametrize("kind", INTENTS, ids=lambda kind: kind.__name__)
+@pytest.mark.long("Drive")
 def test_what_happens_names_who_asked_for_it(story: Story, kind: type[Intent]) -> None:
     assert (kind in story.traces) != (kind in LEAVES_NOTHING), "tell() has to ask for it, and say what follows"
     if kind not in LEAVES_NOTHING:

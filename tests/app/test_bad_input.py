@@ -112,6 +112,7 @@ def test_without_a_screen_the_console_says_what_to_do() -> None:
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.long
 def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
     """A robot profile with a fault and a camera that is not there: the window opens and says so."""
     profile = tmp_path / "robot.yaml"
@@ -287,6 +288,7 @@ def _topics_so_far(folder: Path) -> range:
     return range((folder / "events.mcap").stat().st_size // 100)
 
 
+@pytest.mark.long
 def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Path) -> None:
     console = _console(robot.address, tmp_path, whole=True)
     listener = TwistListener(robot.address)
@@ -381,6 +383,7 @@ def title_of(process: psutil.Process) -> str:
     "how",
     [*(pytest.param(each, marks=pytest.mark.long) for each in (signal.SIGTERM, signal.SIGINT)), signal.SIGKILL],
 )
+@pytest.mark.long("9")
 def test_nothing_stays_behind_a_demonstration(how: signal.Signals, tmp_path: Path) -> None:
     program = subprocess.Popen(
         [sys.executable, "-m", "caris_desktop", "--demo", "--study", str(tmp_path / "study")],

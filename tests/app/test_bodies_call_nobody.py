@@ -60,6 +60,7 @@ def test_every_body_can_be_driven_here() -> None:
 
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("name", _CASES)
+@pytest.mark.long("language_model", "recogniser")
 def test_a_body_calls_nobody_outside(
     name: str, robot: str, pulse: dict[str, str], tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -83,6 +83,7 @@ def _token(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("kind", ["mjpeg", "whep", "offer"])
+@pytest.mark.long("whep", "offer")
 def test_the_console_sees_its_pictures_and_when_they_were_taken(serving: Serving, kind: str) -> None:
     camera = serving.open(kind)
     try:

@@ -119,6 +119,7 @@ def start(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iter
 
 
 @pytest.mark.parametrize("accepted", [True, False])
+@pytest.mark.long("True")
 def test_the_console_starts_without_the_file_and_asks(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, hostile: Path, listener: Listener, *, accepted: bool
 ) -> None:

@@ -71,6 +71,7 @@ def test_no_page_stands_in_the_way_of_a_demonstration(start: Start) -> None:
     [(None, "turtlebot3", "turtlebot3"), (None, "no-more", "simulated"), ("pepper", "turtlebot3", "pepper")],
     ids=["there", "gone", "another is named"],
 )
+@pytest.mark.long("gone", "another*")
 def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_named(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, named: str | None, last: str, connected: str
 ) -> None:
@@ -93,6 +94,7 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
     ids=["the same scenario", "another"],
 )
 @pytest.mark.parametrize("own", [True, False], ids=["its own", "one that was there"])
+@pytest.mark.long
 def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool, scenario: str
 ) -> None:

@@ -56,6 +56,7 @@ def found_in(study: Path) -> Sequence[str]:
     return [path.name for path in sorted(study.rglob("*")) if path.is_file() and search.file(path).hits]
 
 
+@pytest.mark.long
 def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
     study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

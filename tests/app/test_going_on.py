@@ -125,6 +125,7 @@ def screen() -> Iterator[tuple["subprocess.Popen[bytes]", dict[str, str]]]:
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb")
 @pytest.mark.parametrize("told_to_end", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_it_was_told_to_end(
     start: Callable[..., ConsoleProcess],
     screen: tuple["subprocess.Popen[bytes]", dict[str, str]],
@@ -150,6 +151,7 @@ def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_
 
 
 @pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
     start: Callable[..., ConsoleProcess], told: signal.Signals
 ) -> None:

@@ -38,6 +38,7 @@ def _other_scenario(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> None:
     log = tmp_path / "sent.jsonl"
     with SimulatedRobot("--log", str(log)) as robot:

@@ -1,5 +1,7 @@
 """Whoever a rehearsal has speak before the simulated robot is heard each time."""
 
+import pytest
+
 from caris_desktop.app.rehearsed_participant import RehearsedParticipant
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from tests.support.polling import wait_for
@@ -8,6 +10,7 @@ from tests.support.simulated_robot import SimulatedRobot
 SENTENCES = ["Hello.", "Yes.", "Goodbye."]
 
 
+@pytest.mark.long
 def test_nothing_of_what_they_are_told_to_say_is_lost() -> None:
     thread = AsyncioThread()
     try:

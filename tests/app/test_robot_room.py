@@ -47,6 +47,7 @@ def _profile(shipped: str, address: str, path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_wizard_sends_the_robot_and_uses_what_it_offers(
     robot: SimulatedRobot, console: ConsoleProcess, own_files: Path
 ) -> None:
@@ -88,6 +89,7 @@ def test_people_stand_on_the_map_where_they_are(robot: SimulatedRobot, console: 
     assert errors[len(errors) // 2] < 0.5, errors
 
 
+@pytest.mark.long
 def test_another_robot_takes_the_place_of_the_first(
     robot: SimulatedRobot, console: ConsoleProcess, own_files: Path
 ) -> None:

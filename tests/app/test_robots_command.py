@@ -34,6 +34,7 @@ def test_known_robots_are_listed_and_a_broken_profile_says_why(
     assert "'ros' and 'velocity' are missing" in printed
 
 
+@pytest.mark.long
 def test_an_unknown_robot_is_explored_saved_and_listened_to(
     own_robots: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -90,6 +90,7 @@ def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, q
 
 @pytest.mark.logs(r"app\.saved_layouts: ")
 @pytest.mark.parametrize("kept", ["no JSON", "[]", '{"PATH": 3}', '{"PATH": {"saved": SAVED, "before": {"panel": 1}}}'])
+@pytest.mark.long
 def test_broken_settings_undo_nothing(run: ConsoleRun, qtbot: QtBot, kept: str) -> None:
     own = user_scenarios_dir() / "tour-guide.yaml"
     _save(qtbot, run, PanelLeaf("map"))

@@ -71,6 +71,7 @@ def scored(result: Path, tmp_path: Path, keep: dict[int, int] | None = None) -> 
 @pytest.mark.parametrize(
     "words", [pytest.param((), marks=needs_osnet, id="looks"), pytest.param(("--no-looks",), marks=pytest.mark.long)]
 )
+@pytest.mark.long
 def test_a_street_is_followed_better_than_by_the_library(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
@@ -129,6 +130,7 @@ def test_nobody_in_a_video_is_an_empty_result(tmp_path: Path, capsys: pytest.Cap
 
 @needs_int8_weights
 @needs_tud_campus
+@pytest.mark.long
 def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -173,6 +173,7 @@ def _typing_and_driving(tour: Tour, *, forward: Callable[[bool], None], left: Ca
     assert {bool(command["twist"]["turn_radps"]) for command in while_typing} == {True, False}
 
 
+@pytest.mark.long
 def test_by_keypad(tour: Tour) -> None:
     tour.desktop.do("key", "ctrl+l")
     tour.desktop.wait_for("KEYS typing")

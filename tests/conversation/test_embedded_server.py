@@ -134,6 +134,7 @@ def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
     assert asyncio.run(run())
 
 
+@pytest.mark.long
 def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
     """A question and suggestions alternate without either having to be read again, and run beside one another."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
@@ -160,6 +161,7 @@ def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
     asyncio.run(run())
 
 
+@pytest.mark.long
 def test_a_question_begins_where_the_one_was_that_it_takes_the_place_of(url: str) -> None:
     """As when the last words turn out to be others: it is asked again, while the other is still being read."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
@@ -247,6 +249,7 @@ def _console_that_dies(report: Connection) -> None:
     os.kill(os.getpid(), 9)
 
 
+@pytest.mark.long
 def test_it_dies_with_the_console() -> None:
     if missing := missing_for_embedded():
         pytest.skip(missing)

@@ -85,6 +85,7 @@ def _loudness(chunks: list[AudioChunk], *, window_ns: int = 10_000_000) -> tuple
     return first_ns, loud
 
 
+@pytest.mark.long
 def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: SoundServer) -> None:
     microphone, speech = Body(run_microphone), Body(run_synthesis)
     try:
@@ -121,6 +122,7 @@ def pactl(*words: str) -> str:
     return subprocess.run(["pactl", *words], capture_output=True, text=True, check=True, timeout=20).stdout.strip()
 
 
+@pytest.mark.long
 def test_another_default_input_is_followed_and_one_that_is_unplugged_replaced(sound: SoundServer) -> None:
     """The tone is at the loudspeaker's monitor alone: what hears it has gone there from another input."""
     desk = pactl("load-module", "module-null-sink", "sink_name=desk")

@@ -158,6 +158,7 @@ def _seconds(start: UtteranceChanged, end: UtteranceChanged) -> float:
     return (end.stamp_ns - start.stamp_ns) / 1e9
 
 
+@pytest.mark.long
 def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, start_speech: StartSpeech) -> None:
     speech = start_speech(sound)
     assert speech.wait_ready().audible
@@ -173,6 +174,7 @@ def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, s
     assert speech.problems == []
 
 
+@pytest.mark.long
 def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, start_speech: StartSpeech) -> None:
     """20 ms are what a listener's threshold and the blocks of a sound server leave open."""
     speech = start_speech(sound)
@@ -192,6 +194,7 @@ def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, star
     assert sorted(map(abs, late_ms))[-4] < 20.0
 
 
+@pytest.mark.long
 def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start_speech: StartSpeech) -> None:
     speech = start_speech(sound)
     speech.wait_ready()
@@ -235,6 +238,7 @@ def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
     assert (ended.utterance_id, ended.stamp_ns) == ("u2", speech.wait_state("u2", "interrupted").stamp_ns)
 
 
+@pytest.mark.long
 def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_told(start_speech: StartSpeech) -> None:
     speech = start_speech(None)
     speech.wait_ready()
@@ -291,6 +295,7 @@ def test_a_start_that_is_told_before_its_sound_is_a_start(order: tuple[str, ...]
     theirs.close()
 
 
+@pytest.mark.long
 def test_another_voice_waits_for_the_end_of_the_sentence_and_is_then_loaded_at_once(start_speech: StartSpeech) -> None:
     speech = start_speech(None)
     speech.wait_ready()
@@ -340,6 +345,7 @@ def test_a_sound_server_that_dies_and_returns(own_sound: SoundServer, start_spee
     wait_for(lambda: listening.loud_span_s() > 0.5, "it is heard again")
 
 
+@pytest.mark.long
 def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_speech: StartSpeech) -> None:
     speech = start_speech(own_sound, open_s=1.5)
     assert speech.wait_ready().audible
@@ -352,6 +358,7 @@ def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_spe
     assert speech.wait_state("u2", "finished").detail == ""
 
 
+@pytest.mark.long
 def test_a_voice_that_hangs_is_replaced(start_speech: StartSpeech) -> None:
     speech = start_speech(None, render_s=1.0)
     speech.wait_ready()
@@ -366,6 +373,7 @@ def test_a_voice_that_hangs_is_replaced(start_speech: StartSpeech) -> None:
     assert speech.engine().pid != hung.pid
 
 
+@pytest.mark.long
 def test_a_hanging_voice_is_silenced_all_the_same(sound: SoundServer, start_speech: StartSpeech) -> None:
     speech = start_speech(sound)
     speech.wait_ready()

@@ -61,6 +61,7 @@ def test_a_shared_study_stays_open_to_the_group(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.parametrize(("shared", "folders", "files"), [("", 0o700, 0o600), ("1", 0o770, 0o660)])
+@pytest.mark.long("1-*")
 def test_what_a_command_and_its_children_write_is_private_unless_it_is_shared(
     tmp_path: Path, shared: str, folders: int, files: int
 ) -> None:

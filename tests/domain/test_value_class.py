@@ -77,6 +77,7 @@ _VALUES = st.tuples(st.integers(-3, 3), st.lists(st.text(max_size=2), max_size=2
 
 
 @given(_VALUES, _VALUES)
+@pytest.mark.long
 def test_values_compare_hash_and_show_as_those_of_the_library(one: Any, other: Any) -> None:
     ours, theirs = (Ours(*one), Ours(*other)), (Theirs(*one), Theirs(*other))
     assert (ours[0] == ours[1]) == (theirs[0] == theirs[1])
@@ -172,6 +173,7 @@ def _declared() -> list[type[Any]]:
 
 
 @pytest.mark.parametrize("cls", _declared(), ids=lambda cls: cls.__name__)
+@pytest.mark.long
 def test_each_is_made_with_the_parameters_that_the_library_would_give_it(cls: type[Any]) -> None:
     twin = dataclasses.make_dataclass(
         cls.__name__,

@@ -4,6 +4,7 @@ import queue
 
 import cv2
 import numpy as np
+import pytest
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import Face
@@ -18,6 +19,7 @@ FACE = Face("A", background="#102030", ink="#ffeecc")
 UNIT = 6  # hundredths of 600 pixels
 
 
+@pytest.mark.long
 def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_moves_it() -> None:
     chromium_or_skip()
     thread = AsyncioThread()

@@ -114,6 +114,7 @@ def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
     assert len(setup.rows) == told
 
 
+@pytest.mark.long
 def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     setup.worker.limit_detection_rate(0.6)
@@ -124,6 +125,7 @@ def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
     assert all(later - earlier >= 500_000_000 for earlier, later in pairwise(stamps))
 
 
+@pytest.mark.long
 def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     qtbot.waitUntil(lambda: not setup.rows[-1], timeout=5000)
@@ -147,6 +149,7 @@ def test_a_machine_that_looks_for_this_one_may_go_and_come_back(qtbot: QtBot, se
     assert setup.models[-1] == "brightness test"
 
 
+@pytest.mark.long
 def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     first = setup.worker.child
@@ -160,6 +163,7 @@ def test_another_detector_takes_the_place_of_the_first(qtbot: QtBot, setup: Setu
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen)
 
 
+@pytest.mark.long
 def test_people_before_two_cameras_stay_who_they_are(qtbot: QtBot, setup: Setup) -> None:
     setup.worker.show_camera("front")
     shown = 0

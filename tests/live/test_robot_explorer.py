@@ -41,6 +41,7 @@ class Answers:
         self.results.append(result)
 
 
+@pytest.mark.long
 def test_a_robot_is_looked_at_listened_to_and_saved(qtbot: QtBot, explorer: LiveRobotExplorer) -> None:
     with SimulatedRobot() as robot:
         answers = Answers()

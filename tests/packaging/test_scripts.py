@@ -90,6 +90,7 @@ def test_a_user_who_may_not_install_gets_the_exact_command(checkout: Path, progr
 
 
 @linux_only
+@pytest.mark.long
 def test_a_machine_with_a_display_needs_no_virtual_screen(checkout: Path, programs: Path) -> None:
     result = run_setup(checkout, programs=programs, DISPLAY="desk:10")
     assert result.returncode == 1
@@ -169,6 +170,7 @@ def test_the_menu_entry_and_its_icon_are_valid(tmp_path: Path) -> None:
 
 
 @linux_only
+@pytest.mark.long
 def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path, tmp_path: Path) -> None:
     """Every call of pip, its options heeded by the real pip: a source distribution is code of others, run as root."""
     made = tmp_path / "ran"
@@ -261,6 +263,7 @@ def test_the_size_of_a_download_and_its_cuda_packages_are_told(tmp_path: Path) -
     assert "2 CUDA packages" in told and "nvidia-cudnn-cu13" in told and "numpy" not in told
 
 
+@pytest.mark.long
 def test_this_environment_holds_what_the_console_needs() -> None:
     command = [sys.executable, str(REPOSITORY / "packaging" / "check_environment.py")]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

@@ -55,6 +55,7 @@ def test_an_unpacked_wheel_finds_its_own_resources_and_layouts(wheel: Path, tmp_
     assert {f"caris_desktop-{__version__}.data/data/share/{name}" for name in menu} <= files_under(unpacked)
 
 
+@pytest.mark.long
 def test_the_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
     sdist = build("sdist", REPOSITORY, tmp_path / "sdist")
     shutil.unpack_archive(sdist, tmp_path, filter="data")
@@ -67,6 +68,7 @@ def test_the_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Pa
     assert {path.name for path in source.iterdir()} >= {"LICENSE", "README.md", "packaging", "tests"}
 
 
+@pytest.mark.long
 def test_pip_installs_the_wheel_with_a_command_that_starts(wheel: Path, tmp_path: Path) -> None:
     """The dependencies are those of this environment; packaging/test-wheel.sh installs them, too."""
     prefix = tmp_path / "installed"

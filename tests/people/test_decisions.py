@@ -358,6 +358,7 @@ def test_so_many_decisions_can_be_taken_back_and_none_where_people_are_not_named
     assert isinstance(do(room, intents.UndoPeople())[0], Problem)
 
 
+@pytest.mark.long
 def test_ten_minutes_of_people_coming_and_going_leave_no_more_than_the_first_minute(room: Room) -> None:
     def held() -> tuple[int, int, int]:
         known = room.knowing

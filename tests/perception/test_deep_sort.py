@@ -4,6 +4,7 @@ import itertools
 from statistics import mean
 
 import numpy as np
+import pytest
 
 from caris_desktop.perception.box_motion import Floats
 from caris_desktop.perception.tracker import DeepSort
@@ -60,6 +61,7 @@ def test_without_looks_ways_decide() -> None:
     assert seen(tracker, [400.0, 150.0], [1, 0], 0.5, looks=False) == [2, 1]
 
 
+@pytest.mark.long
 def test_looks_help_in_a_crowd() -> None:
     def score(looks: bool) -> float:
         return mean(idf1(film, follow(film, looks=looks)) for film in map(filmed, range(2)))

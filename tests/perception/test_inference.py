@@ -149,6 +149,7 @@ def test_the_best_view_of_each_comes_as_a_picture(offline_inference: RunningInfe
 
 
 @needs_offline_package
+@pytest.mark.long
 def test_faces_are_looked_at_only_where_a_look_says_so(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
@@ -260,6 +261,7 @@ def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
     report.send((boxes, addresses, settings["sync"]))
 
 
+@pytest.mark.long
 def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) -> None:
     ours, theirs = multiprocessing.Pipe()
     context = multiprocessing.get_context("spawn")
@@ -277,6 +279,7 @@ def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) ->
 
 @needs_int8_weights
 @needs_tud_campus
+@pytest.mark.long
 def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Path) -> None:
     """Scored on the frames that were processed: how many are in time is a matter of what else the machine does."""
     settings = InferenceSettings(weights_path=INT8_WEIGHTS, niceness=0)

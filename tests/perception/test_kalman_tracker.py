@@ -197,6 +197,7 @@ def test_a_turn_of_the_camera_is_no_walk_of_everybody() -> None:
     assert numbers(follower, turned, 0.1, shift=150.0) == {0: 1, 1: 2, 2: 3}
 
 
+@pytest.mark.long
 def test_few_pictures_and_lost_ones_cost_little() -> None:
     at_25 = score(lambda seed: filmed(seed), looks=True)
     at_7 = score(lambda seed: filmed(seed, fps=7.0, dropped=0.2), looks=True)
@@ -204,6 +205,7 @@ def test_few_pictures_and_lost_ones_cost_little() -> None:
     assert at_7 > at_25 - 5.0
 
 
+@pytest.mark.long
 def test_looks_and_known_turns_help() -> None:
     turning = score(lambda seed: filmed(seed, fps=7.0, turning=True))
     assert turning > score(lambda seed: filmed(seed, fps=7.0, turning=True), turns_known=False) + 7.0

@@ -368,6 +368,7 @@ def test_a_session_on_a_read_only_disk_is_exported(session: Path, tmp_path: Path
     assert is_whole(tmp_path / "out" / "csv")
 
 
+@pytest.mark.long
 def test_a_header_of_nonsense_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
     shutil.copytree(session, tmp_path / "s")
     path = tmp_path / "s" / "session.json"
@@ -423,6 +424,7 @@ def test_damaged_values_are_no_silent_part_of_an_export(
     assert "recorded values are missing from events.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_copies_count_once_where_sessions_are_counted(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -105,6 +105,7 @@ def test_no_mutation_of_a_session_does_harm(request: pytest.FixtureRequest, sess
 
 
 @pytest.mark.parametrize("kind", BAGS)
+@pytest.mark.long("folded", "ros1")
 def test_no_mutation_of_a_bag_does_harm(
     request: pytest.FixtureRequest, kind: str, place: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -301,6 +301,7 @@ def test_the_ros_version_is_detected(robot: SimulatedRobot) -> None:
     assert load_profile_blocking(f"{robot.address}?ros=1").ros == 1
 
 
+@pytest.mark.long("ros2")
 def test_an_unknown_robot_is_explored_checked_and_saved(robot: SimulatedRobot, tmp_path: Path) -> None:
     steps: list[str] = []
     found = asyncio.run(explore_robot(robot.address, on_progress=steps.append))
@@ -380,6 +381,7 @@ def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: P
         ("20", "wrong", "tilted by 20 degrees"),
     ],
 )
+@pytest.mark.long("0-*", "20-*")
 def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said: str) -> None:
     with SimulatedRobot("--empty", "--lidar-roll-deg", roll_deg) as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
@@ -390,6 +392,7 @@ def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said
         assert "Mounted upright, as set in the profile." in scan.detail
 
 
+@pytest.mark.long
 def test_listening_tells_what_rosbridge_does_not_let_through() -> None:
     with SimulatedRobot("--empty", "--topics-glob", "/scan", "/odom*", "/tf*", "/rosapi*") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
@@ -440,6 +443,7 @@ def test_a_value_is_found_by_its_path() -> None:
             value_at(message, path)
 
 
+@pytest.mark.long
 def test_a_namespaced_robot_with_a_clock_of_its_own() -> None:
     with SimulatedRobot("--namespace", "robot7", "--simulation-time", dress="turtlebot4") as robot:
         found = asyncio.run(explore_robot(robot.address))

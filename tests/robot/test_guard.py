@@ -95,6 +95,7 @@ def _motions() -> Iterator[tuple[Footprint, Twist2D, float]]:
         yield footprint, twist, (0.0, 0.05, 0.2)[number % 3]
 
 
+@pytest.mark.long
 def test_the_moment_of_contact_is_that_of_driving_in_small_steps() -> None:
     chance = np.random.default_rng(3)
     compared = 0

@@ -150,6 +150,7 @@ SIDEWAYS = replace(PROFILE, limits=MotionLimits(forward_mps=0.5, backward_mps=0.
 
 
 @pytest.mark.parametrize("poses", [24, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.long("24")
 def test_pushed_at_walls_from_many_poses_it_touches_nothing(poses: int) -> None:
     """The full speed of the profile: ahead, back, and in curves to both sides."""
     pushes = (Twist2D(0.5), Twist2D(-0.3), Twist2D(0.5, 0.0, 0.6), Twist2D(0.5, 0.0, -1.0))
@@ -173,6 +174,7 @@ def test_pushed_at_walls_from_many_poses_it_touches_nothing(poses: int) -> None:
     ],
     ids=["twice as fast", "sideways"],
 )
+@pytest.mark.long
 def test_neither_does_a_faster_or_a_holonomic_base(
     profile: RobotProfile, model: BaseModel, pushes: tuple[Twist2D, ...]
 ) -> None:
@@ -244,6 +246,7 @@ def test_from_where_it_stopped_it_drives_away_and_turns() -> None:
     assert robot.gaps_m[-1] > robot.gaps_m[-51] + 0.1
 
 
+@pytest.mark.long
 def test_a_door_of_0_9_m_is_passed_from_both_sides_also_when_not_met_exactly() -> None:
     """The counselling room's: its posts stand 0.2 m beside a robot in the middle."""
     slowest = 1.0
@@ -313,6 +316,7 @@ MOUNTED = {
     ],
     ids=["ahead", "back", "arc", "turn"],
 )
+@pytest.mark.long
 def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
     model: LidarModel, post: tuple[float, float], twist: Twist2D, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -82,6 +82,7 @@ def link(running_link: LinkProcess) -> LinkProcess:
     return running_link
 
 
+@pytest.mark.long("ros1")
 def test_every_stream_arrives(simulator: SimulatedRobot, link: LinkProcess) -> None:
     ring = FrameRing.create()
     media = LinkProcess(simulator.address, PROFILES[simulator.ros], body=run_with_ring, extra=(ring.name,))
@@ -158,6 +159,7 @@ def test_the_head_turns_and_tells(simulator: SimulatedRobot, link: LinkProcess) 
     link.send(MoveHead(now_ns(), 0.0, 0.0))
 
 
+@pytest.mark.long("ros1")
 def test_a_goal_is_driven_no_faster_than_drive_says(simulator: SimulatedRobot, link: LinkProcess) -> None:
     start = wait_for(lambda: link.of(RobotPose), "a pose")[-1].pose_in_map
     link.send(LimitGoals(now_ns(), 0.25))

@@ -110,6 +110,7 @@ def bench() -> Iterator[Bench]:
     made.close()
 
 
+@pytest.mark.long
 def test_a_robot_that_stands_still_for_five_seconds(bench: Bench) -> None:
     bench.drive()
     after = len(bench.link.states())
@@ -146,6 +147,7 @@ def test_a_robot_that_is_killed_and_started_again(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("direction", ["both", "there"])
+@pytest.mark.long("both")
 def test_a_connection_that_is_only_half_there(bench: Bench, direction: str) -> None:
     bench.drive()
     after = len(bench.link.states())
@@ -163,6 +165,7 @@ def test_a_connection_that_is_only_half_there(bench: Bench, direction: str) -> N
     assert bench.moving(since_s=swallowed_s + 0.3)[0] > opened_s
 
 
+@pytest.mark.long
 def test_a_network_that_takes_three_hundred_milliseconds(bench: Bench) -> None:
     after = len(bench.link.states())
     bench.proxy.delay(0.3)
@@ -190,6 +193,7 @@ def test_a_network_that_takes_three_hundred_milliseconds(bench: Bench) -> None:
     assert not [at_s for at_s in bench.moving(since_s=cut_s + 0.1) if at_s < cut_s + 0.6]
 
 
+@pytest.mark.long
 def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qapp: object) -> None:
     ring = FrameRing.create()
     media = LinkProcess(bench.proxy.address, body=run_with_ring, extra=(ring.name,))
@@ -254,6 +258,7 @@ def test_faults_of_every_kind_one_after_the_other(bench: Bench) -> None:
         assert not [seen for seen in bench.listener.seen if seen.turn_radps < 0], fault
 
 
+@pytest.mark.long
 def test_packets_that_are_lost() -> None:
     """In a network of its own, where one packet in ten of the link's connection is dropped in each direction."""
     if shutil.which("unshare") is None or shutil.which("iptables") is None or os.geteuid() != 0:

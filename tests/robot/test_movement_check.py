@@ -329,6 +329,7 @@ class TwistMux:
 
 
 @pytest.mark.parametrize("held_by", ["lock", "joystick"])
+@pytest.mark.long("joystick")
 def test_a_twist_mux_that_lets_others_pass_is_told_and_never_called_still(held_by: str) -> None:
     robot = replace(ROBOT, velocity=VelocityTopic("/key_vel", "Twist"))
 

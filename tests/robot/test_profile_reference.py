@@ -33,6 +33,7 @@ def with_data() -> Iterator[tuple[str, Group, dict[str, Any]]]:
             yield "robot-control.schema.json", RobotControl, control
 
 
+@pytest.mark.long
 def test_editors_and_the_program_refuse_the_same() -> None:
     chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
     tried = refused = 0

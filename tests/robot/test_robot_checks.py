@@ -186,6 +186,7 @@ def test_a_rosbridge_with_one_queue_is_named_with_both_parameters() -> None:
         (None, "rosapi does not respond."),
     ],
 )
+@pytest.mark.long
 def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
     async def ask(bridge: Bridge) -> tuple[list[str], str]:
         await bridge.open()

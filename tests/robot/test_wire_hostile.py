@@ -44,6 +44,7 @@ def refusals(link: LinkProcess) -> list[Problem]:
     return [problem for problem in link.of(Problem) if "cannot be used" in problem.what]
 
 
+@pytest.mark.long
 def test_a_frame_of_200_megabytes_ends_the_connection_unread_and_the_next_one_works(
     bridge: BridgeDouble, link: LinkProcess
 ) -> None:

@@ -4,6 +4,8 @@ import random
 from collections.abc import Iterator
 from typing import Any
 
+import pytest
+
 from caris_desktop.domain.schema_fields import data_of
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import layouts_dir
@@ -18,6 +20,7 @@ def shipped() -> Iterator[dict[str, Any]]:
         yield data_of(Scenario, load_scenario(path))
 
 
+@pytest.mark.long
 def test_editors_and_the_program_refuse_the_same() -> None:
     validator = schema_validator("scenario.schema.json")
     chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried

@@ -54,6 +54,7 @@ def test_the_camera_sees_the_side_that_is_turned_to_it() -> None:
 
 
 @pytest.mark.skipif(not OSNET.is_file(), reason=f"needs {OSNET.name} in CARIS_MODELS_DIR")
+@pytest.mark.long
 def test_a_network_for_real_people_tells_them_apart_in_the_same_clothes_only() -> None:
     chance = np.random.default_rng(3)
     looks = {
@@ -136,6 +137,7 @@ def test_a_table_of_visits_is_read_or_refused_with_the_reason(tmp_path: Path) ->
         read_visits(tmp_path / "none.csv")
 
 
+@pytest.mark.long
 def test_filmed_people_are_where_their_boxes_say() -> None:
     empty = Painter([]).paint(View(START @ ROBOT_FROM_CAMERA, ()))
     frames = list(film([Visit(8, 0.0, 3.0), Visit(12, 1.0, 3.0)], rate_hz=2.0))

@@ -52,6 +52,7 @@ def goal(client: RosbridgeClient, robot: SimulatedRobot, x: float, y: float) -> 
     client.publish(topic, {"header": {"frame_id": "map"}, "pose": pose(x, y, 0.0)})
 
 
+@pytest.mark.long
 def test_the_way_is_told_when_it_is_planned_and_emptied_when_it_is_over(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
@@ -101,6 +102,7 @@ def test_a_map_put_together_from_its_updates_is_the_map(robot: SimulatedRobot, c
 
 
 @only_once
+@pytest.mark.long("ros1")
 def test_an_initial_pose_near_the_truth_is_corrected_and_one_far_away_stays(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
@@ -127,6 +129,7 @@ def test_an_initial_pose_near_the_truth_is_corrected_and_one_far_away_stays(
 
 
 @only_once
+@pytest.mark.long("ros1")
 def test_the_head_turns_and_the_picture_with_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     robot.fault("pose:9,5,0")
     client.subscribe("/joint_states", type=type_of(robot, "sensor_msgs", "JointState"), throttle_rate=50)
@@ -193,6 +196,7 @@ def test_a_pose_graph_is_saved_loaded_and_mapping_really_pauses(
 
 @pytest.mark.parametrize("name", ["../outside", "/etc/passwd", "a/../../b", ".hidden", "", "x" * 300, "a\0b", "a\\b"])
 @only_once
+@pytest.mark.long
 def test_no_map_leaves_its_folder(client: RosbridgeClient, maps_folder: Path, name: str) -> None:
     before = sorted(maps_folder.parent.rglob("*"))
     assert client.call("/slam_toolbox/serialize_map", filename=name)["result"] == 255

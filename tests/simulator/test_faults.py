@@ -27,6 +27,7 @@ def picture(message: dict[str, Any]) -> Any:
     return cv2.imdecode(np.frombuffer(base64.b64decode(message["data"]), np.uint8), cv2.IMREAD_COLOR)
 
 
+@pytest.mark.long
 def test_a_black_camera_and_its_recovery(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     client.subscribe(CAMERA, queue_length=1)
     client.wait_for_messages(CAMERA)

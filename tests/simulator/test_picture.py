@@ -94,6 +94,7 @@ def test_standing_anywhere_and_looking_anywhere_draws_something(painter: Painter
 
 
 @pytest.mark.logs(r"simulator\.person_sprites: ")
+@pytest.mark.long
 def test_cut_outs_are_kept_and_made_anew_when_damaged(tmp_path: Path) -> None:
     first = load_cut_outs(tmp_path)
     (cached,) = tmp_path.iterdir()
@@ -112,6 +113,7 @@ DETECTOR = MODELS / "yolov8n_int8.tflite"
 
 
 @pytest.mark.skipif(not DETECTOR.is_file(), reason=f"needs the weights {DETECTOR.name} in CARIS_MODELS_DIR")
+@pytest.mark.long
 def test_an_unmodified_detector_finds_the_people_and_nobody_else(painter: Painter, tmp_path: Path) -> None:
     # in a process of its own: the detector changes process-wide state, such as the number of threads of OpenCV
     views = [View(place.pose @ ROBOT_FROM_CAMERA, ()) for place in PLACES]

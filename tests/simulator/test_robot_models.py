@@ -84,6 +84,7 @@ def wardrobe() -> Iterator[Wardrobe]:
 
 
 @pytest.mark.parametrize("name", sorted(PUBLISHED))
+@pytest.mark.long
 def test_a_dress_is_listed_moved_and_seen_by_its_own_names(wardrobe: Wardrobe, name: str) -> None:
     velocity, type_, scan, odometry, camera, (scan_frame, child_frame) = PUBLISHED[name]
     robot = wardrobe.wearing(name)

@@ -68,6 +68,7 @@ def test_the_map_grows_and_tells_free_from_occupied() -> None:
     assert mapper.known_share > first
 
 
+@pytest.mark.long
 def test_odometry_drifts_and_localisation_corrects_it() -> None:
     robot = Robot(seed=3)
     start = robot.truth.pose_in_map

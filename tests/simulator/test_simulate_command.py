@@ -39,6 +39,7 @@ def test_a_port_in_use_is_explained() -> None:
         assert "Traceback" not in text
 
 
+@pytest.mark.long
 def test_bad_arguments_are_explained() -> None:
     assert "--fault-latency-ms" in refused("--fault-latency-ms", "-5")
     assert "--ros" in refused("--ros", "3")
@@ -62,6 +63,7 @@ def test_visits_that_cannot_be_are_explained(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_it_ends_when_asked_and_takes_its_camera_along() -> None:
     with SimulatedRobot() as robot:
         with RosbridgeClient(robot.address) as client:
@@ -75,6 +77,7 @@ def test_it_ends_when_asked_and_takes_its_camera_along() -> None:
         assert psutil.wait_procs(children, timeout=20)[1] == []
 
 
+@pytest.mark.long
 def test_a_kill_takes_its_camera_along() -> None:
     with SimulatedRobot() as robot:
         with RosbridgeClient(robot.address) as client:
@@ -110,6 +113,7 @@ def test_it_ends_when_its_starter_is_gone() -> None:
     process.stdout.close()
 
 
+@pytest.mark.long
 def test_the_camera_on_the_desk_sends_pictures_of_the_same_rooms() -> None:
     with SimulatedRobot("--desk-camera", "0") as robot:
         address = robot.next_line().removeprefix("Desk camera at ").strip()

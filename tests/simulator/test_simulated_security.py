@@ -69,6 +69,7 @@ def test_only_who_knows_the_secret_is_let_in(monkeypatch: pytest.MonkeyPatch) ->
                 assert stranger.received == []
 
 
+@pytest.mark.long
 def test_what_cannot_be_secured_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "belong together" in refused("--tls-cert", "cert.pem")
     (tmp_path / "cert.pem").write_text("no certificate")

@@ -71,6 +71,7 @@ def test_sentences_are_spoken_one_after_the_other(monkeypatch: pytest.MonkeyPatc
 
 
 @needs_espeak
+@pytest.mark.long
 def test_the_robot_is_heard_and_silenced(sound: SoundServer) -> None:
     with (
         SimulatedRobot(muted=False, environment={"PULSE_SERVER": sound.address}) as robot,

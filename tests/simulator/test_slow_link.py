@@ -84,6 +84,7 @@ def test_an_error_of_the_socket_reaches_the_sender() -> None:
     asyncio.run(scenario())
 
 
+@pytest.mark.long
 def test_pictures_come_late_over_one_megabit_and_the_log_knows_each_of_them(tmp_path: Path) -> None:
     log = tmp_path / "sent.jsonl"
     with SimulatedRobot("--log", str(log), "--empty") as robot, RosbridgeClient(robot.address) as client:
@@ -131,6 +132,7 @@ def test_malformed_messages_are_malformed() -> None:
     assert len(malformed_messages(1000, "/scan")) == 1000
 
 
+@pytest.mark.long
 def test_a_clock_that_disagrees_wrong_frames_and_malformed_messages(tmp_path: Path) -> None:
     with SimulatedRobot("--empty") as robot, RosbridgeClient(robot.address) as client:
         client.subscribe("/scan", queue_length=1)
@@ -161,6 +163,7 @@ def test_a_clock_that_disagrees_wrong_frames_and_malformed_messages(tmp_path: Pa
         assert client.call("/simulator/state")["time_s"] > 0.0
 
 
+@pytest.mark.long
 def test_the_robot_is_put_where_it_fits_and_touches_are_counted_from_there() -> None:
     with SimulatedRobot("--empty", "--holonomic") as robot, RosbridgeClient(robot.address) as client:
         assert client.call("/simulator/reset_pose", x=15.0, y=5.0, heading_deg=90.0)["success"] is True

@@ -66,6 +66,7 @@ def stamp_s(message: Any) -> float:
     return float(stamp["secs"] + stamp["nsecs"] * 1e-9 if "secs" in stamp else stamp["sec"] + stamp["nanosec"] * 1e-9)
 
 
+@pytest.mark.long
 def test_it_lists_what_a_ros_user_expects(robot: SimulatedRobot, ros: roslibpy.Ros) -> None:
     types = TYPES[robot.ros]
     expected = {"/cmd_vel", "/scan", "/odom", "/map", "/tf", "/amcl_pose", "/battery_state", "/tts"}
@@ -79,6 +80,7 @@ def test_it_lists_what_a_ros_user_expects(robot: SimulatedRobot, ros: roslibpy.R
     assert abs(now["secs" if robot.ros == 1 else "sec"] - time.time()) < 5
 
 
+@pytest.mark.long("ros1")
 def test_scans_and_pictures_arrive(robot: SimulatedRobot, ros: roslibpy.Ros) -> None:
     types = TYPES[robot.ros]
     scan_topic, scans = listen(ros, "/scan", types["scan"])
@@ -128,6 +130,7 @@ def test_it_speaks_and_can_be_interrupted(robot: SimulatedRobot, ros: roslibpy.R
 
 
 @pytest.mark.parametrize("robot", [1], ids=["ros1"], indirect=True)
+@pytest.mark.long
 def test_goals_of_ros1_are_reached_and_cancelled(robot: SimulatedRobot, ros: roslibpy.Ros) -> None:
     client = actionlib.ActionClient(ros, "/move_base", "move_base_msgs/MoveBaseAction")
     feedback: list[Any] = []

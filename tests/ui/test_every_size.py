@@ -96,6 +96,7 @@ def _found(shown: Shown, cases: Sequence[Case]) -> list[str]:
     return [f"{case[:4]}: {flaw}" for case in cases for flaw in shown.flaws_in(case)]
 
 
+@pytest.mark.long("trial")
 def test_all_pairs_can_be_read(shown: Shown, request: pytest.FixtureRequest) -> None:
     language = request.node.callspec.params["shown"]
     assert _found(shown, [case for case in pairwise(everything()) if case[4] == language]) == []

@@ -25,6 +25,7 @@ def _found(theme: Theme, language: str, *screens: QSize) -> tuple[list[str], set
     return found, names
 
 
+@pytest.mark.long
 def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> None:
     theme.set_choice("dark")
     found, names = _found(theme, TRIAL, SMALLEST)
@@ -37,6 +38,7 @@ def test_every_window_can_be_read_where_there_is_least_room(theme: Theme) -> Non
 
 
 @pytest.mark.parametrize("language", [pytest.param(ENGLISH, marks=pytest.mark.long), TRIAL])
+@pytest.mark.long("trial")
 def test_the_window_of_a_replay_can_be_read_on_every_screen(theme: Theme, language: str) -> None:
     opened, found = EveryWindow(theme, language), list[str]()
     try:

@@ -54,6 +54,7 @@ def page(help_window: HelpWindow) -> str:
     return source.fileName() + (f"#{source.fragment()}" if source.hasFragment() else "")
 
 
+@pytest.mark.long
 def test_each_panel_and_window_has_a_page() -> None:
     wanted = {spec.class_name for spec in PANELS.values()} | {kind.__name__ for kind in window_classes()}
     assert wanted - set(WITHOUT_A_PAGE) <= set(PAGES)

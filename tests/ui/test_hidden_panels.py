@@ -86,6 +86,7 @@ def go_on(console: FakeConsole, number: int) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in PANELS if name != "robot"])
+@pytest.mark.long("motion", "photos", "session", "face", "assistant")
 def test_a_panel_behind_another_tab_does_nothing(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, name: PanelName
 ) -> None:

@@ -142,6 +142,7 @@ def test_where_there_is_no_room_a_button_changes_between_arrows_and_stick(window
     assert (pad.isVisible(), stick.isVisible(), other.isVisible()) == (True, True, False)
 
 
+@pytest.mark.long
 def test_the_guard_is_on_show_and_can_be_switched(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     window.dock_host.show_panel("drive")
     button, reason = find(window, "drive_panel").findChild(object, "guard_button"), find(window, "drive_reason")

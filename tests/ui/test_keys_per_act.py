@@ -81,6 +81,7 @@ def asked_of(console: FakeConsole, name: str) -> list[Any]:
     return [given.get(name, lambda arguments: arguments)(arguments) for arguments in console.named(name)]
 
 
+@pytest.mark.long
 def test_no_act_costs_more_keys_than_it_may(window: MainWindow, console: FakeConsole) -> None:
     for begun_in in ("speak_field", "video_view"):
         samples.suggest(console)

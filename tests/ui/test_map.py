@@ -164,6 +164,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     assert view.grid.raster.rows_changed <= 32
 
 
+@pytest.mark.long
 def test_painting_all_layers_is_quick(qtbot: QtBot, panel: MapPanel, console: FakeConsole, theme: Theme) -> None:
     fill_layers(console)
     view = panel.view

@@ -319,6 +319,7 @@ def test_the_card_corrects_a_mark_with_the_mouse(qtbot: QtBot, window: MainWindo
     assert not window.actions_table.driving_focus, "bare keys drive no longer after a click elsewhere"
 
 
+@pytest.mark.long
 def test_labels_that_the_scenario_does_not_have_have_no_key(window: MainWindow, console: FakeConsole) -> None:
     assert window.actions_table.spec("label_3") is not None
     assert window.actions_table.spec("label_4") is None

@@ -45,6 +45,7 @@ def _tags_in(observer: QWidget) -> set[str]:
     return {tag for row in transcript.rows for tag in row.tags}
 
 
+@pytest.mark.long
 def test_everything_is_there_for_whoever_may_see_it(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     assert "Luis" in _said_in(observer)
@@ -61,6 +62,7 @@ def test_without_names_nobody_is_named_and_nothing_suggested(window: MainWindow,
 
 
 @pytest.mark.parametrize("sees", ["everything", "no_names"])
+@pytest.mark.long("everything")
 def test_neither_mouse_nor_keys_do_anything_there(window: MainWindow, console: FakeConsole, sees: Sees) -> None:
     observer = _opened(window, console, sees)
     console.calls.clear()
@@ -73,6 +75,7 @@ def test_neither_mouse_nor_keys_do_anything_there(window: MainWindow, console: F
 
 
 @pytest.mark.parametrize("sees", ["everything", "no_names"])
+@pytest.mark.long("everything")
 def test_titles_show_no_control_that_would_do_nothing(window: MainWindow, console: FakeConsole, sees: Sees) -> None:
     observer = _opened(window, console, sees)
     bars = observer.findChildren(PanelTitleBar)
@@ -81,6 +84,7 @@ def test_titles_show_no_control_that_would_do_nothing(window: MainWindow, consol
     assert [button.objectName() for button in shown] == []
 
 
+@pytest.mark.long
 def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console: FakeConsole) -> None:
     _opened(window, console, "everything")
     console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
@@ -91,6 +95,7 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     assert window.observers.shown is None
 
 
+@pytest.mark.long
 def test_what_happened_before_is_still_told_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     console.state.event_happened.emit(Problem(1, "warning", "The robot waved.", "", ""))
@@ -101,6 +106,7 @@ def test_what_happened_before_is_still_told_with_another_scenario(window: MainWi
     assert any("The robot waved." in entry.sentence for entry in log.save_state())
 
 
+@pytest.mark.long
 def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
@@ -130,6 +136,7 @@ class _OtherScreen:
         return QRect(1920, 0, 1600, 900)
 
 
+@pytest.mark.long
 def test_it_opens_on_the_other_screen_where_there_is_one(
     window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,6 +149,7 @@ def test_it_opens_on_the_other_screen_where_there_is_one(
 
 
 @pytest.mark.parametrize("sees", ["everything", "no_names"])
+@pytest.mark.long("no_names")
 def test_one_that_was_open_as_the_program_ended_is_there_again_for_the_same_eyes(
     qtbot: QtBot, console: FakeConsole, theme: Theme, sees: Sees
 ) -> None:
@@ -163,6 +171,7 @@ def test_one_that_was_open_as_the_program_ended_is_there_again_for_the_same_eyes
     third.close()
 
 
+@pytest.mark.long
 def test_after_a_kill_it_is_there_again_too(qtbot: QtBot, console: FakeConsole, theme: Theme) -> None:
     settings = MemorySettings()
     window = open_window(qtbot, console, settings, theme)
@@ -177,6 +186,7 @@ def test_after_a_kill_it_is_there_again_too(qtbot: QtBot, console: FakeConsole, 
 
 
 @pytest.mark.parametrize("kept", ["the participant", None, 7, ["everything"]])
+@pytest.mark.long
 def test_what_no_observer_window_ever_kept_opens_none(
     qtbot: QtBot, console: FakeConsole, theme: Theme, kept: object
 ) -> None:

@@ -52,6 +52,7 @@ def test_the_window_brings_no_panel_and_no_dialog_along() -> None:
     assert imported("import caris_desktop.ui.main_window", [f"caris_desktop.{late}" for late in LATE]) == []
 
 
+@pytest.mark.long
 def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with() -> None:
     """JSON Schema costs a fifth of a second to import, before the first window is there."""
     reads_both = (

@@ -713,6 +713,7 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
 
 
 @pytest.mark.panels("session")
+@pytest.mark.long
 def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     for number in range(LOG_ROWS + 20):
@@ -757,6 +758,7 @@ class LookedAt(QIdentityProxyModel):
 
 
 @pytest.mark.panels("session")
+@pytest.mark.long
 def test_a_new_line_costs_the_same_in_a_long_log(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     log = panel.findChild(QAbstractItemView, "event_log")

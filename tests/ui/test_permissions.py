@@ -203,6 +203,7 @@ def forbidden(asked: Iterable[Intent], off: Collection[Permission]) -> list[str]
     return [type(each).__name__ for each in asked if not set(off).isdisjoint(needed(each))]
 
 
+@pytest.mark.long
 def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
     """With --long each is switched off alone; else a few at a time, as a window with all its panels costs seconds."""
     desk.show(FULL)
@@ -218,6 +219,7 @@ def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: py
         assert forbidden(desk.pressed(), off) == [], off
 
 
+@pytest.mark.long
 def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_window(desk: Desk) -> None:
     desk.show(FULL)
     desk.console.state.persons.set(())  # each has lines of its own in Find anything, which open a card
@@ -231,6 +233,7 @@ def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_wi
         assert forbidden(desk.pressed_outside_panels(), {permission}) == [], permission
 
 
+@pytest.mark.long
 def test_what_is_never_done_without_being_asked_for_has_no_row_no_level_and_no_card(desk: Desk) -> None:
     """The state goes on showing suggestions and a proposal: as if one were left over."""
     two = replace(FULL, panels_off=tuple(set(PANELS) - {"speak", "conversation"}))

@@ -105,6 +105,7 @@ def _marked(value: Any, mark: str) -> Any:
     return value
 
 
+@pytest.mark.long
 def test_no_window_shows_a_marked_text_as_html(windows: EveryWindow) -> None:
     found, marked = list[str](), 0
     main = windows.window

@@ -137,6 +137,7 @@ def console_is_busy(window: MainWindow) -> bool:
     return window.preferences._anew.isActive()
 
 
+@pytest.mark.long
 def test_the_file_says_how_a_panel_is_at_first_and_the_wizard_from_then_on(qtbot: QtBot, start: Start) -> None:
     window, console = start()
     following = replace(TOUR, panels=PanelSettings(map=MapSettings(follow=True)))
@@ -154,6 +155,7 @@ def test_the_file_says_how_a_panel_is_at_first_and_the_wizard_from_then_on(qtbot
     assert not panel(window, MapPanel).view.follow
 
 
+@pytest.mark.long
 def test_levels_are_never_raised_by_it(qtbot: QtBot, start: Start, settings: MemorySettings) -> None:
     _window, console = start()
     console.do(intents.SetLevel("actions", "off"))
@@ -166,6 +168,7 @@ def test_levels_are_never_raised_by_it(qtbot: QtBot, start: Start, settings: Mem
     assert console.state.levels.value == LevelsStatus("off", "off", "off")
 
 
+@pytest.mark.long
 def test_a_camera_and_a_model_are_waited_for(qtbot: QtBot, start: Start, settings: MemorySettings) -> None:
     window, console = start()
     choose_all(window, console)
@@ -185,6 +188,7 @@ def test_a_camera_and_a_model_are_waited_for(qtbot: QtBot, start: Start, setting
 @pytest.mark.parametrize(
     "unfit", ["", "{", "[]", "{}", "null", "true", "-3", "7", '"gone"', "[1, 2]", '["computer", "gone", "", 1.0, 1.0]']
 )
+@pytest.mark.long("-3", "true", "null", '"gone"', "[[]]", "{}")
 def test_what_is_gone_or_unfit_is_left_out_without_a_word(start: Start, settings: MemorySettings, unfit: str) -> None:
     window, console = start()
     names = ["speed", "voice", "model", "role", "style", "levels", "phrases", "camera", "robot"]

@@ -309,6 +309,7 @@ def test_nothing_of_the_line_is_cut_or_lies_upon_another(desk: Desk, width_px: i
         desk.window.resize(1366, 768)
 
 
+@pytest.mark.long
 def test_tab_goes_through_the_line_from_left_to_right(desk: Desk) -> None:
     for step in ("", *(step.step_id for step in STEPS)):
         if step:
@@ -426,6 +427,7 @@ def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Sc
 
 
 @pytest.mark.parametrize("language", [ENGLISH, TRIAL])
+@pytest.mark.long("trial")
 def test_every_step_of_every_shipped_scenario_can_be_read(bare: Callable[[Scenario], Bare], language: str) -> None:
     """On the smallest screen, late, and in texts that are 40 % longer."""
     speaks = Language()

@@ -139,6 +139,7 @@ def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeCon
 
 
 @pytest.mark.panels()
+@pytest.mark.long
 def test_the_picture_is_whole_without_scrolling(window: MainWindow) -> None:
     panels, video = find(window, "replay_panels"), window.panels["video"]
     assert isinstance(panels, QScrollArea)
@@ -168,6 +169,7 @@ def test_where_the_picture_ends_is_known_from_the_layout(tree: LayoutNode, edge:
     assert lower_edge(tree, "video") == edge
 
 
+@pytest.mark.long
 def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
     video, map_panel = past.panels["video"], past.panels["map"]
     assert isinstance(video, VideoPanel)
@@ -201,6 +203,7 @@ def test_problems_of_the_session_are_history(window: MainWindow, replay: FakeRep
 
 
 @pytest.mark.panels()
+@pytest.mark.long
 def test_on_a_small_screen_the_timeline_is_a_drawer(qtbot: QtBot, window: MainWindow, replay: FakeReplay) -> None:
     panels, canvas, drawer = find(window, "replay_panels"), find(window, "timeline_view"), "timeline_drawer"
     canvas = canvas.focusProxy()

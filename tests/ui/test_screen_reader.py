@@ -60,6 +60,7 @@ def settle() -> None:
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.parametrize("size", [QSize(1920, 1080), USUAL], ids=["1920x1080", "1366x768"])
+@pytest.mark.long("*1920x1080")
 def test_every_control_of_every_scenario_can_be_told(
     shown: MainWindow, size: QSize, request: pytest.FixtureRequest
 ) -> None:
@@ -75,6 +76,7 @@ def test_every_control_of_every_scenario_can_be_told(
 
 
 @pytest.mark.usefixtures("screen_reader")
+@pytest.mark.long
 def test_every_control_of_every_window_and_of_a_replay_can_be_told(theme: Theme) -> None:
     opened, found = EveryWindow(theme, ENGLISH), list[str]()
     for what in ("The microphone is silent.", "No photo was taken."):
@@ -135,6 +137,7 @@ class _Painted(QWidget):
 
 
 @pytest.mark.usefixtures("screen_reader")
+@pytest.mark.long
 def test_widgets_come_and_go_while_a_screen_reader_walks_through_them(qapp: QApplication) -> None:
     """Qt deletes an interface with its widget, whichever way that ends, and a widget ends however often it was told."""
     install_accessible_roles()

@@ -642,6 +642,7 @@ def test_the_window_opens_sessions_and_exports(
 
 
 @pytest.mark.panels()
+@pytest.mark.long
 def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     def settle() -> None:
         qtbot.waitUntil(lambda: not window.layout_keeper.rest.isActive(), timeout=5000)

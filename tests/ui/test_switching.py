@@ -93,6 +93,7 @@ def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
 
 
 @pytest.mark.parametrize(("turn_s", "fewest"), [(0.0, 12), (60.0, 2)], ids=["slow", "quick"])
+@pytest.mark.long
 def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_made(
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, turn_s: float, fewest: int
 ) -> None:
@@ -153,6 +154,7 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
 
 
 @pytest.mark.parametrize("chosen", [samples.TOUR, STRICT], ids=["goes on", "goes"])
+@pytest.mark.long
 def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or_goes(
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, chosen: samples.Scenario
 ) -> None:
@@ -170,6 +172,7 @@ def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or
     assert all(window.dock_host.docks[name].widget() is panel for name, panel in window.panels.items())
 
 
+@pytest.mark.long
 def test_the_window_may_be_resized_and_tabs_pressed_meanwhile(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
@@ -183,6 +186,7 @@ def test_the_window_may_be_resized_and_tabs_pressed_meanwhile(
         assert set(docks.docks) == {*window.panels, *window.board._aside}
 
 
+@pytest.mark.long
 def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     for scenario in (ALONE, samples.MENTAL):
         switch(console, scenario)
@@ -226,6 +230,7 @@ def test_the_one_that_was_chosen_last_counts(window: MainWindow, console: FakeCo
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in allowed}
 
 
+@pytest.mark.long
 def test_a_panel_without_a_place_is_not_seen_and_comes_back_as_a_new_one_would(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
@@ -273,6 +278,7 @@ def test_a_window_of_its_own_goes_with_a_panel_that_is_put_aside(
     assert window.panels["people"].window() is window and window.panels["people"].isVisible()
 
 
+@pytest.mark.long
 def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     scenarios = [load_scenario(path) for path in sorted(layouts_dir().glob("*.yaml"))]
     console = FakeConsole(scenarios[-1])

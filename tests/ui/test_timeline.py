@@ -763,6 +763,7 @@ class Script:
             self.coder.key(Qt.Key.Key_Z, CTRL | SHIFT)
 
 
+@pytest.mark.long
 def test_a_scripted_coder_codes_many_labels_in_the_real_window(
     qtbot: QtBot, real_window: MainWindow, tmp_path: Path
 ) -> None:

@@ -36,6 +36,7 @@ def _marked(tree: ast.AST) -> Iterator[ast.Call]:
             yield node
 
 
+@pytest.mark.long
 def test_lupdate_finds_every_text(tmp_path: Path) -> None:
     written, files = set(), []
     for path, tree in _sources():

@@ -171,6 +171,7 @@ def spoken(theme: Theme) -> Iterator[Spoken]:
     spoken.close()
 
 
+@pytest.mark.long
 def test_every_text_bears_the_marks_of_the_trial_language(spoken: Spoken) -> None:
     found = merged(spoken.of_every_scenario(), spoken.of_what_opens())
     assert listed(found) == [], WHAT_TO_DO

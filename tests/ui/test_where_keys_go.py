@@ -138,6 +138,7 @@ def edited(
 
 
 @pytest.mark.parametrize("page", ["title", "text"])
+@pytest.mark.long("title")
 def test_saving_a_scenario_leaves_the_keys_in_its_editor(
     qtbot: QtBot, edited: tuple[MainWindow, FakeConsole], page: str
 ) -> None:

@@ -145,6 +145,7 @@ def test_switching_the_scenario_rebuilds_the_panels(qtbot: QtBot, window: MainWi
     assert console.calls[-1] == ("say", ("I’m listening.", "phrase"))
 
 
+@pytest.mark.long
 def test_switching_back_and_forth_leaves_nothing_behind(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     for _ in range(2):
         for scenario in (samples.MENTAL, samples.TOUR):

@@ -106,6 +106,7 @@ def test_who_speaks_over_the_robot_is_left_as_they_were() -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.4, 1.8])
+@pytest.mark.long
 def test_it_knows_until_when_the_robot_is_heard_however_late(late_s: float) -> None:
     sound = heard_in(room(np.random.default_rng(3)), _padded(_ROBOT, _BEFORE_S + late_s, 5.6))
     heard = _hear(sound, _played())
@@ -146,6 +147,7 @@ def test_a_moment_that_is_told_too_late_is_found() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [1.2, 2.7])
+@pytest.mark.long
 def test_a_robot_that_is_heard_seconds_later_than_told_is_known_in_hindsight_and_taken_out_the_next_time(
     delay_s: float,
 ) -> None:
@@ -173,6 +175,7 @@ def test_what_was_given_before_the_robot_was_found_is_given_once_more_without_it
     assert (by_now[began] ** 2).sum() < 0.1 * (first[began] ** 2).sum()
 
 
+@pytest.mark.long
 def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> None:
     """A busy machine gives its loudspeaker nothing for a while: all that follows is heard later than was told."""
     robot = speech_like(6.0, 3)
@@ -197,6 +200,7 @@ def test_what_was_known_before_sound_was_lost_is_known_behind_it(lost_s: float) 
     assert (canceller.share_between(_moment(0.55), _moment(3.1)) or 0) > 0.9
 
 
+@pytest.mark.long
 def test_somebody_alone_is_never_taken_for_a_robot_that_is_not_heard() -> None:
     somebody = np.concatenate([speech_like(2.5, seed) for seed in (11, 12, 13)])
     heard = _hear(somebody, *(_played(at_s=at_s) for at_s in (0.5, 3.2, 5.8)))
@@ -272,6 +276,7 @@ def test_a_hole_in_the_sound_is_a_hole_in_what_comes_back() -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.1, 1.4, 2.6])
+@pytest.mark.long
 def test_the_robot_is_found_in_the_very_sound_of_a_turn_and_who_speaks_over_it_is_beyond(late_s: float) -> None:
     whole_s = 6.5
     robot = heard_in(room(np.random.default_rng(5)), _padded(_ROBOT, _BEFORE_S + late_s, whole_s))

@@ -96,6 +96,7 @@ def test_what_is_said_becomes_text_with_the_moments_of_its_voice(recogniser: Tal
     assert (finished.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s + voice_s, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_next_scenario_may_give_people_more_time(recogniser: Talk) -> None:
     recogniser.connection.send(UseSilence(2.5, 3.0))
     halves = ("The tram is old.", "We like it.")
@@ -106,6 +107,7 @@ def test_the_next_scenario_may_give_people_more_time(recogniser: Talk) -> None:
     assert jiwer.wer(_plain(" ".join(halves)), _plain(finished.text)) <= 0.4, finished.text
 
 
+@pytest.mark.long
 def test_a_robot_that_tells_of_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:
     says = "Welcome to the old museum, my name is Mira."
     recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(1.0), spoken(says), room(3.5))))
@@ -121,6 +123,7 @@ def test_a_robot_that_tells_of_what_it_said_afterwards_gets_it_back(recogniser: 
     )
 
 
+@pytest.mark.long
 def test_noise_is_nobodys_turn(recogniser: Talk) -> None:
     before = len(recogniser.heard)
     recogniser.hear(ROBOT_MICROPHONE, (room(4, seed=5).astype(np.int32) * 60).clip(-32768, 32767).astype(np.int16))

@@ -265,6 +265,7 @@ def test_other_words_of_the_same_sounds_are_the_robots_while_it_says_them(
     assert words.is_robots(heard, _ns(from_s + 5.0), _ns(until_s + 5.0)) < 0.6, "long after it"
 
 
+@pytest.mark.long
 def test_what_participants_say_over_a_robot_does_not_sound_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def dropped() -> list[tuple[str, str, float]]:
         return [

@@ -94,6 +94,7 @@ def _p95_s(off_s: list[float]) -> float:
     return float(np.quantile(np.abs(off_s), 0.95))
 
 
+@pytest.mark.long
 def test_a_participants_voice_begins_and_ends_as_its_samples_do(
     scene: tuple[NDArray[np.int16], list[tuple[float, float, str]]],
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_participants_voice_begins_and_ends_as_its_samples_do(
     assert _p95_s([end - last for end, (_first, last, _text) in zip(ends, said, strict=True)]) <= 0.05
 
 
+@pytest.mark.long
 def test_a_robot_with_a_voice_of_its_own_is_timed_by_what_is_heard_of_it(
     scene: tuple[NDArray[np.int16], list[tuple[float, float, str]]],
 ) -> None:

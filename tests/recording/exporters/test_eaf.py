@@ -291,6 +291,7 @@ def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> N
     assert (tmp_path / "out" / "video-front.mp4").read_bytes() == b"what a power cut left"
 
 
+@pytest.mark.long
 def test_a_long_tour_keeps_elans_rules(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
     values = [*tour(5, minutes=5.0), *said(900, 1.0, 1.0, 2.0, NASTY[0]), Marked(at(3.0), NASTY[1], mark_id="z")]
     folder = tell(tmp_path / "s", values, lasts_s=300.0)

@@ -86,6 +86,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
+@pytest.mark.long
 def test_yolo_boxes_lie_on_the_pictures_they_were_found_in(made: MadeSession, out: Path) -> None:
     folder = out / "yolo"
     described = yaml.safe_load((folder / "data.yaml").read_text())

@@ -104,6 +104,7 @@ def both(made: MadeSession, kind: type[Any], messages: list[Read]) -> Iterator[t
         yield value, message
 
 
+@pytest.mark.long("ros2")
 def test_scans_are_equal_and_stamped_when_they_were_measured(made: MadeSession, bag: dict[str, list[Read]]) -> None:
     offset_ns, way_ns = utc_ns(made, 0), round(made.plan.under_way_ms * 1e6)
     wrong_ms = []
@@ -183,6 +184,7 @@ def decoded(packets: Iterable[bytes]) -> list[Any]:
     return [*frames, *decoder.decode(None)]
 
 
+@pytest.mark.long
 def test_ros_2_has_the_video_as_it_was_encoded(made: MadeSession, out: Path) -> None:
     bag, offset_ns, way_ns = messages_in(out / "ros2"), utc_ns(made, 0), round(made.plan.under_way_ms * 1e6)
     assert not [topic for topic in bag if topic.endswith("/compressed")]
@@ -210,6 +212,7 @@ def test_ros_2_has_the_video_as_it_was_encoded(made: MadeSession, out: Path) -> 
             assert abs(told_ns - offset_ns - (stamps_ns[number] - way_ns)) < 3.5e6
 
 
+@pytest.mark.long
 def test_its_video_comes_back_with_the_bag(made: MadeSession, out: Path, tmp_path: Path) -> None:
     import_bag(out / "ros2", tmp_path / "again")
     with VideoReader(open_session(tmp_path / "again")) as videos:
@@ -219,6 +222,7 @@ def test_its_video_comes_back_with_the_bag(made: MadeSession, out: Path, tmp_pat
             assert [number_in(picture.image_bgr) for picture in pictures if picture is not None] == list(range(count))
 
 
+@pytest.mark.long
 def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) -> None:
     """A decoder needs every packet, and a record may have lost its end."""
     made = make_session(tmp_path / "s", seconds=2.0, cameras=("front",), audio=(), keep=True)
@@ -264,6 +268,7 @@ def test_the_mcap_stands_alone(out: Path) -> None:
     assert "| `/scan` | `sensor_msgs/LaserScan` | 55 |" in (out / "README.md").read_text()
 
 
+@pytest.mark.long
 def test_every_frame_where_that_is_asked_for(made: MadeSession, tmp_path: Path) -> None:
     fractions: list[float] = []
     context = ExportContext(progress=fractions.append)

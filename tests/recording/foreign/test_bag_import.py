@@ -183,6 +183,7 @@ BAGS: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("kind", BAGS)
+@pytest.mark.long("sqlite", "ros1")
 def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
     place = tmp_path / "bags"
     place.mkdir()
@@ -304,6 +305,7 @@ def test_a_laser_that_is_nobody_knows_where_gets_no_place(tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(not LEGS.exists(), reason="the recorded laser of ../shared/data is not there")
+@pytest.mark.long
 def test_a_recording_of_a_real_robot(tmp_path: Path) -> None:
     report = import_bag(LEGS, tmp_path / "legs")
     session = open_session(tmp_path / "legs")
@@ -335,6 +337,7 @@ def exported(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 @pytest.mark.parametrize("name", ["ros2", "session.bag"])
+@pytest.mark.long("ros2")
 def test_what_this_program_exported_comes_back(made: MadeSession, exported: Path, name: str, tmp_path: Path) -> None:
     import_bag(exported / name, tmp_path / "again")
     session, original = open_session(tmp_path / "again"), open_session(made.folder)

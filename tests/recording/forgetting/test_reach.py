@@ -86,6 +86,7 @@ def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
     assert receipt_of(study)["complete"] is True
 
 
+@pytest.mark.long
 def test_a_session_that_a_link_leads_to_is_the_studys(study: Path) -> None:
     folder = sessions_of(study)[0]
     elsewhere = study.parent / "big disk" / folder.name
@@ -100,6 +101,7 @@ def test_a_session_that_a_link_leads_to_is_the_studys(study: Path) -> None:
     assert verify_manifest(elsewhere) == []
 
 
+@pytest.mark.long
 def test_all_sessions_behind_a_link_are_the_studys(study: Path) -> None:
     elsewhere = study.parent / "all of them"
     (study / "sessions").rename(elsewhere)
@@ -109,6 +111,7 @@ def test_all_sessions_behind_a_link_are_the_studys(study: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["film", "file", "folder"])
+@pytest.mark.long("folder")
 def test_another_link_out_of_the_study_is_refused_by_name(study: Path, kind: str) -> None:
     folder = sessions_of(study)[0]
     elsewhere = study.parent / "elsewhere"
@@ -165,6 +168,7 @@ def test_copies_of_removed_films_go_with_them(study: Path) -> None:
     assert not copy.exists()
 
 
+@pytest.mark.long
 def test_a_hard_link_from_outside_is_told(study: Path) -> None:
     outside = study.parent / "film.mp4"
     os.link(sessions_of(study)[0] / "video-front.mp4", outside)

@@ -103,6 +103,7 @@ def test_nothing_of_them_is_found_any_more_and_the_receipt_proves_it(study: Path
     assert hits_in(study) == {}
 
 
+@pytest.mark.long
 def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path) -> None:
     told = {folder.name: spoken(open_session(folder)) for folder in sessions_of(study)}
     recorded = {folder.name: messages_in(folder) for folder in sessions_of(study)}
@@ -182,6 +183,7 @@ def test_a_photo_is_covered_and_where_they_were_named_nothing_is_heard(study: Pa
         assert bool(samples[begin:end].any()) is not silent
 
 
+@pytest.mark.long
 def test_texts_wait_for_somebody_to_decide_and_the_rest_is_done(study: Path) -> None:
     (study / "notes.txt").write_text("A Quillfeather is a kind of pen.\n", encoding="utf-8")
     first = forget(study, otherwise="")
@@ -231,6 +233,7 @@ def test_what_does_not_concern_them_is_byte_for_byte_as_it_was(study: Path) -> N
     assert every_file(stranger) | {"plan.md": (study / "plan.md").read_bytes()} == before
 
 
+@pytest.mark.long
 def test_exports_that_name_or_show_them_go_and_what_others_wrote_stays(study: Path) -> None:
     mine = sessions_of(study)[0]
     export_all(ExportRequest((mine,), ("csv", "frames"), study / "analysis" / mine.name, folder_per_session=False))
@@ -273,6 +276,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(study: Path) -> None:
     assert every_file(study) == before
 
 
+@pytest.mark.long
 def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = every_file(study)
     written = 0
@@ -298,6 +302,7 @@ def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monk
     assert hits_in(study) == {}
 
 
+@pytest.mark.long
 def test_a_kill_at_any_step_leaves_it_to_go_on_from(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     small = make_study(tmp_path / "small", seconds=7.0, fps=4.0)
     step = "1" if request.config.getoption("--long") else "14"
@@ -310,6 +315,7 @@ def test_a_kill_at_any_step_leaves_it_to_go_on_from(tmp_path: Path, request: pyt
     assert int(told.stdout) > 20
 
 
+@pytest.mark.long
 def test_photos_without_a_session_go_and_tags_are_text(study: Path) -> None:
     folder = sessions_of(study)[0]
     tagged = folder / "photos" / "0001.png"
@@ -327,6 +333,7 @@ def test_photos_without_a_session_go_and_tags_are_text(study: Path) -> None:
     assert verify_manifest(folder) == []
 
 
+@pytest.mark.long
 def test_names_of_files_are_changed_too(study: Path) -> None:
     folder = sessions_of(study)[0]
     (folder / "annotations").mkdir()
@@ -337,6 +344,7 @@ def test_names_of_files_are_changed_too(study: Path) -> None:
     assert NAME not in (study / "forgotten" / "RECEIPT.json").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_a_file_that_cannot_be_changed_inside_waits_for_a_decision(study: Path) -> None:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

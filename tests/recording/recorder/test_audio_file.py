@@ -74,6 +74,7 @@ def test_what_is_missing_is_silence_and_what_overlaps_is_cut(tmp_path: Path, gap
 
 
 @pytest.mark.parametrize("drift", [-300e-6, 300e-6])
+@pytest.mark.long("-0.0003")
 def test_a_clock_that_drifts_is_followed_without_a_click(tmp_path: Path, drift: float) -> None:
     """Three minutes, stamps that jitter by 5 ms, a sound card that is 18 ms off each minute."""
     rng = np.random.default_rng(5)

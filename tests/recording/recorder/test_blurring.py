@@ -245,6 +245,7 @@ def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_fou
     assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
 
 
+@pytest.mark.long
 def test_what_waits_is_bounded_and_goes_on_covered() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("everybody"))

@@ -144,6 +144,7 @@ def test_each_message_is_what_foxglove_itself_says_of_its_schema(seen: list[Seen
     assert checked > 150
 
 
+@pytest.mark.long
 def test_each_message_is_what_the_schema_of_its_channel_says(seen: list[Seen]) -> None:
     for one in seen:
         jsonschema.validate(one.content, one.told_schema)

@@ -315,6 +315,7 @@ def test_maps_are_kept_once_per_second_and_the_newest_is_never_lost(tmp_path: Pa
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.long("2", "3")
 def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring: FrameRing, seed: int) -> None:
     recorder = RecorderUnderTest(ring)
     recorder.send(start(tmp_path / "s"))
@@ -420,6 +421,7 @@ def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
     return json.loads(result.stdout), kept
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up_ends_the_video_first_and_then_the_session(tmp_path: Path) -> None:
     said, kept = fill_disk(tmp_path, "slowly")
     # On a crowded machine it is also told that it does not keep up with the video.

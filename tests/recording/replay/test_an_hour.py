@@ -20,6 +20,7 @@ def test_an_hour_opens_in_a_second_and_any_moment_shows_in_a_blink(tmp_path: Pat
     assert found["seek_p95_ms"] <= 150
 
 
+@pytest.mark.long
 def test_any_moment_shows_what_a_reading_from_the_beginning_gives(tmp_path: Path) -> None:
     plan = plan_of(12.0, (160, 90))
     make_session(tmp_path / "session", plan)

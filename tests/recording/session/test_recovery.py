@@ -137,6 +137,7 @@ def test_a_session_that_is_being_recorded_is_left_alone(folder: Path) -> None:
     assert digests(folder) == before
 
 
+@pytest.mark.long
 def test_a_kill_in_the_middle_of_the_repair_does_no_harm(
     killed_session: MadeSession, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -74,6 +74,7 @@ def rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 @pytest.mark.parametrize("seconds", [10.0, pytest.param(300.0, marks=[pytest.mark.long, pytest.mark.timeout(400)])])
+@pytest.mark.long("10.0")
 def test_two_clocks_that_disagree_are_aligned_and_the_uncertainty_is_stated(tmp_path: Path, seconds: float) -> None:
     recorded = record(tmp_path, seconds=seconds)
     session = open_session(recorded.folder)

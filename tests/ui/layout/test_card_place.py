@@ -119,6 +119,7 @@ def _taken(window: MainWindow) -> dict[str, QRect]:
 
 
 @pytest.mark.parametrize("scenario", sorted(path.stem for path in layouts_dir().glob("*.yaml")))
+@pytest.mark.long("tour-guide", "practice", "reception")
 def test_on_small_screens_problems_cover_nothing_that_is_needed(
     window: MainWindow, console: FakeConsole, scenario: str
 ) -> None:

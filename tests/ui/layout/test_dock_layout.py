@@ -32,6 +32,7 @@ def through_json(arrangement: DockLayout) -> DockLayout:
 
 @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(EDIT, min_size=50, max_size=50), st.sampled_from([TOUR_LAYOUT, MENTAL_LAYOUT]))
+@pytest.mark.long
 def test_500_edits_are_kept_undone_and_done_again(made: list[Any], layout: Any) -> None:
     """Ten times fifty of them, each saved and loaded, laid out without losing a panel, and all undone at the end."""
     arrangement, history = arrangement_of(layout), LayoutHistory()

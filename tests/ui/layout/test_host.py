@@ -66,6 +66,7 @@ def check(host: DockHost) -> None:
         assert not host.docks[name].isVisible()
 
 
+@pytest.mark.long
 def test_random_edits_are_seen_undone_and_brought_back(
     window: MainWindow, host: DockHost, pytestconfig: pytest.Config
 ) -> None:

@@ -154,6 +154,7 @@ def test_saving_makes_it_the_files_and_takes_the_mark_away(window: MainWindow, c
     assert arranged(window).for_file == tidy(tree)
 
 
+@pytest.mark.long
 def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
     window: MainWindow, told: list[str], settings: MemorySettings, qtbot: QtBot, theme: Theme
 ) -> None:
@@ -209,6 +210,7 @@ def test_what_is_broken_is_put_aside_and_the_files_arrangement_shown(
     assert aside in kept or json.loads(aside) == json.loads(kept), "nothing is lost"
 
 
+@pytest.mark.long
 def test_another_layout_in_the_file_is_shown_and_the_wizards_own_comes_back_with_undo(
     qtbot: QtBot, window: MainWindow, settings: MemorySettings, theme: Theme
 ) -> None:
@@ -221,6 +223,7 @@ def test_another_layout_in_the_file_is_shown_and_the_wizards_own_comes_back_with
     assert panels_in(arranged(other).tree)[:3] == panels_in(mine.tree)[:3]
 
 
+@pytest.mark.long
 def test_panels_that_the_scenario_no_longer_offers_leave_the_working_copy(
     qtbot: QtBot, window: MainWindow, settings: MemorySettings, theme: Theme
 ) -> None:

@@ -46,6 +46,7 @@ def texts(palette: CommandPalette) -> list[str]:
 
 
 @pytest.mark.parametrize("typed", ["release", "pleese", "navigate to the kichen", "go to the recepshun", "helo"])
+@pytest.mark.long
 def test_a_guess_never_speaks_or_moves(window: MainWindow, console: FakeConsole, typed: str) -> None:
     palette = palette_of(window, typed)
     assert not [entry.text for entry in palette.list.entries if entry.acts]
@@ -54,6 +55,7 @@ def test_a_guess_never_speaks_or_moves(window: MainWindow, console: FakeConsole,
     assert console.named("go_to_place") == []
 
 
+@pytest.mark.long
 def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWindow, console: FakeConsole) -> None:
     call = CallService("/do", "std_srvs/Trigger", {})
     console.state.controls.set((RobotControl("wave", "Wave", "button", call),))
@@ -85,6 +87,7 @@ def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow
         ("finish", "Stop recording"), ("shrotc", "All shortcuts"), ("errors", "Active alarms"),
     ],
 )  # fmt: skip
+@pytest.mark.long
 def test_what_other_people_call_it_and_a_slip_in_a_word_that_is_not_ended_find_it(
     window: MainWindow, typed: str, found: str
 ) -> None:
@@ -181,6 +184,7 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
     assert off.deliberate, "as the button, which has to be held"
 
 
+@pytest.mark.long
 def test_a_replay_finds_what_a_replay_can_do(window: MainWindow, console: FakeConsole) -> None:
     replay = FakeReplay()
     window.use_replay(replay)
@@ -251,6 +255,7 @@ def test_settings_are_found_and_those_that_hold_already_are_not(window: MainWind
     assert "Your microphone: Headset" not in {entry.text for entry in window.palette_entries()}
 
 
+@pytest.mark.long
 def test_the_newest_sessions_are_found_and_open_in_replay(window: MainWindow, console: FakeConsole) -> None:
     library = FakeLibrary()
     window.use_library(library)
@@ -343,6 +348,7 @@ def first_wording(text: str) -> str:
     return text
 
 
+@pytest.mark.long
 def test_each_is_known_again_in_every_language_and_by_the_words_it_always_had_in_english(
     window: MainWindow, console: FakeConsole, settings: MemorySettings
 ) -> None:
@@ -373,6 +379,7 @@ def test_each_is_known_again_in_every_language_and_by_the_words_it_always_had_in
     assert [entry.id for entry in trial] == [entry.id for entry in window.palette_entries()]
 
 
+@pytest.mark.long
 def test_each_act_of_the_layout_has_one_line_that_says_what_it_does(window: MainWindow) -> None:
     def undoing() -> list[tuple[str, str]]:
         return [(entry.text, entry.key) for entry in window.palette_entries() if "undo" in entry.text.casefold()]

@@ -58,6 +58,7 @@ def saved_text(editor: ScenarioEditor) -> str:
     return str(text)
 
 
+@pytest.mark.long("reception", "practice", "mental-health-check")
 def test_each_field_is_in_the_form_and_changes_its_own_lines_alone(
     editor: ScenarioEditor, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
 ) -> None:

@@ -116,6 +116,7 @@ def desk(qtbot: QtBot, window: MainWindow) -> Iterator[Desk]:
     window.marking.card.close_card()
 
 
+@pytest.mark.long
 def test_a_key_is_changed_and_its_cap_follows_where_it_acts(desk: Desk, window: MainWindow) -> None:
     photo = next(button for button in window.findChildren(ActionButton) if button.text() == "Photo" and button.key)
     assert photo.key in ("Ctrl P", "P")
@@ -179,6 +180,7 @@ def test_a_drive_key_is_changed_by_its_place_and_drives_from_then_on(desk: Desk,
     assert desk.called[-1] == "release_drive"
 
 
+@pytest.mark.long
 def test_a_key_of_another_act_is_shown_and_can_be_taken_over(desk: Desk, window: MainWindow) -> None:
     desk.choose("photo", Key.Key_M, CTRL)
     assert desk.says == "Ctrl M is already assigned to “Mark”. Reassigning removes it there."
