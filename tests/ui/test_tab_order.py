@@ -18,7 +18,7 @@ from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture
     "size",
     [pytest.param(QSize(1920, 1080), id="1920x1080", marks=pytest.mark.long), pytest.param(USUAL, id="1366x768")],
 )
-@pytest.mark.long("*1920x1080", "mental-health-check-*")
+@pytest.mark.long("*1920x1080", "mental-health-check-*", "tour-guide-*")
 def test_tab_goes_through_every_scenario_as_it_is_read(shown: MainWindow, size: QSize) -> None:  # noqa: F811
     shown.resize(size)
     settle()

@@ -12,6 +12,8 @@ from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.weights import Weights
 from tests.perception.shared_data import bus_picture
 
+pytestmark = pytest.mark.long  # three exports in a process of their own take half a minute
+
 # In a process of its own, since ultralytics changes much of it; it may not ask the network for anything.
 _SCRIPT = """
 import json, sys
@@ -73,7 +75,6 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 
 @pytest.mark.parametrize("name", ["yolov8n", "yolov8n-pose"])
-@pytest.mark.long
 def test_an_exported_network_computes_the_same_for_pictures_of_any_size(
     exported: tuple[Path, dict[str, dict[str, Any]]], name: str
 ) -> None:
