@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import DriveEnded, LinkChanged
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.link_commands import Drive, RenewLease
+from caris_desktop.domain.link_commands import Drive, RenewLease, SetGuard
 from caris_desktop.robot.link import LinkSettings, run_control_link
 from caris_desktop.robot.profile import load_profile
 from tests.support.polling import wait_for
@@ -139,17 +139,28 @@ class LinkProcess:
 
         return wait_for(observe, what, timeout_s=timeout_s)
 
-    def drive_until(self, until: Callable[[], V], what: str, *, turn_radps: float) -> V:
-        """Hold, and press anew as a wizard does when the drive has ended: a machine too busy for the lease ends it."""
+    def drive_until(
+        self,
+        until: Callable[[], V],
+        what: str,
+        *,
+        forward_mps: float = 0.0,
+        turn_radps: float = 0.0,
+        guard: bool = True,
+        timeout_s: float = 10.0,
+    ) -> V:
+        """Drive, and press again when the drive has ended, as on a machine too busy for the lease."""
         ended = -1
 
         def observe() -> V:
             nonlocal ended
             if ended != (ended := len(self.of(DriveEnded))):
-                self.drive(0.0, turn_radps)
+                self.drive(forward_mps, turn_radps)
+                if not guard:
+                    self.send(SetGuard(now_ns(), on=False))
             return until()
 
-        return self.hold(observe, what)
+        return self.hold(observe, what, timeout_s=timeout_s)
 
     def of(self, kind: type[V]) -> list[V]:
         return [value for value in list(self.values) if isinstance(value, kind)]

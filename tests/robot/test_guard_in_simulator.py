@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
-from caris_desktop.domain.link_commands import Release, SetGuard
+from caris_desktop.domain.link_commands import Release
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
 from caris_desktop.robot.footprint import Footprint, transformed
 from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
@@ -396,10 +396,13 @@ def test_over_rosbridge_the_robot_stops_before_the_wall_until_the_guard_is_overr
                 assert distance_m is not None
                 assert distance_m < 0.3
                 link.send(Release(now_ns()))
-            link.drive(0.5)
-            link.send(SetGuard(now_ns(), on=False))
-            link.hold(lambda: link.of(Odometry)[-1].twist.forward_mps > 0.1, "overridden it drives on")
-            link.hold(lambda: simulator.state()["touches"] >= 1, "until the wall stops it")
+            link.drive_until(
+                lambda: simulator.state()["touches"] >= 1,
+                "the wall stops it",
+                forward_mps=0.5,
+                guard=False,
+                timeout_s=30,
+            )
             assert "overridden" in [g.state for g in link.of(GuardChanged)]
         finally:
             link.close()
