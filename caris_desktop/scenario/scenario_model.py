@@ -280,9 +280,9 @@ class PerceptionSettings:
 
 @dataclass(frozen=True, slots=True)
 class BlurSettings:
-    """Who is made unrecognisable, by flat blocks, in every picture that is kept: videos, photos, what is made of them.
+    """Pixelation of people in all stored pictures: videos, photos and everything derived from them.
 
-    A picture in which it is not known in time where people are is pixelated as a whole.
+    A picture is pixelated as a whole if detection is too late for it.
     """
 
     who: Annotated[

@@ -183,11 +183,9 @@ class SpeechService(Service):
                 self._state.voice.set(replace(self._state.voice.value, used=message.voice))
             case VoicesFound(voices):
                 self._state.voice.set(replace(self._state.voice.value, choices=voices))
-            case SynthesisFailed(problem):
+            case SynthesisFailed(problem) | (Problem() as problem):
+                # The voice itself reports which utterances failed; one sent meanwhile it still tries to speak.
                 self._notify(localize_problem(problem))
-                self._on_voice_lost("computer", problem.what)
-            case Problem():
-                self._notify(localize_problem(message))
 
     def _set_voice(self, asked: intents.SetVoice) -> None:
         settings = replace(

@@ -139,7 +139,6 @@ def act(bench: Bench, choices: random.Random) -> int:
 
 @pytest.mark.logs(r"live\.(bus|child_process): ")
 @pytest.mark.parametrize("sentences", [10, pytest.param(500, marks=pytest.mark.long)])
-@pytest.mark.long("10")
 def test_each_has_one_end_and_nothing_hangs_overlaps_or_is_left(bench: Bench, qtbot: QtBot, sentences: int) -> None:
     choices = random.Random(sentences)  # noqa: S311 - sentences
     qtbot.waitUntil(lambda: bench.state.speech.value.ready, timeout=WITHIN_MS)

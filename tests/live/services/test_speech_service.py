@@ -1,6 +1,8 @@
 """What became of an utterance is on record with its origin, whatever the GUI thread is doing."""
 
+import os
 import pickle
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,7 +14,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.synthesis_messages import Draft, Prepare
+from caris_desktop.conversation.synthesis_messages import Draft, Prepare, SynthesisFailed
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import (
     LinkChanged,
@@ -184,6 +186,22 @@ def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot
         ("requested", ""),
         ("failed", "the connection was lost"),
     ]
+
+
+def test_a_failed_voice_does_not_fail_the_utterance_that_it_tries_next(bench: Bench, qtbot: QtBot) -> None:
+    bench.speech.queue.use_voice("computer")
+    pid = bench.speech.processes()["speech"].pid
+    assert pid is not None
+    failed = Problem(clock.now_ns(), "error", "No voice.", "Not spoken.", "Install one.", until="voice")
+    os.kill(pid, signal.SIGSTOP)  # the report of the failure was sent before it received the utterance
+    try:
+        bench.speech.queue.say("Hello", "phrase")
+        bench.speech.on_heard(SynthesisFailed(failed))
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
+    assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
+    assert [state for _, state, _ in bench.recorder.told] == ["requested", "started", "finished"]
 
 
 def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
