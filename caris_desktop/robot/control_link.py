@@ -50,12 +50,14 @@ from caris_desktop.ros.message_fields import MessageError
 
 logger = logging.getLogger(__name__)
 
-# A newly started rosbridge reaches the base only after DDS discovery, up to 2 s after it has accepted the first zeros
-# (measured with Fast DDS).
+# A newly started rosbridge reaches the base only after DDS discovery, 2.5 s after it has accepted the first zeros
+# (measured with Fast DDS), later on a busy computer; its odometry arrives from then on.
 ZERO_AGAIN_S = (1.0, 2.0)
-# Ten per second while the odometry shows motion, so that the base gets one as soon as it can be reached; on a busy
-# computer that takes longer. More while nothing moves would conflict with navigation.
-ZERO_WHILE_MOVING_S = (*(tenth / 10 for tenth in range(6, 31)), *(float(second) for second in range(4, 11)))
+# Ten per second while the odometry shows motion, so that the base gets one as soon as it can be reached. More while
+# nothing moves would conflict with navigation.
+ZERO_WHILE_MOVING_S = tuple(tenth / 10 for tenth in range(6, 31))
+# Afterwards one per second, unless the odometry shows that the robot stands.
+ZERO_UNLESS_STILL_S = tuple(map(float, range(3, 11)))
 _STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
 _ODOMETRY_COUNTS_S = 1.0
 OLDEST_DRIVE_S = 0.25
@@ -397,7 +399,9 @@ class ControlLink:
             for delay_s in ZERO_AGAIN_S:
                 self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_again))
             for delay_s in ZERO_WHILE_MOVING_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while_moving))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while, True))
+            for delay_s in ZERO_UNLESS_STILL_S:
+                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while, True, None))
 
     def _stop_what_moves(self) -> None:
         """Send zero, unless the robot is known to have read one after our last velocity.
@@ -412,12 +416,18 @@ class ControlLink:
         if not self._lease.held and not self._navigator.has_goal and not self._unread.full(self._loop.time()):
             self._send_twist(ZERO_TWIST, "lease")
 
-    def _say_zero_while_moving(self) -> None:
+    def _say_zero_while(self, *moving: bool | None) -> None:
+        """Send zero again if ``_moves`` is one of these."""
+        if self._moves() in moving:
+            self._say_zero_again()
+
+    def _moves(self) -> bool | None:
+        """Whether the odometry shows motion; None without a recent one."""
         last = self._odometry
-        if last is not None and now_ns() - last.stamp_ns < _ODOMETRY_COUNTS_S * 1e9:
-            speed_mps = math.hypot(last.twist.forward_mps, last.twist.left_mps)
-            if speed_mps > _STANDS_BELOW_MPS or abs(last.twist.turn_radps) > _STANDS_BELOW_RADPS:
-                self._say_zero_again()
+        if last is None or now_ns() - last.stamp_ns >= _ODOMETRY_COUNTS_S * 1e9:
+            return None
+        speed_mps = math.hypot(last.twist.forward_mps, last.twist.left_mps)
+        return speed_mps > _STANDS_BELOW_MPS or abs(last.twist.turn_radps) > _STANDS_BELOW_RADPS
 
     def _send_zero_first(self) -> None:
         if self._connected:

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
@@ -32,6 +33,29 @@ def test_zero_is_said_again_while_the_odometry_tells_that_the_robot_moves(monkey
         assert not any(command.twist.moving for command in sent)
         assert [line["topic"] for line in bench.bridge.lines[:2]] == ["/cmd_vel", "/cmd_vel"]
         assert (sent[-1].stamp_ns - sent[0].stamp_ns) / 1e9 > 0.9
+
+    with_link(ROBOT, test)
+
+
+@pytest.mark.parametrize("turn_radps", [None, 0.0])
+def test_zero_is_sent_until_the_odometry_shows_that_the_robot_stands(
+    monkeypatch: pytest.MonkeyPatch, turn_radps: float | None
+) -> None:
+    monkeypatch.setattr(control_link, "ZERO_AGAIN_S", ())
+    monkeypatch.setattr(control_link, "ZERO_WHILE_MOVING_S", ())
+    monkeypatch.setattr(control_link, "ZERO_UNLESS_STILL_S", (0.8, 0.9))
+
+    async def test(bench: LoopBench) -> None:
+        if turn_radps is not None:
+            await bench.bridge.publish("/odom", odometry(turn_radps))
+        first = await bench.until(lambda: bench.of(CommandSent), "the first zeros")
+
+        def since_first_s() -> float:
+            return (now_ns() - first[0].stamp_ns) / 1e9
+
+        await bench.until(lambda: since_first_s() > 1.2, "the last zero")
+        late = [sent for sent in bench.of(CommandSent) if (sent.stamp_ns - first[0].stamp_ns) / 1e9 > 0.7]
+        assert bool(late) == (turn_radps is None), "as it may not have been reachable before"
 
     with_link(ROBOT, test)
 
