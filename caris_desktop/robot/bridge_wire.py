@@ -60,7 +60,8 @@ class Timings:
     shows that our data does not arrive, although the robot's does.
 
     An abandoned peer whose system has accepted all of our bytes keeps its connection for up to ``leave_open_s``: see
-    :meth:`Wire.give_up`.
+    :meth:`Wire.give_up`. A lost peer is tried every ``first_retry_s`` for ``quick_retries_s``, then less often: the
+    robot may move until a restarted bridge passes on a zero.
     """
 
     ping_every_s: float = 0.2
@@ -70,7 +71,8 @@ class Timings:
     unanswered_dead_after_s: float = 1.6
     leave_open_s: float = 600.0
     handshake_s: float = 1.5
-    first_retry_s: float = 0.2
+    first_retry_s: float = 0.1
+    quick_retries_s: float = 10.0
     longest_retry_s: float = 1.0
 
 
@@ -83,6 +85,8 @@ MEDIA_TIMINGS = Timings(
     unanswered_trouble_after_s=math.inf,
     unanswered_dead_after_s=math.inf,
     leave_open_s=0.0,
+    first_retry_s=0.2,
+    quick_retries_s=0.0,
 )
 
 

@@ -454,6 +454,7 @@ class RosbridgeFactory:
 
     async def _stay_connected(self) -> None:
         delay_s = self.timings.first_retry_s
+        lost_s = self.manager.loop.time()
         while True:
             if self.motion_topics and self._motion is None:
                 self._motion = BridgeSocket(self)
@@ -465,7 +466,8 @@ class RosbridgeFactory:
                 logger.debug("%s (%s)", what, type(error).__name__)
                 self.run_safely(self._observer.link_unreachable, what, advice)
                 await asyncio.sleep(delay_s)
-                delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
+                if self.manager.loop.time() - lost_s > self.timings.quick_retries_s:
+                    delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
                 continue
             begun = [socket.begin() for socket in sockets]
             if all(begun):
@@ -473,6 +475,7 @@ class RosbridgeFactory:
                 self._lost = self.manager.loop.create_future()
                 self._begin()
                 wire = await asyncio.shield(self._lost)
+                lost_s = self.manager.loop.time()
                 if wire.broken_by_size:
                     # A large latched message would come again at once.
                     delay_s = self.timings.longest_retry_s

@@ -5,6 +5,7 @@ import contextlib
 import json
 import math
 import signal
+import socket
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ import psutil
 import pytest
 import roslibpy
 
+from caris_desktop.robot import transport
 from caris_desktop.robot.bridge_wire import Timings
 from caris_desktop.robot.link import check_robot
 from caris_desktop.robot.profile import load_profile
@@ -255,6 +257,32 @@ def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> Non
             await ros.aclose(0.2)
 
     asyncio.run(run())
+
+
+@pytest.mark.parametrize(("quick_retries_s", "pauses_s"), [(60.0, [0.01] * 4), (0.0, [0.01, 0.017, 0.02, 0.02])])
+def test_a_lost_server_is_tried_quickly_at_first(
+    monkeypatch: pytest.MonkeyPatch, quick_retries_s: float, pauses_s: list[float]
+) -> None:
+    paused_s: list[float] = []
+
+    async def sleep(delay_s: float) -> None:
+        paused_s.append(round(delay_s, 6))
+        await real_sleep(delay_s)
+
+    async def run() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as closed:
+            port = closed.getsockname()[1]
+        timings = Timings(first_retry_s=0.01, quick_retries_s=quick_retries_s, longest_retry_s=0.02)
+        ros = RosbridgeClient(f"ws://127.0.0.1:{port}", Observer(), timings=timings)
+        ros.connect()
+        while len(paused_s) < 4:
+            await real_sleep(0.005)
+        await ros.aclose(0.2)
+
+    real_sleep = asyncio.sleep
+    monkeypatch.setattr(transport.asyncio, "sleep", sleep)  # type: ignore[attr-defined]
+    asyncio.run(run())
+    assert paused_s[:4] == pauses_s
 
 
 def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) -> None:
