@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, settings
 from xdist.workermanage import WorkerController
 
 from tests.support.examples import examples
-from tests.support.leftovers import (  # noqa: F401 - fixtures of every test
+from tests.support.leak_checks import (  # noqa: F401 - fixtures of every test
     no_unexpected_words,
     nothing_of_the_file_stays,
     nothing_stays,

@@ -29,7 +29,7 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
 from tests.support.console_process import without_models
-from tests.support.told_by_lines import Reporter, attend
+from tests.support.stdin_commands import Reporter, attend
 from tests.support.virtual_gamepad import VirtualGamepad
 
 

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.app import replay_command
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.told_by_lines import Reporter, attend
+from tests.support.stdin_commands import Reporter, attend
 
 
 class ReplayDriver(Reporter):

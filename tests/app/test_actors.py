@@ -39,7 +39,7 @@ from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study.unfinished_trial import UnfinishedTrial
 from tests.live import bodies
-from tests.support.crashed import leave
+from tests.support.crashed_trial import leave
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 

@@ -355,7 +355,8 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, 
     result = subprocess.run(
         [
             *("unshare", "--mount", "--propagation", "private", "sh", "-ec"),
-            'mount -t tmpfs -o size=300m none "$1"; exec "$2" -m tests.support.late_main tests.app.fill_disk "$1" "$3"',
+            'mount -t tmpfs -o size=300m none "$1"; '
+            'exec "$2" -m tests.support.run_module tests.app.fill_disk "$1" "$3"',
             *("sh", str(disk), sys.executable, robot.address),
         ],
         capture_output=True,

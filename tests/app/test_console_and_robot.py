@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from caris_desktop.robot.control_link import ZERO_AGAIN_S
 from tests.support.console_process import ConsoleProcess
-from tests.support.leftovers import share_in_file
+from tests.support.leak_checks import share_in_file
 from tests.support.polling import wait_for
 from tests.support.processes import alive
 from tests.support.simulated_robot import SimulatedRobot

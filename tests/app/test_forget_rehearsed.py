@@ -77,7 +77,7 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
     temporary.mkdir()
     environment = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
     environment |= {"HOME": str(home), "TMPDIR": str(temporary)}
-    late = "tests.support.late_main"
+    late = "tests.support.run_module"
     done = _run(environment, late, "tests.app.naming_rehearsal", NAME, "tour-guide", "--out", out)
     assert done.returncode == 0, done.stdout + done.stderr
     study = out / "study"

@@ -23,7 +23,7 @@ from caris_desktop.scenario.scenario_file import parse_scenario
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
 from tests.app.test_replay_command import _arguments
 from tests.support.recorded_session import make_session
-from tests.support.trial_check import Data, is_plain
+from tests.support.trial_language_check import Data, is_plain
 
 CAMERAS = """version: 1
 title: A

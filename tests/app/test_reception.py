@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.app import composition
 from caris_desktop.live.console import Console
 from caris_desktop.live.state import LiveState
-from tests.support import once_told_robot
+from tests.support import latched_robot
 from tests.support.polling import wait_for
 
 pytestmark = pytest.mark.alone
@@ -62,12 +62,12 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
     qtbot: QtBot, tmp_path: Path, times: int
 ) -> None:
     profile = tmp_path / "once.yaml"
-    profile.write_text(once_told_robot.PROFILE)
+    profile.write_text(latched_robot.PROFILE)
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     with contextlib.ExitStack() as stack:
-        robot = stack.enter_context(running("-m", "tests.support.once_told_robot"))
-        address = (robot.stdout.readline() if robot.stdout else "").removeprefix(once_told_robot.READY).strip()
+        robot = stack.enter_context(running("-m", "tests.support.latched_robot"))
+        address = (robot.stdout.readline() if robot.stdout else "").removeprefix(latched_robot.READY).strip()
         for _ in range(2 if times > 2 else 0):
             stack.enter_context(running("-c", "while True: pass"))
         console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)

@@ -38,7 +38,7 @@ def _rehearse(scenario: str, out: Path, *, sentences: int = 3, seconds: int = 0,
     """Play it for ``seconds`` at least, watched by ``tracer`` if any, and give the session folder. ``sentences``: of
     the participant.
     """
-    program = (*tracer, sys.executable, "-m", "tests.support.late_main", "tests.app.watched_rehearsal")
+    program = (*tracer, sys.executable, "-m", "tests.support.run_module", "tests.app.watched_rehearsal")
     # As from a terminal: what keeps libraries from calling their makers is the program's own to set.
     environment = {name: value for name, value in os.environ.items() if name not in SWITCHES}
     done = subprocess.run(

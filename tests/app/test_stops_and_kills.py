@@ -22,7 +22,7 @@ import pytest
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.support.console_process import ConsoleProcess
-from tests.support.leftovers import share_in_file
+from tests.support.leak_checks import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from caris_desktop.recording.session.recovery import repair_session
-from tests.support.dying import die_at
+from tests.support.kill_at_event import die_at
 
 _TOUCHING = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.truncate", "shutil.copyfile"}
 

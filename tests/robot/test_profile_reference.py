@@ -13,7 +13,7 @@ from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.robot.profile_model import ProfileFile, RobotProfile
-from tests.support.broken_data import changed
+from tests.support.invalid_data import changed
 from tests.support.schemas import schema_validator
 
 PATHS = sorted((resources_dir() / "robots").glob("*.yaml"))

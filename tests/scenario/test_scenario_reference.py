@@ -11,7 +11,7 @@ from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
-from tests.support.broken_data import changed
+from tests.support.invalid_data import changed
 from tests.support.schemas import schema_validator
 
 

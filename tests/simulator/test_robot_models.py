@@ -10,7 +10,7 @@ import pytest
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.robot_models import UnknownRobotModel, robot_model_named, robot_model_names
-from tests.support.leftovers import share_in_file
+from tests.support.leak_checks import share_in_file
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 

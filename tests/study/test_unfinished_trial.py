@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from caris_desktop.study.unfinished_trial import UnfinishedTrial, forget, save_unfinished, take_newest
-from tests.support.crashed import of_one_that_is_gone
+from tests.support.crashed_trial import of_one_that_is_gone
 
 
 @pytest.fixture

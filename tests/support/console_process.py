@@ -42,7 +42,7 @@ class ConsoleProcess:
         # Of its own, as children that are killed leave files behind.
         self._folder = Path(tempfile.mkdtemp(prefix="console-"))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.support.late_main", module, *map(str, arguments)],
+            [sys.executable, "-m", "tests.support.run_module", module, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

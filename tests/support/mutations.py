@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.support.broken_data import changed
+from tests.support.invalid_data import changed
 
 MOST_MORE_BYTES = 700 << 20
 """How much memory may be taken for files of some kilobytes."""

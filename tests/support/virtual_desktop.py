@@ -63,7 +63,7 @@ class VirtualDesktop:
         )
         self._output = (folder / "output").open("w+")
         self._subject = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "tests.support.late_main", module, *arguments],
+            [sys.executable, "-X", "faulthandler", "-m", "tests.support.run_module", module, *arguments],
             env=self.environment,
             cwd=_REPOSITORY,
             stdin=subprocess.PIPE,

@@ -29,7 +29,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.support.polling import wait_for
-from tests.support.tab_check import gone_through
+from tests.support.tab_order_check import gone_through
 from tests.support.window_check import flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen

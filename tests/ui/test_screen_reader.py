@@ -24,7 +24,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.motion_panel import MotionPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.access_check import told_flaws
+from tests.support.accessibility_check import told_flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen
 from tests.ui.every_window import USUAL, EveryWindow

@@ -9,7 +9,7 @@ from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.tab_check import gone_through, tab_flaws
+from tests.support.tab_order_check import gone_through, tab_flaws
 from tests.ui.every_window import USUAL, EveryWindow
 from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture
 

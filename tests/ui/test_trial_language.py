@@ -24,7 +24,7 @@ from caris_desktop.ui.layout.dock_area import PanelTabs
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
-from tests.support.trial_check import Data, is_plain, is_plain_piece, listed, merged, plain_texts, strings_of
+from tests.support.trial_language_check import Data, is_plain, is_plain_piece, listed, merged, plain_texts, strings_of
 from tests.support.window_menus import menus_made, opened_menus
 from tests.ui import samples, test_sessions
 from tests.ui.conftest import freshen

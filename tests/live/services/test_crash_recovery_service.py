@@ -23,7 +23,7 @@ from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import find_scenario
-from tests.support.crashed import of_one_that_is_gone
+from tests.support.crashed_trial import of_one_that_is_gone
 
 P07 = TrialDetails(participant="P07", trial="2")
 

@@ -15,7 +15,7 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents, save_coder
 from caris_desktop.recording.annotation.coding_file import Coding
 from tests.recording.told_session import tell
-from tests.support.broken_data import changed
+from tests.support.invalid_data import changed
 from tests.support.schemas import schema_validator
 
 

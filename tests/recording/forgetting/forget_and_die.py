@@ -17,7 +17,7 @@ from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forg
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
-from tests.support.dying import die_at
+from tests.support.kill_at_event import die_at
 
 _CHANGES = {"os.rename", "os.remove", "open"}
 

@@ -369,7 +369,7 @@ def test_a_recorder_that_is_told_to_end_closes_the_session(tmp_path: Path) -> No
 
 def test_kill_of_the_console_closes_the_session_properly(tmp_path: Path) -> None:
     console = subprocess.Popen(
-        [sys.executable, "-m", "tests.support.late_main", "tests.recording.console_to_kill", str(tmp_path / "s")],
+        [sys.executable, "-m", "tests.support.run_module", "tests.recording.console_to_kill", str(tmp_path / "s")],
         stdout=subprocess.PIPE,
         text=True,
         cwd=REPOSITORY,
@@ -410,7 +410,7 @@ def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
     disk, kept = tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
     result = in_own_mounts(
-        'mount -t tmpfs -o size=12m none "$1"; "$3" -m tests.support.late_main tests.recording.fill_disk "$1/s" "$4"; '
+        'mount -t tmpfs -o size=12m none "$1"; "$3" -m tests.support.run_module tests.recording.fill_disk "$1/s" "$4"; '
         'cp -r "$1/s" "$2"',
         str(disk),
         str(kept),
@@ -459,7 +459,7 @@ def test_read_only_disk_is_told_and_the_recorder_lives_on(tmp_path: Path) -> Non
     disk, good = tmp_path / "disk", tmp_path / "good"
     disk.mkdir()
     result = in_own_mounts(
-        'mount -t tmpfs -o ro none "$1"; "$3" -m tests.support.late_main tests.recording.read_only_disk "$1/s" "$2"',
+        'mount -t tmpfs -o ro none "$1"; "$3" -m tests.support.run_module tests.recording.read_only_disk "$1/s" "$2"',
         str(disk),
         str(good),
         sys.executable,

@@ -38,7 +38,7 @@ def traced(folder: Path, trace: Path) -> None:
     subprocess.run(
         [
             *("strace", "-f", "-y", "-ttt", "-e", f"trace={_CALLS}", "-e", "signal=none", "-s", "0", "-o", str(trace)),
-            *(sys.executable, "-m", "tests.support.late_main", "tests.recording.session_to_trace", str(folder)),
+            *(sys.executable, "-m", "tests.support.run_module", "tests.recording.session_to_trace", str(folder)),
         ],
         cwd=REPOSITORY,
         check=True,

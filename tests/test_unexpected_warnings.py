@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-_HEAD = "from tests.support.leftovers import no_unexpected_words\n"
+_HEAD = "from tests.support.leak_checks import no_unexpected_words\n"
 _QT = "from PySide6.QtCore import qWarning\ndef test_it(qapp):\n    qWarning('Something is out of range')\n"
 _LOG = "import logging\ndef test_it():\n    logging.getLogger('x').warning('Something is out of range')\n"
 

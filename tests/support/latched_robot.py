@@ -1,6 +1,6 @@
 """A robot that sends everything once: its map, its camera's lens, its odometry, its pose. All of it is latched.
 
-``python -m tests.support.once_told_robot`` prints where it listens, and ends with its standard input.
+``python -m tests.support.latched_robot`` prints where it listens, and ends with its standard input.
 """
 
 import asyncio

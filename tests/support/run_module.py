@@ -1,4 +1,4 @@
-"""Runs another module as a program: ``python -m tests.support.late_main MODULE ARGUMENTS...``.
+"""Runs another module as a program: ``python -m tests.support.run_module MODULE ARGUMENTS...``.
 
 Each child process of multiprocessing imports the main module of its parent again. If that module imported the console,
 its eight children would import the console too, 1.6 s of computing each; this module imports nothing.

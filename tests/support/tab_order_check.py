@@ -8,7 +8,7 @@ from PySide6.QtGui import QAccessible
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QApplication, QWidget
 
-from tests.support.access_check import Told, controls, panel_of
+from tests.support.accessibility_check import Told, controls, panel_of
 
 _MOST = 600
 _SPARE_PX = 4
