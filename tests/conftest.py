@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Hooks and fixtures of all tests."""
 
 import fnmatch
 import gc
@@ -17,62 +17,61 @@ from xdist.workermanage import WorkerController
 
 from tests.support.examples import examples
 from tests.support.leak_checks import (  # noqa: F401 - fixtures of every test
-    no_unexpected_words,
-    nothing_of_the_file_stays,
-    nothing_stays,
-    remember_failure,
-    use_private_folder,
+    no_leaks,
+    no_leaks_of_module,
+    no_unexpected_warnings,
+    record_failure,
+    use_private_temp_dir,
 )
-from tests.support.workers import FilesOnce, UnderWay, end_of
+from tests.support.workers import LoadFileOnceScheduling, RunningTests, exit_description
 
-# Without a screen of its own a test run uses Qt's offscreen platform; tests that need a window manager start a
-# virtual screen themselves.
+# Default to Qt's offscreen platform; tests that need a window manager start a virtual screen themselves.
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-# As in the console on few cores; and what painting costs is then all in the thread that is measured.
+# As in the console on few cores. All painting time is then spent in the measured thread.
 os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")
 
 
 _TESTS_BETWEEN_COLLECTIONS = 25
 _tests = itertools.count(1)
 
-# As in the console: Qt objects that are garbage must not be destroyed in whichever thread allocates next.
+# As in the console: garbage Qt objects must not be destroyed in the thread that happens to allocate next.
 gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """What is there before the first test stays, and need not be looked through each time."""
+    """Exclude objects that exist before the first test from garbage collection."""
     gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
-    """What a file leaves lasts, as what it imported: looked through each time, it would cost more with each file."""
-    of_file_end = nextitem is None or nextitem.path != item.path
-    if not of_file_end and next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
+    """Freeze the objects that a test file leaves, such as imported modules, to keep later collections short."""
+    ends_module = nextitem is None or nextitem.path != item.path
+    if not ends_module and next(_tests) % _TESTS_BETWEEN_COLLECTIONS == 0:
         gc.collect()
     yield
-    if of_file_end:
+    if ends_module:
         gc.collect()
         gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """What a test logged may hold half a character; reports travel between processes as UTF-8, or end the run."""
+    """Replace lone surrogates in captured logs: xdist sends reports as UTF-8 and would abort the run."""
     report = yield
-    remember_failure(item, report)
+    record_failure(item, report)
     report.sections = [(name, text.encode("utf-8", "replace").decode("utf-8")) for name, text in report.sections]
     return report
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    use_private_folder()
-    config.pluginmanager.register(UnderWay())
+    use_private_temp_dir()
+    config.pluginmanager.register(RunningTests())
     if config.getoption("--long"):
         os.environ["CARIS_TEST_LONG"] = "1"
     else:
-        # A change is judged by the same examples each time; new ones are looked for where there is time for it.
-        # No verdict by the clock: how long examples take says how busy the machine is.
+        # The same examples in each run, so that a change is judged alike; ``--long`` runs search for new ones. No
+        # deadline: the duration of an example depends on the load of the machine.
         settings.register_profile(
             "same examples", derandomize=True, max_examples=examples(100), deadline=None,
             suppress_health_check=(HealthCheck.too_slow,),
@@ -81,22 +80,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOnce | None:
-    by_test = [f"tests/{file}" for file in _BY_TEST]
-    return FilesOnce(config, log, by_test) if config.getoption("dist") == "loadfile" else None
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileOnceScheduling | None:
+    split_files = [f"tests/{file}" for file in _SPLIT_BY_TEST]
+    return LoadFileOnceScheduling(config, log, split_files) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: WorkerController, error: object | None) -> None:
     if error:
-        print(f"\n{node.gateway.id}: {end_of(node)}")
+        print(f"\n{node.gateway.id}: {exit_description(node)}")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="also run what takes minutes, and more cases")
 
 
-# Those that take longest begin first, so that no worker has one of them left when the others are done.
+# The longest files start first, so that no worker is left with one of them at the end.
 _LONGEST_FIRST = (
     "app/test_rehearsal.py",
     "app/test_safety.py", "robot/test_link.py", "app/test_type_and_drive.py", "app/test_console_and_robot.py",
@@ -112,15 +111,15 @@ _LONGEST_FIRST = (
     "ui/test_every_window.py", "ui/test_timeline.py", "ui/test_screen_reader.py", "ui/palette/test_palette_entries.py",
     "ui/test_window.py", "ui/test_every_size.py", "ui/test_observer_window.py", "ui/test_permissions.py",
 )  # fmt: skip
-# A rehearsal is played in real time; beside these, which start one console after the other, too little is left for it.
-_NOT_BESIDE_A_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")
-# Long files without anything that their tests share: any worker takes the next test of one.
-_BY_TEST = ("app/test_bad_input.py",)
+# A rehearsal runs in real time. These files start one console after another and would leave it too little CPU time.
+_NOT_DURING_REHEARSAL = ("app/test_bad_input.py", "app/test_robot_room.py")
+# Long files whose tests share no fixture: the tests are distributed over all workers.
+_SPLIT_BY_TEST = ("app/test_bad_input.py",)
 
 
-def _turn(item: pytest.Item) -> int:
+def _sort_key(item: pytest.Item) -> int:
     file = item.path.relative_to(Path(__file__).parent).as_posix()
-    if file in _NOT_BESIDE_A_REHEARSAL:
+    if file in _NOT_DURING_REHEARSAL:
         return len(_LONGEST_FIRST) + 1
     return _LONGEST_FIRST.index(file) if file in _LONGEST_FIRST else len(_LONGEST_FIRST)
 
@@ -133,7 +132,7 @@ def _is_long(item: pytest.Item) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    items.sort(key=_turn)
+    items.sort(key=_sort_key)
     if config.getoption("--long"):
         return
     for item in items:
@@ -143,7 +142,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture
 def trial_language() -> Iterator[None]:
-    """What is shown goes through ``tr`` and so bears its marks; what stays English bears none."""
+    """Translate with the trial language: texts that go through ``tr`` get its marks, other texts stay English."""
     from caris_desktop.domain.translation import use_translator
     from caris_desktop.ui.language import in_trial_language
 
@@ -153,22 +152,23 @@ def trial_language() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def own_settings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """No test reads or writes the settings, data or documents of whoever runs it."""
-    # With a short path, as sockets need.
+def isolated_settings(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Separate home for each test: the user's settings, data and documents are neither read nor written."""
+    # A short path: socket paths are limited to 107 characters.
     home = Path(tempfile.mkdtemp(prefix="home-"))
-    of_the_file = Path(os.environ["XDG_CONFIG_HOME"])
+    module_folder = Path(os.environ["XDG_CONFIG_HOME"])
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_DOCUMENTS_DIR"):
         monkeypatch.setenv(name, str(home / name.lower()))
-    _keep_settings_in(home / "xdg_config_home")
+    _set_qt_settings_folder(home / "xdg_config_home")
     yield home
-    _keep_settings_in(of_the_file)
+    _set_qt_settings_folder(module_folder)
     shutil.rmtree(home)
 
 
-def _keep_settings_in(folder: Path) -> None:
-    """Qt looks at XDG_CONFIG_HOME once in a process: a file dialog would write into the home of whichever test had the
-    first settings, and so make anew what is gone.
+def _set_qt_settings_folder(folder: Path) -> None:
+    """Set the settings folder of Qt, which reads XDG_CONFIG_HOME only once per process.
+
+    Without this, a file dialog would write into the removed home of an earlier test.
     """
     if "PySide6.QtCore" not in sys.modules:
         return

@@ -9,9 +9,9 @@ from pytestqt.qtbot import QtBot
 
 @pytest.mark.parametrize("turn", ["first", "second"])
 def test_what_a_file_dialog_remembers_lies_in_the_home_of_its_own_test(
-    qtbot: QtBot, own_settings: Path, turn: str
+    qtbot: QtBot, isolated_settings: Path, turn: str
 ) -> None:
-    dialog = QFileDialog(None, turn, str(own_settings))
+    dialog = QFileDialog(None, turn, str(isolated_settings))
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     del dialog  # it writes as it ends
-    assert (own_settings / "xdg_config_home" / "QtProject.conf").is_file()
+    assert (isolated_settings / "xdg_config_home" / "QtProject.conf").is_file()

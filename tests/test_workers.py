@@ -11,19 +11,19 @@ import pytest
 _REPOSITORY = Path(__file__).resolve().parents[1]
 _HOOKS = """
 import pytest
-from tests.support.workers import FilesOnce, UnderWay, end_of
+from tests.support.workers import LoadFileOnceScheduling, RunningTests, exit_description
 
 def pytest_configure(config):
-    config.pluginmanager.register(UnderWay())
+    config.pluginmanager.register(RunningTests())
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    return FilesOnce(config, log, by_test=["test_apart.py"])
+    return LoadFileOnceScheduling(config, log, split_files=["test_apart.py"])
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node, error):
     if error:
-        print("ended by", end_of(node))
+        print("ended by", exit_description(node))
 """
 _SHORT = """
 import time

@@ -57,10 +57,10 @@ class AskingDriver(DesktopDriver):
         elif isinstance(event, UtteranceChanged) and event.state == "finished":
             self._spoken.append(event.text)
 
-    def _on_show(self) -> dict[str, object]:
+    def _state(self) -> dict[str, object]:
         assistant = self._run.console.state.assistant.value
         return {
-            **super()._on_show(),
+            **super()._state(),
             "model": assistant.model,
             "told": self._run.window.findChild(QLabel, "assistant_note").text(),
             "asking": any(row.is_pending for row in assistant.exchanges),

@@ -1,11 +1,10 @@
-"""The real console in a process of its own, told by lines on stdin what keys to press; for tests that stop or kill it.
+"""Real console in a separate process with commands on stdin, for tests that stop or kill it.
 
-``python -m tests.app.console_child ADDRESS STUDY_DIR`` plays the tour guide, and with CARIS_TEST_WHOLE set also its
-language model and recogniser. Lines: ``press KEY``, ``release KEY``, ``record``,
-``end_recording``, ``pause``, ``go_on``, ``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``,
-``stop``, ``place X_M Y_M NAME``, ``robot NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``,
-``pad AXIS VALUE``, ``unplug`` (the virtual gamepad), ``quit``.
-Prints a JSON line whenever something that a wizard would see has changed.
+``python -m tests.app.console_child ADDRESS STUDY_DIR`` runs the tour guide; CARIS_TEST_WITH_MODELS adds its language
+model and recogniser. Commands: ``press KEY``, ``release KEY``, ``record``, ``end_recording``, ``pause``, ``go_on``,
+``mark LABEL``, ``open SCENARIO_FILE``, ``photo``, ``export``, ``go X_M Y_M``, ``stop``, ``place X_M Y_M NAME``, ``robot
+NAME``, ``use CONTROL JSON_VALUE``, ``save_map NAME``, ``plug``, ``pad AXIS VALUE``, ``unplug`` (the virtual gamepad),
+``quit``. It prints a JSON line whenever the displayed state changes.
 """
 
 import json
@@ -29,11 +28,11 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile, save_profile
 from tests.support.console_process import without_models
-from tests.support.stdin_commands import Reporter, attend
+from tests.support.stdin_commands import StateReporter, run_until_closed
 from tests.support.virtual_gamepad import VirtualGamepad
 
 
-class Driver(Reporter):
+class Driver(StateReporter):
     """Carries out the lines and reports what is on show."""
 
     def __init__(self, run: ConsoleRun) -> None:
@@ -112,7 +111,7 @@ class Driver(Reporter):
         self._frames_missing += frame.sequence - self._frame.get(frame.camera, frame.sequence - 1) - 1
         self._frame[frame.camera] = frame.sequence
 
-    def _on_show(self) -> dict[str, object]:
+    def _state(self) -> dict[str, object]:
         console, state = self._run.console, self._run.console.state
         return {
             "link": state.link.value.state,
@@ -165,7 +164,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
     robot = _simulated_at(address, study.parent) if "://" in address else address
-    if not scenario and "CARIS_TEST_WHOLE" in os.environ:
+    if not scenario and "CARIS_TEST_WITH_MODELS" in os.environ:
         scenario = "tour-guide"
     elif not scenario:
         scenario = str(without_models(layouts_dir() / "tour-guide.yaml", study.parent))
@@ -177,7 +176,7 @@ def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scena
     )
     end_on_request(run)
     run.show()
-    return attend(run, driver_type(run))
+    return run_until_closed(run, driver_type(run))
 
 
 if __name__ == "__main__":

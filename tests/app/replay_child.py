@@ -14,10 +14,10 @@ from PySide6.QtWidgets import QApplication
 from caris_desktop.app import replay_command
 from caris_desktop.app.replay_command import ReplayRun
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.stdin_commands import Reporter, attend
+from tests.support.stdin_commands import StateReporter, run_until_closed
 
 
-class ReplayDriver(Reporter):
+class ReplayDriver(StateReporter):
     def __init__(self, run: ReplayRun) -> None:
         super().__init__()
         self._run = run
@@ -32,7 +32,7 @@ class ReplayDriver(Reporter):
         elif word == "quit":
             QApplication.closeAllWindows()
 
-    def _on_show(self) -> dict[str, object]:
+    def _state(self) -> dict[str, object]:
         button = self._run.window.findChild(ActionButton, "emergency_stop")
         return {"red_button": button.text() if button.isVisible() else ""}
 
@@ -42,7 +42,7 @@ def main() -> int:
     replay_command.add_arguments(parser)
     run = ReplayRun(parser.parse_args())
     run.show()
-    return attend(run, ReplayDriver(run))
+    return run_until_closed(run, ReplayDriver(run))
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study.unfinished_trial import UnfinishedTrial
 from tests.live import bodies
-from tests.support.crashed_trial import leave
+from tests.support.crashed_trial import save_crashed_trial
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -403,7 +403,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
         )
         broken_off = parts.session.study / "sessions" / "broken-off"
         broken_off.mkdir(parents=True)
-        leave(parts.going_on.folder, UnfinishedTrial(broken_off))
+        save_crashed_trial(parts.going_on.folder, UnfinishedTrial(broken_off))
         console = Console(parts, scenario)
         story = Story(console)
         console.state.event_happened.connect(story.happened.append)

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from caris_desktop.robot.control_link import ZERO_AGAIN_S
 from tests.support.console_process import ConsoleProcess
-from tests.support.leak_checks import share_in_file
+from tests.support.leak_checks import share_in_module
 from tests.support.polling import wait_for
 from tests.support.processes import alive
 from tests.support.simulated_robot import SimulatedRobot
@@ -35,7 +35,7 @@ class Bench:
     def start_robot_again(self) -> SimulatedRobot:
         """Where the one before was, which was killed."""
         self.robot = SimulatedRobot(port=self.robot.port)
-        share_in_file(self.robot.pid, self.robot.folder.name)
+        share_in_module(self.robot.pid, self.robot.folder.name)
         return self.robot
 
 

@@ -23,7 +23,7 @@ from caris_desktop.scenario.scenario_file import parse_scenario
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, TRIAL, Language, in_trial_language
 from tests.app.test_replay_command import _arguments
 from tests.support.recorded_session import make_session
-from tests.support.trial_language_check import Data, is_plain
+from tests.support.trial_language_check import StudyTexts, is_unmarked
 
 CAMERAS = """version: 1
 title: A
@@ -33,7 +33,7 @@ cameras:
   - {source: "0", name: desk, place: nowhere, mount: {width_px: 1280, height_px: 720, horizontal_fov_deg: 70, x_m: 0.2}}
 """
 BROKEN = "version: 1\ntitle: A\nlayout: {panel: nothing}\n"
-OF_THE_TEST = Data("ftp", "there", "desk", "nowhere", "panel", "nothing", "layout", "nobody", "Tour guide")
+OF_THE_TEST = StudyTexts("ftp", "there", "desk", "nowhere", "panel", "nothing", "layout", "nobody", "Tour guide")
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +51,7 @@ def settings(tmp_path: Path) -> QSettings:
 
 
 def plain(told: Problem | UserFacingError) -> list[str]:
-    return [text for text in (told.what, told.meaning, told.advice) if is_plain(text, OF_THE_TEST)]
+    return [text for text in (told.what, told.meaning, told.advice) if is_unmarked(text, OF_THE_TEST)]
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_cameras_that_cannot_be_used_and_people_that_cannot_be_read(parts: Adapt
     assert isinstance(problem, Problem) and plain(problem) == []
 
 
-class Told(QObject):
+class ProblemRecorder(QObject):
     """A console that only hears problems."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Told(QObject):
 
 def test_a_simulated_robot_that_does_not_start(qtbot: QtBot) -> None:
     use_translator(in_trial_language)
-    console = Told()
+    console = ProblemRecorder()
     robot = DemoRobot(console)  # type: ignore[arg-type]
     robot._failed.emit(in_trial_language("it ended with exit code 3"))
     qtbot.waitUntil(lambda: bool(console.problems))
@@ -162,7 +162,7 @@ def test_a_replay(settings: QSettings, tmp_path: Path, qtbot: QtBot) -> None:
     qtbot.addWidget(replay.window)
     try:
         stop = replay.window.findChild(QAbstractButton, "emergency_stop")
-        assert stop is not None and not is_plain(stop.text() or stop.toolTip(), OF_THE_TEST)
-        assert not is_plain(stop.toolTip(), OF_THE_TEST)
+        assert stop is not None and not is_unmarked(stop.text() or stop.toolTip(), OF_THE_TEST)
+        assert not is_unmarked(stop.toolTip(), OF_THE_TEST)
     finally:
         replay.close()

@@ -76,7 +76,7 @@ from tests.support.console_process import ConsoleProcess
 from tests.support.polling import wait_for
 from tests.support.recorded_session import make_session
 from tests.support.simulated_robot import SimulatedRobot
-from tests.support.twist_listener import SeenTwist, TwistListener
+from tests.support.twist_listener import ReceivedTwist, TwistListener
 
 pytestmark = pytest.mark.alone
 
@@ -134,7 +134,7 @@ def console(running: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener)
     _wait_for_silence(wire)
 
 
-def _moving(wire: TwistListener) -> list[SeenTwist]:
+def _moving(wire: TwistListener) -> list[ReceivedTwist]:
     return [twist for twist in list(wire.seen) if twist.moving]
 
 

@@ -43,7 +43,7 @@ class Bench:
         self.scenario = save_scenario(replace(shipped, permissions=permitted), folder / "first.yaml")
         self.other = save_scenario(replace(self.scenario, title="Second tour"), folder / "second.yaml")
         parts = composition.parts(study=composition.open_study(folder / "study"))
-        slow = self.disk.slow
+        slow = self.disk.delayed
         self.console = Console(
             replace(
                 parts,
@@ -121,7 +121,7 @@ def bench(qapp: QApplication, tmp_path: Path) -> Iterator[Bench]:
     bench = Bench(tmp_path)
     bench.disk.hold()
     yield bench
-    bench.disk.answer()
+    bench.disk.release()
     bench.close()
 
 
@@ -130,7 +130,7 @@ def _close_as_the_disk_answers(bench: Bench) -> list[str]:
 
     def during(what: str, work: Callable[[], None]) -> None:
         named.append(what)
-        bench.disk.answer()
+        bench.disk.release()
         work()
 
     bench.close(during)
@@ -142,13 +142,13 @@ def test_what_happens_while_the_session_folder_is_made_is_in_the_recording(bench
     console.start()
     console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True))
     assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
-    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
     before_ns = clock.now_ns()
     console.do(intents.Mark("meanwhile"))
     console.do(intents.StartRecording(TrialDetails(participant="P2"), anyway=True))
     bench.goes_on(qtbot)
     assert (state.recording.value.state, state.recording.value.folder) == ("starting", None)
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: state.recording.value.state == "recording", timeout=60_000)
     console.do(intents.Mark("afterwards"))
     console.do(intents.StopRecording())
@@ -172,7 +172,7 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
     console.do(intents.StopRecording())
     console._bus.publish(Marked(clock.now_ns(), "outside"))
     assert state.recording.value.state == "stopping"
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: state.recording.value.state == "idle", timeout=60_000)
     assert console.session_folder is not None
     session = open_session(console.session_folder)
@@ -182,10 +182,10 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
 def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
-    bench.disk.refuse = FULL
+    bench.disk.error = FULL
     console.do(intents.StartRecording(TrialDetails(), anyway=True))
     assert state.recording.value.state == "starting"
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: state.recording.value.state == "failed", timeout=20_000)
     qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert state.recording.value.detail == "The disk is full."
@@ -199,11 +199,11 @@ def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_wo
     console.do(intents.SavePlace("Stairs", HERE))
     console.do(intents.RemovePlace(before[0]))
     console.do(intents.OpenScenario(bench.other.path))
-    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert bench.place_names() == before
     assert bench.all_of(PlacesChanged) == []
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: console.scenario.title == "Second tour", timeout=20_000)
     assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before[1:], "Lift", "Stairs"]
     assert bench.place_names() == before
@@ -220,10 +220,10 @@ def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_wo
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
 def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(bench: Bench, qtbot: QtBot) -> None:
     console, before = bench.console, bench.place_names()
-    bench.disk.refuse = FULL
+    bench.disk.error = FULL
     console.do(intents.SavePlace("Lift", HERE))
     console.do(intents.SavePlace("Stairs", HERE))
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: bench.place_names() == [*before, "Stairs"], timeout=20_000)
     qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert bench.scenario.path is not None
@@ -233,11 +233,11 @@ def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(be
 def test_the_present_robot_is_driven_until_the_last_one_asked_for_is_found(bench: Bench, qtbot: QtBot) -> None:
     bench.console.do(intents.UseRobot("first"))
     bench.console.do(intents.UseRobot("last"))
-    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     robots: list[str] = []
     bench.state.link.changed.connect(lambda link: robots.append(link.robot))
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(
         lambda: bench.state.robot.value is not None and bench.state.robot.value.name == "last", timeout=20_000
     )
@@ -248,9 +248,9 @@ def test_the_present_robot_is_driven_until_the_last_one_asked_for_is_found(bench
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
 def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot: QtBot) -> None:
     bench.connect()
-    bench.disk.refuse = FULL
+    bench.disk.error = FULL
     bench.console.do(intents.UseRobot("unreadable"))
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: bench.told() == ["The disk is full."], timeout=20_000)
     assert bench.state.link.value.state == "connected"
 
@@ -258,10 +258,10 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
 def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.console.check_before_recording(told.append)
-    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert told == []
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: bool(told), timeout=20_000)
     assert told[0].suggested == TrialDetails()
     assert (told[0].free_bytes or 0) > 0 and (told[0].bytes_per_hour or 0) > 0
@@ -270,9 +270,9 @@ def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench:
 @pytest.mark.logs("live.background_worker: ")
 def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
-    bench.disk.refuse = OSError("gone")
+    bench.disk.error = OSError("gone")
     bench.console.check_before_recording(told.append)
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: told == [BeforeRecording()], timeout=20_000)
 
 
@@ -280,10 +280,10 @@ def test_the_list_of_robots_is_told_when_the_disk_has_told(bench: Bench, qtbot: 
     told: list[str] = []
     console = bench.console
     console.run_in_background(console.robots, lambda robots: told.extend(robot.name for robot in robots))
-    qtbot.waitUntil(bench.disk.asked.is_set, timeout=20_000)
+    qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
     bench.goes_on(qtbot)
     assert told == []
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: "simulated" in told, timeout=20_000)
 
 

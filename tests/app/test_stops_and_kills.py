@@ -22,7 +22,7 @@ import pytest
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.support.console_process import ConsoleProcess
-from tests.support.leak_checks import share_in_file
+from tests.support.leak_checks import share_in_module
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
@@ -118,7 +118,7 @@ class Bench:
             self.robot.kill()
             from_ns = time.monotonic_ns()
             self.robot = SimulatedRobot(*self._arguments, port=self.robot.port)
-            share_in_file(self.robot.pid, self.robot.folder.name)
+            share_in_module(self.robot.pid, self.robot.folder.name)
         else:
             os.kill(self.robot.pid, signal.SIGSTOP)
             until_s = time.monotonic() + seconds

@@ -47,7 +47,7 @@ from caris_desktop.conversation.sound.resampling import resampled
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing, PlayedSound
-from tests.support.sounds import RATE_HZ, chunks_of, heard_in, int16, room
+from tests.support.sounds import RATE_HZ, chunks_of, convolved, int16, room_impulse_response
 
 _ROBOT_SAYS = """
 Hello, and welcome to the interaction lab. My name is Mira.
@@ -194,7 +194,7 @@ def scene_of(voices: Voices, utterances: int, over: int, seed: int, *, busy: boo
         beside = rng.standard_normal(count) * _LEVEL * 10 ** (-rng.choice([35.0, 35.0, 35.0, 28.0]) / 20)
         if somebody is not None:
             near = np.pad(somebody[1], (lead + begins, count - lead - begins - len(somebody[1])))
-            beside += heard_in(room(rng, rt60_s=0.3), near)
+            beside += convolved(room_impulse_response(rng, rt60_s=0.3), near)
             scene.participant.append(Said(at + lead + begins, at + lead + begins + len(somebody[1]), somebody[0]))
         off_ns = round((rng.uniform(-0.01, 0.01) - late_s) * 1e9)
         if busy and trouble.random() < 1 / 3:
@@ -220,7 +220,7 @@ def _heard_of_robot(rng: np.random.Generator, robot: NDArray[np.float64]) -> NDA
         robot = np.tanh(robot * 3.0) / 3.0
     drift = rng.uniform(-1e-4, 1e-4)
     robot = np.interp(np.arange(len(robot)) * (1.0 + drift), np.arange(len(robot)), robot)
-    return heard_in(room(rng), robot) * 10 ** (rng.uniform(-6.0, 6.0) / 20)
+    return convolved(room_impulse_response(rng), robot) * 10 ** (rng.uniform(-6.0, 6.0) / 20)
 
 
 class NoCanceller(EchoCanceller):

@@ -22,7 +22,7 @@ class Bench:
         self.threads: set[threading.Thread] = set()
 
     def ask(self, work: Callable[[], object]) -> None:
-        self.work.do(self.disk.slow(work), self._notify, lambda failure: self._notify(failure.what))
+        self.work.do(self.disk.delayed(work), self._notify, lambda failure: self._notify(failure.what))
 
     def _notify(self, outcome: object) -> None:
         self.told.append(outcome)
@@ -36,7 +36,7 @@ class Bench:
 def bench(qapp: QApplication) -> Iterator[Bench]:
     bench = Bench()
     yield bench
-    bench.disk.answer()
+    bench.disk.release()
     bench.finish()
 
 
@@ -56,7 +56,7 @@ def test_the_gui_thread_goes_on_and_hears_of_all_in_order(bench: Bench, qtbot: Q
     qtbot.waitUntil(lambda: len(ticks) >= 5, timeout=20_000)
     timer.stop()
     assert bench.told == []
-    bench.disk.answer()
+    bench.disk.release()
     qtbot.waitUntil(lambda: bench.told == [1, "The disk is full.", False], timeout=20_000)
     assert bench.threads == {threading.main_thread()}
 
@@ -70,12 +70,12 @@ def test_what_nobody_thought_of_is_told_in_words_and_does_not_end_the_work(bench
 
 def test_at_the_end_what_was_asked_is_done_and_what_follows_from_it(bench: Bench) -> None:
     bench.disk.hold()
-    bench.work.do(bench.disk.slow(lambda: "first"), lambda _: bench.ask(lambda: "second"), bench.told.append)
+    bench.work.do(bench.disk.delayed(lambda: "first"), lambda _: bench.ask(lambda: "second"), bench.told.append)
     named: list[str] = []
 
     def during(what: str, work: Callable[[], None]) -> None:
         named.append(what)
-        bench.disk.answer()
+        bench.disk.release()
         work()
 
     bench.work.finish(during)

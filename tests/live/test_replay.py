@@ -37,13 +37,13 @@ from caris_desktop.recording.session.session_reader import open_session
 from tests.app.test_intents import SAMPLES
 from tests.recording import minute
 from tests.recording.told_session import at, tell
-from tests.support.recorded_session import MadeSession, make_session, number_in
+from tests.support.recorded_session import RecordedSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     return make_session(tmp_path_factory.mktemp("replay") / "session", seconds=16.0, keep=True)
 
 
@@ -61,7 +61,7 @@ Replay = Callable[..., ReplayConsole]
 
 
 @pytest.fixture
-def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
+def open_replay(made: RecordedSession, qtbot: QtBot) -> Iterator[Replay]:
     consoles: list[ReplayConsole] = []
     scenario = find_scenario("tour-guide")
 
@@ -106,7 +106,7 @@ def open_replay(made: MadeSession, qtbot: QtBot) -> Iterator[Replay]:
         console.shutdown()
 
 
-def _newest(made: MadeSession, kind: type[Any], at_ns: int, **fields: Any) -> Any:
+def _newest(made: RecordedSession, kind: type[Any], at_ns: int, **fields: Any) -> Any:
     return [
         value
         for arrived_ns, value in made.values
@@ -116,14 +116,14 @@ def _newest(made: MadeSession, kind: type[Any], at_ns: int, **fields: Any) -> An
     ][-1]
 
 
-def _shows_frame_of(console: ReplayConsole, at_ns: int, made: MadeSession) -> bool:
+def _shows_frame_of(console: ReplayConsole, at_ns: int, made: RecordedSession) -> bool:
     shown: FrameRef | None = console.state.frame.value
     camera = console.state.camera.value
     return shown is not None and shown.stamp_ns == _newest(made, FrameRef, at_ns, camera=camera).stamp_ns
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_any_moment_shows_what_had_arrived_by_then(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     rng = np.random.default_rng(5)
     for at_s in (7.3, 2.1, *rng.uniform(1.0, 11.5, 8)):
@@ -152,7 +152,7 @@ def test_any_moment_shows_what_had_arrived_by_then(made: MadeSession, open_repla
 
 @pytest.mark.logs("of the session is not shown")
 def test_playing_brings_every_event_once_in_order_and_in_time(
-    made: MadeSession, open_replay: Replay, qtbot: QtBot
+    made: RecordedSession, open_replay: Replay, qtbot: QtBot
 ) -> None:
     console = open_replay()
     heard: list[tuple[int, Any]] = []
@@ -185,7 +185,7 @@ def test_playing_brings_every_event_once_in_order_and_in_time(
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_stepping_goes_frame_by_frame(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_stepping_goes_frame_by_frame(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     console.seek(made.plan.started_ns + 5 * SECOND_NS)
     qtbot.waitUntil(lambda: console.settled and console.state.frame.value is not None, timeout=5_000)
@@ -246,7 +246,7 @@ class FakeLiveRobots:
 
 @pytest.mark.logs("of the session is not shown")
 def test_each_intent_is_refused_in_words_or_done_as_the_table_says(
-    made: MadeSession, open_replay: Replay, monkeypatch: pytest.MonkeyPatch
+    made: RecordedSession, open_replay: Replay, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     console, live = open_replay(), FakeLiveRobots()
     console._live = live  # type: ignore[assignment]
@@ -269,7 +269,7 @@ def test_each_intent_is_refused_in_words_or_done_as_the_table_says(
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_a_standing_replay_does_not_age(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_a_standing_replay_does_not_age(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     console.seek(made.plan.started_ns + 6 * SECOND_NS)
     qtbot.waitUntil(lambda: console.settled, timeout=5_000)
@@ -281,7 +281,7 @@ def test_a_standing_replay_does_not_age(made: MadeSession, open_replay: Replay, 
 
 @pytest.mark.logs("of the session is not shown")
 def test_what_coders_do_is_saved_beside_the_recording(
-    made: MadeSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
+    made: RecordedSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     console = open_replay()
     assert console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim")) == ""
@@ -358,7 +358,7 @@ def test_what_cannot_be_saved_is_kept_elsewhere_and_told(open_replay: Replay, qt
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_jumps_go_to_marks_and_utterances(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_jumps_go_to_marks_and_utterances(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     qtbot.waitUntil(lambda: console.overview.value is not None, timeout=20_000)
     utterances = sorted(moment.at_ns for moment in console.overview.value.moments if moment.kind == "utterance")
@@ -391,7 +391,7 @@ def test_the_clock_runs_stands_and_stops_at_the_end() -> None:
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_another_camera_may_be_looked_through(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     at_ns = made.plan.started_ns + 5 * SECOND_NS
     for camera in ("front", "rear"):
@@ -404,7 +404,7 @@ def test_another_camera_may_be_looked_through(made: MadeSession, open_replay: Re
 
 @pytest.mark.logs("of the session is not shown")
 def test_every_camera_of_the_session_is_seen_while_one_is_large(
-    made: MadeSession, open_replay: Replay, qtbot: QtBot
+    made: RecordedSession, open_replay: Replay, qtbot: QtBot
 ) -> None:
     console = open_replay()
     state = console.state

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from caris_desktop.recording.session.recovery import repair_session
-from tests.support.kill_at_event import die_at
+from tests.support.kill_at_event import kill_at_event
 
 _TOUCHING = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.truncate", "shutil.copyfile"}
 
@@ -18,7 +18,7 @@ def main(source: Path, copies: Path, first: int, step: int) -> None:
         shutil.copytree(source, folder)
         child = os.fork()
         if not child:
-            die_at(count, folder, _TOUCHING)
+            kill_at_event(count, folder, _TOUCHING)
             repair_session(folder)
             os._exit(0)
         _, status = os.waitpid(child, 0)

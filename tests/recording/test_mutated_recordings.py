@@ -26,7 +26,7 @@ from caris_desktop.recording.session_export import ExportError, export_session
 from caris_desktop.simulator.map_files import MapFileError, MapFiles
 from caris_desktop.ui.widgets.foreign_picture import image_of
 from tests.recording.foreign.test_bag_import import BAGS
-from tests.support.mutations import MOST_MORE_BYTES, most_memory_bytes, mutated, nothing_outside
+from tests.support.mutations import MEMORY_LIMIT_BYTES, mutated, peak_memory_bytes, recorded_side_effects
 from tests.support.recorded_session import make_session
 
 pytestmark = [pytest.mark.logs(""), pytest.mark.timeout(900)]
@@ -40,8 +40,8 @@ def trials(request: pytest.FixtureRequest, few: int) -> range:
 
 def tried(folder: Path, seed: int, read: Callable[[], None], refusals: tuple[type[Exception], ...]) -> bool:
     """Whether it was read rather than refused. Fails for anything else that happens."""
-    before, secret = most_memory_bytes(), folder.parent / "secret.txt"
-    with nothing_outside(folder, secret) as seen:
+    before, secret = peak_memory_bytes(), folder.parent / "secret.txt"
+    with recorded_side_effects(folder, secret) as seen:
         try:
             read()
             done = True
@@ -51,7 +51,7 @@ def tried(folder: Path, seed: int, read: Callable[[], None], refusals: tuple[typ
         except Exception as error:
             raise AssertionError(f"seed {seed}: {error!r}") from error
         assert not seen, (seed, seen)
-    assert most_memory_bytes() - before < MOST_MORE_BYTES, seed
+    assert peak_memory_bytes() - before < MEMORY_LIMIT_BYTES, seed
     return done
 
 

@@ -51,10 +51,10 @@ class StopsDriver(SafetyDriver):
         else:
             super()._on_line(line)
 
-    def _on_show(self) -> dict[str, object]:
+    def _state(self) -> dict[str, object]:
         self._look_for_contradictions()
         return {
-            **super()._on_show(),
+            **super()._state(),
             "acted": list(self._acted),
             "contradictions": list(self._contradictions),
             "contradicts": self._contradicts_since_ns != 0,

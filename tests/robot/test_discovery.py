@@ -409,7 +409,7 @@ def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: Simulated
 
 
 def test_a_robot_in_another_dress_is_recognized() -> None:
-    with SimulatedRobot(dress="pepper") as robot:
+    with SimulatedRobot(robot_model="pepper") as robot:
         found = asyncio.run(explore_robot(robot.address))
     assert [each.name for each in found.resembles] == ["pepper"]
     values = found.proposal.chosen
@@ -445,7 +445,7 @@ def test_a_value_is_found_by_its_path() -> None:
 
 @pytest.mark.long
 def test_a_namespaced_robot_with_a_clock_of_its_own() -> None:
-    with SimulatedRobot("--namespace", "robot7", "--simulation-time", dress="turtlebot4") as robot:
+    with SimulatedRobot("--namespace", "robot7", "--simulation-time", robot_model="turtlebot4") as robot:
         found = asyncio.run(explore_robot(robot.address))
         profile = profile_of(found.offer, found.proposal.chosen, name="a", title="A", address=robot.address)
         checks = heard(profile, robot.address)

@@ -1,8 +1,6 @@
-"""Every shipped profile against the simulated robot in that robot's dress: seen, driven, spoken through, navigated,
-stopped.
+"""Every shipped profile against the simulated robot of its model: sensing, driving, speech, navigation, stop.
 
-The dresses were written down from what the robots' makers publish, not from the profiles: where the two disagree,
-one of them is wrong.
+The robot models follow the publications of the manufacturers, not the profiles: a mismatch is a fault in one of them.
 """
 
 import math
@@ -54,7 +52,7 @@ from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
 V = TypeVar("V")
 
-DRESS_OF = {
+ROBOT_MODEL_OF = {
     "generic-ros1": ("generic", 1),
     "generic-ros2": ("generic", 2),
     "simulated": ("generic", 1),
@@ -73,7 +71,7 @@ IN_THE_CORRIDOR = "pose:10.4,5,0"
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A robot in its dress, its profile, and both links of the console."""
+    """Simulated robot of a model, its profile, and both links of the console."""
 
     profile: RobotProfile
     robot: SimulatedRobot
@@ -100,7 +98,7 @@ class Bench:
 
 
 def test_every_shipped_profile_has_a_dress() -> None:
-    assert set(shipped_profiles()) == set(DRESS_OF)
+    assert set(shipped_profiles()) == set(ROBOT_MODEL_OF)
 
 
 _IN_EVERY_RUN = {"pepper", "tiago", "turtlebot4"}
@@ -109,14 +107,16 @@ _IN_EVERY_RUN = {"pepper", "tiago", "turtlebot4"}
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in sorted(DRESS_OF)],
+    params=[
+        pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in sorted(ROBOT_MODEL_OF)
+    ],
 )
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     # the links of all profiles are forked from one process that has imported what they need
     multiprocessing.set_forkserver_preload(["tests.robot.test_media_link", *_IMPORTED_BY_LINKS])
-    dress, ros = DRESS_OF[request.param]
+    robot_model, ros = ROBOT_MODEL_OF[request.param]
     ring = FrameRing.create()
-    with SimulatedRobot("--empty", dress=dress, ros=ros) as robot, RosbridgeClient(robot.address) as client:
+    with SimulatedRobot("--empty", robot_model=robot_model, ros=ros) as robot, RosbridgeClient(robot.address) as client:
         client.call("/simulator/fault", command=IN_THE_CORRIDOR)
         link = LinkProcess(robot.address, request.param, method="forkserver")
         media = LinkProcess(robot.address, request.param, body=run_with_ring, extra=(ring.name,), method="forkserver")
@@ -150,8 +150,8 @@ def test_every_control_of_the_profile_is_obeyed(bench: Bench) -> None:
     taken = [order["name"] for order in bench.state()["orders"]]
     named = [_name_of(control.effect) for control in controls if control.effect is not None]
     # the simulated robot's own controls move things that it has; those of other robots it takes note of
-    assert set(taken) == (set() if bench.robot.dress == "generic" else set(named))
-    if bench.robot.dress == "generic":
+    assert set(taken) == (set() if bench.robot.robot_model == "generic" else set(named))
+    if bench.robot.robot_model == "generic":
         panel = bench.state()["panel"]
         assert panel["waves_begun"] == 1
         assert panel["volume"] == 100.0

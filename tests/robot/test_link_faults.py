@@ -146,23 +146,23 @@ def test_a_robot_that_is_killed_and_started_again(bench: Bench) -> None:
     assert not [seen for seen in bench.listener.seen if seen.turn_radps < 0]
 
 
-@pytest.mark.parametrize("direction", ["both", "there"])
+@pytest.mark.parametrize("direction", ["both", "to_server"])
 @pytest.mark.long("both")
 def test_a_connection_that_is_only_half_there(bench: Bench, direction: str) -> None:
     bench.drive()
     after = len(bench.link.states())
-    bench.proxy.swallow(direction)  # type: ignore[arg-type]
-    swallowed_s = time.monotonic()
-    bench.state_is_shown("trouble", "lost", since_s=swallowed_s, after=after)
+    bench.proxy.discard(direction)  # type: ignore[arg-type]
+    discarded_s = time.monotonic()
+    bench.state_is_shown("trouble", "lost", since_s=discarded_s, after=after)
     bench.link.hold(lambda: "lost" in bench.link.states()[after:], "lost")
-    assert time.monotonic() - swallowed_s < SHOWN_WITHIN_S + 0.5
+    assert time.monotonic() - discarded_s < SHOWN_WITHIN_S + 0.5
     bench.link.drive(0.0, -0.3)
-    bench.hold_until(swallowed_s + 2.2)
-    bench.proxy.swallow("")
+    bench.hold_until(discarded_s + 2.2)
+    bench.proxy.discard("")
     opened_s = time.monotonic()
     bench.is_restored(after=after)
     assert not [seen for seen in bench.listener.seen if seen.turn_radps < 0]
-    assert bench.moving(since_s=swallowed_s + 0.3)[0] > opened_s
+    assert bench.moving(since_s=discarded_s + 0.3)[0] > opened_s
 
 
 @pytest.mark.long
@@ -237,7 +237,7 @@ def test_faults_of_every_kind_one_after_the_other(bench: Bench) -> None:
     for _ in range(20):
         bench.drive()
         after = len(bench.link.states())
-        fault = chance.choice(("stop", "cut", "both", "there", "delay"))
+        fault = chance.choice(("stop", "cut", "both", "to_server", "delay"))
         begun_s = time.monotonic()
         ends_s = begun_s + chance.uniform(1.5, 5.0)
         if fault == "stop":
@@ -248,7 +248,7 @@ def test_faults_of_every_kind_one_after_the_other(bench: Bench) -> None:
             bench.proxy.delay(chance.uniform(0.1, 0.35))
             bench.proxy.cut()
         else:
-            bench.proxy.swallow(fault)  # type: ignore[arg-type]
+            bench.proxy.discard(fault)  # type: ignore[arg-type]
         bench.state_is_shown("trouble", "lost", since_s=begun_s, after=after)
         bench.link.drive(0.0, -0.3)
         bench.hold_until(ends_s)

@@ -13,7 +13,7 @@ from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.robot.profile_model import ProfileFile, RobotProfile
-from tests.support.invalid_data import changed
+from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator
 
 PATHS = sorted((resources_dir() / "robots").glob("*.yaml"))
@@ -42,7 +42,7 @@ def test_editors_and_the_program_refuse_the_same() -> None:
         assert validator.is_valid(data)
         assert list(problems(declaration, data)) == []
         for _ in range(60 if declaration is ProfileFile else 20):
-            odd = changed(data, chance, MORE)
+            odd = with_mistake(data, chance, MORE)
             wrong = list(problems(declaration, odd))
             assert validator.is_valid(odd) == (not wrong), (odd, wrong)
             tried += 1

@@ -54,6 +54,6 @@ def test_the_camera_of_the_simulated_robot_is_the_one_that_it_draws_with() -> No
 
 
 def test_a_profile_for_the_other_ros_is_told_and_not_taken() -> None:
-    with SimulatedRobot(dress="turtlebot4") as robot:
+    with SimulatedRobot(robot_model="turtlebot4") as robot:
         first, *_ = check_robot(load_profile("tiago"), robot.address)
     assert "runs ROS 2, but the profile says ROS 1" in first

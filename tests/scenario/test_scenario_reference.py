@@ -11,7 +11,7 @@ from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
-from tests.support.invalid_data import changed
+from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator
 
 
@@ -29,7 +29,7 @@ def test_editors_and_the_program_refuse_the_same() -> None:
     for data in files:
         assert validator.is_valid(data)
         for _ in range(80):
-            tried = changed(data, chance, ["unknown", "panel", "tabs", "weights", "name"])
+            tried = with_mistake(data, chance, ["unknown", "panel", "tabs", "weights", "name"])
             wrong = list(problems(Scenario, tried))
             assert validator.is_valid(tried) == (not wrong), (tried, wrong)
             refused += bool(wrong)

@@ -10,7 +10,7 @@ import pytest
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.robot_models import UnknownRobotModel, robot_model_named, robot_model_names
-from tests.support.leak_checks import share_in_file
+from tests.support.leak_checks import share_in_module
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -68,8 +68,8 @@ class Wardrobe:
 
     def wearing(self, name: str) -> SimulatedRobot:
         if name not in self._robots:
-            self._robots[name] = self._open.enter_context(SimulatedRobot("--empty", dress=name))
-            share_in_file(self._robots[name].pid, self._robots[name].folder.name)
+            self._robots[name] = self._open.enter_context(SimulatedRobot("--empty", robot_model=name))
+            share_in_module(self._robots[name].pid, self._robots[name].folder.name)
         return self._robots[name]
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from caris_desktop.study.unfinished_trial import UnfinishedTrial, forget, save_unfinished, take_newest
-from tests.support.crashed_trial import of_one_that_is_gone
+from tests.support.crashed_trial import assign_to_ended_process
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def _trial(study: Path) -> UnfinishedTrial:
 
 def test_what_a_crash_left_is_told_once(folder: Path, study: Path) -> None:
     save_unfinished(folder, _trial(study))
-    of_one_that_is_gone(folder)
+    assign_to_ended_process(folder)
     assert take_newest(folder, study) == _trial(study)
     assert take_newest(folder, study) is None
 
@@ -65,7 +65,7 @@ def test_a_power_cut_is_an_end_that_nobody_wanted(folder: Path, study: Path) -> 
 
 def test_another_study_is_not_asked_about_it(folder: Path, study: Path, tmp_path: Path) -> None:
     save_unfinished(folder, _trial(study))
-    of_one_that_is_gone(folder)
+    assign_to_ended_process(folder)
     assert take_newest(folder, tmp_path / "another") is None
     assert take_newest(folder, study) == _trial(study)
 
@@ -82,7 +82,7 @@ def test_a_broken_file_goes(folder: Path, study: Path, text: str, caplog: pytest
 
 def test_what_an_older_program_left_has_no_step(folder: Path, study: Path) -> None:
     save_unfinished(folder, _trial(study))
-    of_one_that_is_gone(folder)
+    assign_to_ended_process(folder)
     (path,) = folder.iterdir()
     data = json.loads(path.read_text())
     del data["step"]

@@ -1,1 +1,1 @@
-"""Things that several rooms test with."""
+"""Support modules for tests of several packages."""

@@ -1,4 +1,4 @@
-"""Asks the accessibility interface for what a screen reader would say of a window, and finds what it could not."""
+"""Check of a window's accessibility tree for controls that a screen reader cannot name, describe or tell apart."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -14,97 +14,101 @@ from caris_desktop.ui.overlay import Overlay
 Role = QAccessible.Role
 
 _NO_ROLE = (Role.NoRole, Role.Client, Role.Pane, Role.Window, Role.Border, Role.Whitespace, Role.Separator)
-"""Of a part of which a screen reader says only that there is something."""
+"""Roles that tell a screen reader nothing about the control."""
 
-_MAY_BE_ALIKE = (Role.Cell, Role.StaticText)
-"""The same value may stand in many lines of a table, where row and column tell which it is; text does nothing."""
+_MAY_SHARE_NAME = (Role.Cell, Role.StaticText)
+"""Cells are told apart by row and column, and static text has no action."""
 
-_ACTS = ("Press", "Toggle", "Increase", "ShowMenu")
+_ACTIONS = ("Press", "Toggle", "Increase", "ShowMenu")
 _SPARE_PX = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What a screen reader says of one control that can be focused or pressed, and the panel that it stands in."""
+class AccessibleControl:
+    """Accessible name, description, role and rectangle of a control that can be focused or pressed, and its panel."""
 
     name: str
-    about: str
+    description: str
     role: QAccessible.Role
     place: QRect
     widget: QWidget
-    own: bool
-    """Whether it is a widget itself, not a row or cell of one."""
+    is_widget: bool
+    """True for a widget, False for a row or cell of one."""
     panel: QWidget
 
     @property
-    def spot(self) -> str:
-        """For whoever has to find it in the code."""
+    def location(self) -> str:
+        """Widget class, object name, role and panel, for error messages."""
         return (
             f"{type(self.widget).__name__} {self.widget.objectName()!r} ({self.role.name}) in {self.panel.objectName()}"
         )
 
 
-def told_flaws(part: QWidget) -> list[str]:
-    """One line for each control of ``part`` that cannot be told, or not from another one; empty if all can be."""
-    found, alike = list[str](), defaultdict[tuple[object, ...], list[Told]](list)
+def accessibility_flaws(part: QWidget) -> list[str]:
+    """One line for each control of ``part`` that a screen reader cannot name or tell from another one."""
+    found, by_name = list[str](), defaultdict[tuple[object, ...], list[AccessibleControl]](list)
     window = part.window()
-    room = QRect(window.mapToGlobal(QPoint()), window.size()).adjusted(-_SPARE_PX, -_SPARE_PX, _SPARE_PX, _SPARE_PX)
+    window_rect = QRect(window.mapToGlobal(QPoint()), window.size()).adjusted(
+        -_SPARE_PX, -_SPARE_PX, _SPARE_PX, _SPARE_PX
+    )
     for one in controls(part):
         if one.role == Role.PageTab and one.place.isEmpty():
-            continue  # in the list behind the button at the end of its tabs
+            continue  # hidden in the overflow list of the tab bar
         if not one.name.strip():
-            found.append(f"{one.spot} has no name")
+            found.append(f"{one.location} has no name")
         elif one.name == one.widget.objectName() or one.name == type(one.widget).__name__:
-            found.append(f"{one.spot} is called as the program calls it: {one.name!r}")
+            found.append(f"{one.location} has an internal name as accessible name: {one.name!r}")
         if one.role in _NO_ROLE:
-            found.append(f"{one.spot}, {one.name!r}, does not say what it is")
-        if one.place.isEmpty() or not (room.contains(one.place) or _scrolled(one)):
-            found.append(f"{one.spot}, {one.name!r}, lies at {one.place.getRect()}, outside of {room.getRect()}")
-        if one.role not in _MAY_BE_ALIKE:
-            # Qt on Linux calls a drop-down by what is chosen in it; which one it is stands in its description.
-            about = one.about if one.role == Role.ComboBox else ""
-            alike[one.panel, one.role.name, one.name, about].append(one)
+            found.append(f"{one.location}, {one.name!r}, has no role")
+        if one.place.isEmpty() or not (window_rect.contains(one.place) or _scrolled(one)):
+            found.append(
+                f"{one.location}, {one.name!r}, is at {one.place.getRect()}, outside of {window_rect.getRect()}"
+            )
+        if one.role not in _MAY_SHARE_NAME:
+            # On Linux Qt uses the current item as the name of a combo box; the description identifies it.
+            description = one.description if one.role == Role.ComboBox else ""
+            by_name[one.panel, one.role.name, one.name, description].append(one)
     found += [
-        f"{len(controls_)} controls are called {name!r}: {', '.join(one.spot for one in controls_)}"
-        for (_panel, _role, name, _about), controls_ in alike.items()
+        f"{len(controls_)} controls share the accessible name {name!r}: {', '.join(one.location for one in controls_)}"
+        for (_panel, _role, name, _description), controls_ in by_name.items()
         if len(controls_) > 1
     ]
-    return [*found, *unknown_to_qt(part), *told_as_html(part)]
+    return [*found, *widgets_without_role(part), *html_descriptions(part)]
 
 
-def told_as_html(part: QWidget) -> list[str]:
-    """Widgets whose tooltip is told with its tags, as Qt does where there is no description."""
-    told = [
-        (widget, heard.text(QAccessible.Text.Description))
+def html_descriptions(part: QWidget) -> list[str]:
+    """Widgets whose tooltip, Qt's fallback for a missing description, contains HTML tags."""
+    described = [
+        (widget, interface.text(QAccessible.Text.Description))
         for widget in (part, *part.findChildren(QWidget))
-        if widget.isVisible() and (heard := QAccessible.queryAccessibleInterface(widget)) is not None
+        if widget.isVisible() and (interface := QAccessible.queryAccessibleInterface(widget)) is not None
     ]
     return [
-        f"{type(widget).__name__} {widget.objectName()!r} is told with tags: {words!r}"
-        for widget, words in told
+        f"{type(widget).__name__} {widget.objectName()!r} has HTML tags in its accessible description: {words!r}"
+        for widget, words in described
         if any(tag in words for tag in ("<p>", "<br>", "<b>"))
     ]
 
 
-def unknown_to_qt(part: QWidget) -> list[str]:
-    """Widgets that have a name, a description or the focus, and are nothing to Qt: what they are is for us to say."""
+def widgets_without_role(part: QWidget) -> list[str]:
+    """Focusable or named widgets that Qt gives no specific role, so that they need an ``accessible_role``."""
     shown = [widget for widget in (part, *part.findChildren(QWidget)) if widget.isVisible()]
     met = [each for each in shown if each.accessibleName() or each.accessibleDescription() or each.focusPolicy().value]
     return [
         f"{type(widget).__name__} {widget.objectName()!r}, {widget.accessibleName()!r}, has no accessible_role"
         for widget in met
-        if (told := QAccessible.queryAccessibleInterface(widget)) is not None and told.role() == Role.Client
+        if (interface := QAccessible.queryAccessibleInterface(widget)) is not None and interface.role() == Role.Client
     ]
 
 
-def controls(part: QWidget) -> list[Told]:
-    """Everything within ``part`` that can be focused or pressed, as far as it is shown."""
+def controls(part: QWidget) -> list[AccessibleControl]:
+    """All visible controls within ``part`` that can be focused or pressed."""
     root = QAccessible.queryAccessibleInterface(part)
     assert root is not None
     return list(_below(root, part))
 
 
-def _below(node: QAccessibleInterface, holder: QWidget) -> Iterator[Told]:
+def _below(node: QAccessibleInterface, holder: QWidget) -> Iterator[AccessibleControl]:
     for number in range(node.childCount()):
         child = node.child(number)
         if child is None or not child.isValid() or child.state().invisible:
@@ -113,17 +117,19 @@ def _below(node: QAccessibleInterface, holder: QWidget) -> Iterator[Told]:
         widget = thing if isinstance(thing, QWidget) else holder
         if widget.window() is not holder.window():
             continue
-        acts = child.actionInterface()
-        pressable = acts is not None and any(act in _ACTS for act in acts.actionNames())
+        actions = child.actionInterface()
+        pressable = actions is not None and any(action in _ACTIONS for action in actions.actionNames())
         if (child.state().focusable or pressable) and not isinstance(widget, QScrollBar):
-            name, about = child.text(QAccessible.Text.Name), child.text(QAccessible.Text.Description)
-            yield Told(name, about, child.role(), child.rect(), widget, widget is thing, panel_of(widget))
+            name, description = child.text(QAccessible.Text.Name), child.text(QAccessible.Text.Description)
+            yield AccessibleControl(
+                name, description, child.role(), child.rect(), widget, widget is thing, panel_of(widget)
+            )
         yield from _below(child, widget)
 
 
 def panel_of(widget: QWidget) -> QWidget:
-    """The part of the window in which a name has to tell one control from another: a panel, the tabs above it, a card,
-    a strip, a dialog.
+    """The part of the window in which accessible names must be unique: a panel, its tab bar, a card, a strip or a
+    dialog.
     """
     at = widget
     while not at.isWindow():
@@ -136,9 +142,9 @@ def panel_of(widget: QWidget) -> QWidget:
     return at
 
 
-def _scrolled(one: Told) -> bool:
-    """Whether it can be brought in by scrolling."""
-    parent = one.widget if not one.own else one.widget.parentWidget()
+def _scrolled(one: AccessibleControl) -> bool:
+    """True if a scroll area can bring the control into view."""
+    parent = one.widget if not one.is_widget else one.widget.parentWidget()
     while parent is not None and not parent.isWindow():
         if isinstance(parent, QAbstractScrollArea):
             return True

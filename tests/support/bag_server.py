@@ -1,7 +1,7 @@
-"""A ROS 1 recording served over rosbridge with its own stamps, at its own pace; run as a separate program.
+"""ROS 1 recording served over rosbridge with its recorded stamps, as a separate program.
 
-``python -m tests.support.bag_server BAG [--from SECONDS] [--pace FACTOR]``: prints its address when it is ready, plays
-all topics from there to the end, and again from there. It ends when its standard input does.
+``python -m tests.support.bag_server BAG [--from SECONDS] [--pace FACTOR]`` prints its address when it is ready and
+plays all topics from there to the end in a loop. It exits at the end of its standard input.
 """
 
 import argparse
@@ -28,12 +28,12 @@ READY = "Recording ready at "
 
 
 def ros1_name(type_name: str) -> str:
-    """``sensor_msgs/LaserScan`` of the ``sensor_msgs/msg/LaserScan`` that rosbags calls it."""
+    """ROS 1 type name: ``sensor_msgs/LaserScan`` for ``sensor_msgs/msg/LaserScan`` of rosbags."""
     return type_name.replace("/msg/", "/")
 
 
 def plain(value: Any) -> Any:
-    """A message of rosbags as rosbridge's own plain objects; arrays stay arrays."""
+    """Convert a rosbags message to plain dicts as in rosbridge JSON; arrays stay arrays."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         names = [field.name for field in dataclasses.fields(value) if not field.name.startswith("__")]
         fields = {name: plain(getattr(value, name)) for name in names}
@@ -46,7 +46,7 @@ def plain(value: Any) -> Any:
 
 
 def messages(bag: Path, *, from_s: float = 0.0) -> Iterator[tuple[str, str, int, Any]]:
-    """Topic, type, time of recording in nanoseconds, and the message as rosbags has it."""
+    """Topic, type, recording time in nanoseconds and rosbags message of each recorded message."""
     with Reader(bag) as reader:
         connection: Connection
         for connection, at_ns, raw in reader.messages(start=reader.start_time + round(from_s * 1e9)):
@@ -78,7 +78,7 @@ async def play(server: BridgeServer, clock: RobotClock, bag: Path, *, from_s: fl
         for topic, _, at_ns, message in messages(bag, from_s=from_s):
             if not first_ns:
                 first_ns = at_ns
-                # the robot's clock is that of the recording
+                # the robot clock shows recording time
                 clock.disagree(offset_s=(at_ns - time.time_ns()) * 1e-9)
             await asyncio.sleep(max(0.0, begun_s + (at_ns - first_ns) * 1e-9 / pace - loop.time()))
             server.publish(topic, plain(message))

@@ -1,4 +1,4 @@
-"""Certificates for tests of secured links: an authority of our own, and what it signs."""
+"""Certificate authority and server certificates for tests of TLS connections."""
 
 import datetime
 import ipaddress
@@ -15,14 +15,14 @@ _DAY = datetime.timedelta(days=1)
 
 @dataclass(frozen=True, slots=True)
 class ServerFiles:
-    """What a server needs: its certificate and its private key, PEM files."""
+    """Certificate and private key of a server, both PEM files."""
 
     certificate: Path
     key: Path
 
 
 class Authority:
-    """Signs certificates; ``file`` is what a client must trust."""
+    """Certificate authority; clients must trust ``file``."""
 
     def __init__(self, folder: Path, name: str = "Test authority") -> None:
         self._folder = folder
@@ -46,9 +46,9 @@ class Authority:
     def issue(
         self, host: str, *, expired: bool = False, early: bool = False, named: bool = True, by_itself: bool = False
     ) -> ServerFiles:
-        """For a server that is reached as ``host``, a name or an IP address; ``by_itself`` without this authority.
+        """Issue a certificate for ``host``, a name or an IP address; self-signed with ``by_itself``.
 
-        Like most that people make it has no key identifiers, which Python 3.13 looks for.
+        It has no key identifiers, as is common with hand-made certificates; Python 3.13 requires them by default.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         now = datetime.datetime.now(datetime.UTC)

@@ -1,4 +1,4 @@
-"""A real browser without a window, controlled over its own protocol."""
+"""Headless Chromium, controlled over the DevTools protocol."""
 
 import base64
 import contextlib
@@ -17,7 +17,7 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def chromium_or_skip() -> str:
-    """Where the browser is; the test that needs it is skipped, and says so, where there is none."""
+    """Path of the browser; skips the test if none is installed."""
     found = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if found is None:
         pytest.skip("needs Chromium")
@@ -25,7 +25,7 @@ def chromium_or_skip() -> str:
 
 
 class Browser:
-    """One page in a browser of its own."""
+    """One page in a separate browser process."""
 
     def __init__(self, url: str, *, width_px: int = 800, height_px: int = 600) -> None:
         self._folder = tempfile.mkdtemp(prefix="caris-chromium-")
@@ -59,14 +59,14 @@ class Browser:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def value(self, expression: str) -> Any:
-        """What JavaScript makes of it in the page."""
+        """Result of a JavaScript expression in the page."""
         return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
     def picture(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
     def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """A command about the page."""
+        """Send a DevTools command to the page."""
         return self._ask(method, session=self._session, **parameters)
 
     def _ask(self, method: str, *, session: str = "", **parameters: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A handle on ``tests.app.console_child`` and its kin: say what to press, see what is on show."""
+"""Handle on ``tests.app.console_child`` and similar programs: sends commands and reads the reported state."""
 
 import contextlib
 import json
@@ -17,7 +17,7 @@ from tests.support.polling import wait_for
 
 
 def without_models(scenario: Path, folder: Path) -> Path:
-    """A copy of it that asks no language model and writes down nothing that is said, which costs six processes less."""
+    """Copy of a scenario without assistant and transcription, which saves six processes."""
     text = scenario.read_text("utf-8")
     for permission in ("assistant", "transcription"):
         assert text.count(f"\n  {permission}: true\n") == 1
@@ -28,7 +28,9 @@ def without_models(scenario: Path, folder: Path) -> Path:
 
 
 class ConsoleProcess:
-    """The console in a process that may be stopped and killed. ``whole``: with its language model and recogniser."""
+    """Console in a separate process that may be stopped and killed; ``whole`` starts its language model and recogniser
+    too.
+    """
 
     def __init__(
         self,
@@ -38,8 +40,8 @@ class ConsoleProcess:
         **environment: str,
     ) -> None:
         if whole:
-            environment["CARIS_TEST_WHOLE"] = "1"
-        # Of its own, as children that are killed leave files behind.
+            environment["CARIS_TEST_WITH_MODELS"] = "1"
+        # A separate folder: killed child processes leave files behind.
         self._folder = Path(tempfile.mkdtemp(prefix="console-"))
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tests.support.run_module", module, *map(str, arguments)],
@@ -59,22 +61,24 @@ class ConsoleProcess:
 
     @property
     def shown(self) -> dict[str, Any]:
-        """What is on show now; empty before the window is up."""
+        """Last reported state; empty until the window is open."""
         return self.history[-1] if self.history else {}
 
     def say(self, line: str) -> None:
         if self._process.stdin is None:
-            raise RuntimeError("the console has no stdin")
+            raise RuntimeError("the console process has no stdin")
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
     def wait_until_shown(self, *, timeout_s: float = 60.0, **expected: object) -> dict[str, Any]:
-        """The first report in which everything expected is on show."""
+        """Wait for the first report that contains all expected values, and return it."""
         first = len(self.history) - 1 if self.history else 0
 
         def found() -> dict[str, Any] | None:
             if self._process.poll() is not None and not self._reader.is_alive():
-                raise AssertionError(f"the console ended with {self._process.returncode}; last: {self.shown}")
+                raise AssertionError(
+                    f"the console exited with status {self._process.returncode}; last report: {self.shown}"
+                )
             for report in self.history[max(0, first) :]:
                 if all(report[name] == value for name, value in expected.items()):
                     return report
@@ -83,20 +87,20 @@ class ConsoleProcess:
         try:
             report = wait_for(found, f"{expected}", timeout_s=timeout_s)
         except AssertionError as error:
-            raise AssertionError(f"{error}; last: {self.shown}") from error
+            raise AssertionError(f"{error}; last report: {self.shown}") from error
         if report is None:
             raise AssertionError
         return report
 
     def hold(self, key: str, seen: Callable[[], object], what: str) -> None:
-        """Press a drive key until ``seen``. A busy machine may stall the window, which ends a hold: press anew then."""
+        """Hold a drive key until ``seen`` is true; press again if a stalled window on a busy machine ended the hold."""
         for _attempt in range(5):
             self.say(f"press {key}")
             with contextlib.suppress(AssertionError):
                 wait_for(seen, what, timeout_s=4.0)
                 return
             self.say(f"release {key}")
-        raise AssertionError(f"not after five presses of {key}: {what}; last: {self.shown}")
+        raise AssertionError(f"five presses of {key} without effect: {what}; last report: {self.shown}")
 
     def kill(self) -> None:
         self._process.kill()
@@ -104,27 +108,27 @@ class ConsoleProcess:
         self._remove_folder()
 
     def terminate(self, number: signal.Signals = signal.SIGTERM) -> int:
-        """As the system does that is shut down; gives the exit status."""
+        """Send a signal, by default that of a system shutdown, and return the exit status."""
         self._process.send_signal(number)
         return self.wait()
 
     def wait(self) -> int:
-        """Until it has ended by itself; gives the exit status."""
+        """Wait until the process has exited, and return its status."""
         self._process.wait(60)
         self._remove_folder()
         return self._process.returncode
 
     def _remove_folder(self) -> None:
-        """Children that end by themselves may still write into it."""
+        """Remove the temporary folder; child processes that are still exiting may write into it meanwhile."""
 
         def removed() -> bool:
             shutil.rmtree(self._folder, ignore_errors=True)
             return not self._folder.exists()
 
-        wait_for(removed, "its temporary files are gone")
+        wait_for(removed, "its temporary files to be removed")
 
     def close(self) -> int:
-        """Close the window and give the exit status."""
+        """Close the window and return the exit status."""
         if self._process.poll() is None:
             try:
                 self.say("quit")

@@ -1,4 +1,4 @@
-"""What a program leaves that was killed while it recorded."""
+"""Saved trial of a console process that was killed while recording."""
 
 import os
 import subprocess
@@ -9,14 +9,14 @@ from caris_desktop.study import unfinished_trial
 from caris_desktop.study.unfinished_trial import UnfinishedTrial
 
 
-def leave(folder: Path, trial: UnfinishedTrial) -> None:
-    """As if another program had recorded ``trial`` and been killed."""
+def save_crashed_trial(folder: Path, trial: UnfinishedTrial) -> None:
+    """Save ``trial`` as if by a console process that was killed."""
     unfinished_trial.save_unfinished(folder, trial)
-    of_one_that_is_gone(folder)
+    assign_to_ended_process(folder)
 
 
-def of_one_that_is_gone(folder: Path) -> None:
-    """What this program wrote is now of one that runs no more."""
+def assign_to_ended_process(folder: Path) -> None:
+    """Rename this process's file to the PID of a process that has exited."""
     ended = subprocess.Popen([sys.executable, "-S", "-c", ""])
     ended.wait()
     (folder / f"{os.getpid()}.json").rename(folder / f"{ended.pid}.json")

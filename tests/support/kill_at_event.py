@@ -1,4 +1,4 @@
-"""A process that dies in the middle of its work with files."""
+"""Process that kills itself in the middle of its file operations."""
 
 import os
 import signal
@@ -7,9 +7,10 @@ from collections.abc import Collection
 from pathlib import Path
 
 
-def die_at(count: int, folder: Path, events: Collection[str], *, reading: bool = True) -> None:
-    """From now on the ``count``-th of these audit events for something in ``folder`` is the last thing this process
-    does. Without ``reading`` a file that is opened to be read does not count.
+def kill_at_event(count: int, folder: Path, events: Collection[str], *, reading: bool = True) -> None:
+    """Kill this process at the ``count``-th of these audit events for a path in ``folder``.
+
+    Opening a file for reading counts only with ``reading``.
     """
     happened = 0
 

@@ -1,6 +1,6 @@
-"""A robot that sends everything once: its map, its camera's lens, its odometry, its pose. All of it is latched.
+"""Robot that publishes its map, camera info, odometry, pose and static transforms once, latched.
 
-``python -m tests.support.latched_robot`` prints where it listens, and ends with its standard input.
+``python -m tests.support.latched_robot`` prints its address, and exits at the end of its standard input.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from caris_desktop.simulator import encoding
 from caris_desktop.simulator.rosapi import offer_rosapi
 from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Topic
 
-READY = "Once-telling robot ready at "
+READY = "Latched robot ready at "
 STAMP_NS = 7_000_000_000
 PROFILE = """\
 version: 1
@@ -30,7 +30,7 @@ cameras: [{name: front, topic: /image/compressed, info: /camera_info}]
 """
 
 
-def told() -> dict[str, tuple[str, Message]]:
+def latched_messages() -> dict[str, tuple[str, Message]]:
     ros, here = Dialect.ROS1, Pose2D(1.0, 2.0, 0.5)
     grid = OccupancyGrid(0, None, 0.05, Pose2D(-1.0, -2.0, 0.0), np.zeros((200, 300), np.int8))
     odometry = Odometry(0, None, here, Twist2D())
@@ -57,7 +57,7 @@ def told() -> dict[str, tuple[str, Message]]:
 async def serve() -> None:
     server = BridgeServer(Dialect.ROS1)
     offer_rosapi(server, Dialect.ROS1)
-    for name, (kind, message) in told().items():
+    for name, (kind, message) in latched_messages().items():
         server.topics[name] = Topic(kind, latched=True, publishers={ROBOT_NODE})
         server.publish(name, message)
     port = await server.start("127.0.0.1", 0)

@@ -1,6 +1,6 @@
-"""What a test leaves behind fails that test: threads, timers, child processes, temporary files, words above INFO.
+"""Fixtures that fail a test which leaks threads, timers, child processes or temporary files, or logs warnings.
 
-Each is looked for after every test against what was there before it, and once more after a file's shared fixtures.
+Each test is compared with the state before it, and each file with the state before its shared fixtures.
 """
 
 import gc
@@ -22,48 +22,48 @@ from typing import Any
 import pytest
 
 _GRACE_S = 5.0
-"""What is on its way out may take this long on a full machine."""
+"""Time for threads and processes to exit on a busy machine."""
 _POLL_S = 0.02
 
-# Said where the machine cannot keep up, which no test is about.
-_OF_A_FULL_MACHINE = re.compile(r"The computer is too slow|did not end within \S+ s: killed")
-# Threads of libraries that live as long as the process that used them.
+# Logged when the machine is overloaded, independently of the test.
+_OVERLOAD_MESSAGES = re.compile(r"The computer is too slow|did not end within \S+ s: killed")
+# Threads of libraries that live until the process exits.
 _LASTING_THREADS = re.compile(r"ThreadPoolExecutor|asyncio_|tqdm|pytest|execnet|Dummy-|roslibpy-asyncio")
-# Processes that multiprocessing starts once and keeps.
+# Processes that multiprocessing starts once and reuses.
 _LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
 _LASTING_FILES = ("pytest-of-", "pymp-", "run")
 
 
-_private_folder: list[Path] = []
+_private_temp_dir: list[Path] = []
 
 
-def use_private_folder() -> None:
-    """Temporary files of this run, its children included, lie in a folder of its own, where what is left is seen."""
+def use_private_temp_dir() -> None:
+    """Create the temporary folder of this run and its child processes, in which leaked files are found."""
     os.environ["PYTEST_DEBUG_TEMPROOT"] = tempfile.gettempdir()
-    # Short: the paths of sockets in it may have 107 characters.
+    # A short name: socket paths are limited to 107 characters.
     folder = Path(tempfile.mkdtemp(prefix="ct-"))
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    _private_folder.append(folder)
-    # Where this is missing, sound libraries make a folder in TMPDIR for each process.
+    _private_temp_dir.append(folder)
+    # Without it, sound libraries create a folder in TMPDIR for each process.
     runtime = folder / "run"
     runtime.mkdir(mode=0o700)
     os.environ["XDG_RUNTIME_DIR"] = str(runtime)
-    # What a file's tests share begins before any of them has a home of its own.
+    # Shared fixtures of a file start before the isolated settings of its first test.
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "XDG_DOCUMENTS_DIR"):
         os.environ[name] = str(folder / "run" / name.lower())
-    # After multiprocessing, which keeps a folder of its own in it to the end, at -100.
+    # After multiprocessing (-100), which uses a folder in it until it exits.
     multiprocessing.util.Finalize(None, shutil.rmtree, (folder,), {"ignore_errors": True}, exitpriority=-200)
 
 
 @dataclass
 class _Timers:
-    """Every QTimer that was started, with the line that did it."""
+    """Started QTimers with the file and line that started them."""
 
     started: "weakref.WeakKeyDictionary[Any, str]" = field(default_factory=weakref.WeakKeyDictionary)
     watching: bool = False
 
     def watch(self) -> None:
-        """Once Qt is imported; what does not use Qt does not pay for it."""
+        """Patch ``QTimer.start`` if Qt has been imported."""
         if self.watching or "PySide6.QtCore" not in sys.modules:
             return
         from PySide6.QtCore import QTimer
@@ -96,10 +96,10 @@ def _threads() -> dict[int, str]:
     return {id(thread): f"thread {thread.name}" for thread in alive}
 
 
-def _children() -> dict[int, str]:
-    """Of this process, from the kernel's own list: looking through all processes would cost each test 10 ms."""
+def _child_processes() -> dict[int, str]:
+    """Child processes of this process from the kernel's list; a search of all processes would take 10 ms per test."""
     found = {}
-    # By names: paths would take longer to make than these files to be read.
+    # Without Path objects, which would take longer to create than the files to read.
     for task in os.listdir("/proc/self/task") if sys.platform == "linux" else ():  # noqa: PTH208
         try:
             with open(f"/proc/self/task/{task}/children") as children:  # noqa: PTH123
@@ -113,14 +113,14 @@ def _children() -> dict[int, str]:
                 )
             except OSError:
                 continue
-            # One without a command line has ended and was not waited for.
+            # A process without a command line is a zombie.
             if not any(name in command for name in _LASTING_PROCESSES):
                 found[pid] = f"child process {pid} {command[:200] or '(ended, never waited for)'}"
     return found
 
 
 def _files() -> dict[str, str]:
-    [folder] = _private_folder  # not what a test may call the temporary folder
+    [folder] = _private_temp_dir  # tests may replace tempfile.tempdir
     return {
         entry.name: f"temporary {'folder' if entry.is_dir() else 'file'} {entry.name}"
         for entry in folder.iterdir()
@@ -128,8 +128,8 @@ def _files() -> dict[str, str]:
     }
 
 
-_Look = Callable[[], dict[Any, str]]
-_LOOKS_AFTER_FILE: tuple[_Look, ...] = (_threads, _children, _files, _timers.running)
+_Snapshot = Callable[[], dict[Any, str]]
+_MODULE_SNAPSHOTS: tuple[_Snapshot, ...] = (_threads, _child_processes, _files, _timers.running)
 
 
 def _destroy_deleted_widgets() -> None:
@@ -142,7 +142,7 @@ def _destroy_deleted_widgets() -> None:
 
 
 def _let_timers_fire() -> None:
-    """What rings once, of a console that a file's tests share, is over by itself; what rings again is left behind."""
+    """Let single-shot timers of a shared console expire; repeating timers are leaks."""
     if "PySide6.QtCore" in sys.modules:
         from PySide6.QtCore import QCoreApplication
 
@@ -150,102 +150,107 @@ def _let_timers_fire() -> None:
             QCoreApplication.processEvents()
 
 
-def _new(look: _Look, before: dict[Any, str]) -> list[str]:
-    return [what for key, what in look().items() if key not in before]
+def _new(snapshot: _Snapshot, before: dict[Any, str]) -> list[str]:
+    return [what for key, what in snapshot().items() if key not in before]
 
 
-_shared_in_file: set[int | str] = set()
+_shared_in_module: set[int | str] = set()
 
 
-def share_in_file(pid: int, folder: str) -> None:
-    """A child process and its folder that one test made for those after it in its file, which ends it."""
-    _shared_in_file.update((pid, folder))
+def share_in_module(pid: int, folder: str) -> None:
+    """Exempt a child process and its folder that a test creates for later tests of the file, which closes them."""
+    _shared_in_module.update((pid, folder))
 
 
-def _own(look: _Look) -> _Look:
-    return lambda: {key: what for key, what in look().items() if key not in _shared_in_file}
+def _without_shared(snapshot: _Snapshot) -> _Snapshot:
+    return lambda: {key: what for key, what in snapshot().items() if key not in _shared_in_module}
 
 
 _FAILED = pytest.StashKey[bool]()
 
 
-def remember_failure(item: pytest.Item, report: pytest.TestReport) -> None:
-    """What failed is still held by its traceback, and has its message already."""
+def record_failure(item: pytest.Item, report: pytest.TestReport) -> None:
+    """Record a failure: the traceback of a failed test still references its objects."""
     item.stash[_FAILED] = item.stash.get(_FAILED, False) or report.failed
 
 
-_LOOKS: tuple[_Look, ...] = (_threads, _own(_children), _own(_files), _timers.running)
+_TEST_SNAPSHOTS: tuple[_Snapshot, ...] = (
+    _threads,
+    _without_shared(_child_processes),
+    _without_shared(_files),
+    _timers.running,
+)
 
 
-def _nothing_stays(looks: tuple[_Look, ...], let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
+def _check_leaks(snapshots: tuple[_Snapshot, ...], release: Callable[[], None] = lambda: None) -> Iterator[None]:
     _timers.watch()
-    before = [look() for look in looks]
+    before = [snapshot() for snapshot in snapshots]
     yield
-    let_go()
+    release()
     _destroy_deleted_widgets()
     deadline_s = time.monotonic() + _GRACE_S
-    left = [_new(look, known) for look, known in zip(looks, before, strict=True)]
+    left = [_new(snapshot, known) for snapshot, known in zip(snapshots, before, strict=True)]
     if any(left):
-        # What a test let go of in a circle of references is not kept by anybody.
+        # Objects in reference cycles are garbage, but not collected yet.
         gc.collect()
     while any(left) and time.monotonic() < deadline_s:
         time.sleep(_POLL_S)
         _let_timers_fire()
-        left = [_new(look, known) for look, known in zip(looks, before, strict=True)]
+        left = [_new(snapshot, known) for snapshot, known in zip(snapshots, before, strict=True)]
     if any(left):
         pytest.fail("left behind: " + "; ".join(what for found in left for what in found), pytrace=False)
 
 
 @pytest.fixture(autouse=True, scope="module")
-def nothing_of_the_file_stays() -> Iterator[None]:
-    yield from _nothing_stays(_LOOKS_AFTER_FILE)
+def no_leaks_of_module() -> Iterator[None]:
+    yield from _check_leaks(_MODULE_SNAPSHOTS)
 
 
 @pytest.fixture(autouse=True)
-def nothing_stays(
+def no_leaks(
     request: pytest.FixtureRequest,
     caplog: pytest.LogCaptureFixture,
-    own_settings: Path,  # begun before and ended after: Qt keeps what a dialog remembers in it until that is destroyed
-    nothing_of_the_file_stays: None,
+    isolated_settings: Path,  # set up first: Qt writes the settings of a dialog there until the dialog is destroyed
+    no_leaks_of_module: None,
 ) -> Iterator[None]:
-    def let_go() -> None:
+    def release() -> None:
         request.node.funcargs.clear()
         for record in (*caplog.get_records("setup"), *caplog.get_records("call")):
             record.exc_info = None
 
-    look = _nothing_stays(_LOOKS, let_go)
-    yield next(look)
-    # The fixtures have ended, and only pytest still holds what they gave.
+    check = _check_leaks(_TEST_SNAPSHOTS, release)
+    yield next(check)
+    # The other fixtures are torn down; only pytest still holds their values.
     if not request.node.stash.get(_FAILED, False):
-        next(look, None)
+        next(check, None)
 
 
-class _Words(logging.Handler):
+class _WarningCollector(logging.Handler):
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self.said: list[str] = []
+        self.messages: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.said.append(f"{record.levelname} {record.name}: {record.getMessage()}")
+        self.messages.append(f"{record.levelname} {record.name}: {record.getMessage()}")
 
 
 @pytest.fixture(autouse=True)
-def no_unexpected_words(request: pytest.FixtureRequest) -> Iterator[None]:
-    """No log line above INFO and no warning of Qt but those that ``@pytest.mark.logs("pattern", ...)`` expects."""
-    expected = [_OF_A_FULL_MACHINE]
+def no_unexpected_warnings(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail on log records above INFO and Qt warnings that ``@pytest.mark.logs("pattern", ...)`` does not expect."""
+    expected = [_OVERLOAD_MESSAGES]
     expected += [re.compile(pattern) for mark in request.node.iter_markers("logs") for pattern in mark.args]
-    words = _Words()
-    logging.getLogger().addHandler(words)
-    said_by_qt = getattr(request.node, "qt_log_capture", None)  # pytest-qt takes it away before a fixture ends
+    collector = _WarningCollector()
+    logging.getLogger().addHandler(collector)
+    qt_capture = getattr(request.node, "qt_log_capture", None)  # pytest-qt removes it before fixtures are torn down
     yield
-    logging.getLogger().removeHandler(words)
-    said = words.said + _said_by_qt(said_by_qt)
-    unexpected = [line for line in said if not any(pattern.search(line) for pattern in expected)]
+    logging.getLogger().removeHandler(collector)
+    messages = collector.messages + _qt_warnings(qt_capture)
+    unexpected = [line for line in messages if not any(pattern.search(line) for pattern in expected)]
     if unexpected:
-        pytest.fail("said unexpectedly: " + "\n".join(unexpected), pytrace=False)
+        pytest.fail("unexpected messages: " + "\n".join(unexpected), pytrace=False)
 
 
-def _said_by_qt(capture: Any) -> list[str]:
+def _qt_warnings(capture: Any) -> list[str]:
     if capture is None:
         return []
     return [

@@ -1,4 +1,4 @@
-"""Sources as syntax trees: each that several checks look through is parsed once, which takes longer than to look."""
+"""Cached syntax trees of source files that several checks share."""
 
 import ast
 import gc
@@ -8,12 +8,12 @@ from pathlib import Path
 
 @cache
 def parsed(source: str) -> ast.Module:
-    """To be looked through, never changed."""
+    """Shared syntax tree; must not be modified."""
     return ast.parse(source)
 
 
 def parse_all(folder: Path) -> None:
-    """For the tests of a file, before the first: what is collected between them leaves these million nodes alone."""
+    """Parse all sources before the first test of a file, and exclude the trees from garbage collection."""
     for path in folder.rglob("*.py"):
         parsed(path.read_text("utf-8"))
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Waiting for something observable, with a deadline that only a broken program reaches."""
+"""Polling for an observable condition; only a failing program reaches the timeout."""
 
 import time
 from collections.abc import Callable
@@ -8,12 +8,12 @@ T = TypeVar("T")
 
 
 def wait_for(observe: Callable[[], T], what: str, *, timeout_s: float = 20.0, every_s: float = 0.01) -> T:
-    """The first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
+    """Return the first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
     until_s = time.monotonic() + timeout_s
     while True:
         observed = observe()
         if observed:
             return observed
         if time.monotonic() > until_s:
-            raise AssertionError(f"not within {timeout_s:.0f} s: {what}")
+            raise AssertionError(f"timeout after {timeout_s:.0f} s: {what}")
         time.sleep(every_s)

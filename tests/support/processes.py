@@ -1,4 +1,4 @@
-"""Processes of others, which may end while one looks at them."""
+"""State of processes that may exit at any time."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ import psutil
 
 
 def alive(pids: Iterable[int]) -> list[int]:
-    """Those that run. One that has ended and was not waited for yet does not."""
+    """PIDs of the running processes; zombies do not count."""
     return [pid for pid in pids if _runs(pid)]
 
 

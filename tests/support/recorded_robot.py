@@ -1,4 +1,4 @@
-"""A handle on ``tests.support.bag_server``: a recording that can be connected to like a robot."""
+"""Handle on ``tests.support.bag_server``: a recording to connect to like a robot."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ _READY = "Recording ready at "
 
 
 class RecordedRobot:
-    """Plays ``bag`` in a process of its own; a context manager that ends it afterwards."""
+    """Context manager that plays ``bag`` in a separate process."""
 
     def __init__(self, bag: Path, *, from_s: float = 0.0, pace: float = 1.0) -> None:
         self._process = subprocess.Popen(

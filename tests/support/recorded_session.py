@@ -1,4 +1,4 @@
-"""Makes long, realistic sessions in a moment: invented values with invented times, written by the real writers."""
+"""Generator of long, realistic sessions: synthetic values with synthetic times, written by the real writers."""
 
 import heapq
 import json
@@ -81,16 +81,16 @@ SAID = (
 _LABELS = ("greeting", "question", "laughs", "wizard: late")
 _NUMBER_BITS = 24
 _FLUSH_EVERY_NS = 300_000_000
-# How long after its stamp a value reaches the console: perception takes its time, the rest is quick.
+# Delay between stamp and arrival at the console: longer for person detection.
 _PEOPLE_AFTER_NS, _REST_AFTER_NS = 140_000_000, 900_000
 
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """What a made session holds; ``*_every_s`` of 0 leaves that out.
+    """Content of a generated session; ``*_every_s`` of 0 omits a stream.
 
-    ``robot_ahead_s`` and ``robot_drift_ms_per_min`` are what the robot's clock has wrong, ``under_way_ms`` how long its
-    values travel. Scans turn with the robot; pictures carry their number (:func:`number_in`).
+    ``robot_clock_offset_s`` and ``robot_drift_ms_per_min`` are errors of the robot clock, ``network_delay_ms`` is the
+    delay of its values. Scans turn with the robot; frames contain their number (:func:`number_in`).
     """
 
     seconds: float = 20.0
@@ -112,9 +112,9 @@ class SessionPlan:
     status_every_s: float = 2.0
     map_cells: tuple[int, int] = (100, 160)
     audio: tuple[str, ...] = ("microphone", "robot voice")
-    robot_ahead_s: float = 2.0
+    robot_clock_offset_s: float = 2.0
     robot_drift_ms_per_min: float = 50.0
-    under_way_ms: float = 8.0
+    network_delay_ms: float = 8.0
     trial: dict[str, str] = field(
         default_factory=lambda: {
             "study": "Demo", "participant": "P07", "condition": "B", "trial": "1", "wizard": "W2",
@@ -130,7 +130,7 @@ class SessionPlan:
         return self.started_ns + round(self.seconds * SECOND_NS)
 
     def frame_stamps_ns(self, camera: str) -> NDArray[np.int64]:
-        """When each frame of a camera was taken: about regular, as cameras are."""
+        """Capture times of a camera's frames, with jitter."""
         number = self.cameras.index(camera)
         count = int((self.seconds - 0.2) * self.fps)
         rng = np.random.default_rng([self.seed, number])
@@ -139,18 +139,20 @@ class SessionPlan:
         return self.started_ns + np.round(at_s * SECOND_NS).astype(np.int64)
 
     def robot_stamp_ns(self, stamp_ns: int) -> int:
-        """What the robot's clock showed when it measured what arrived at ``stamp_ns``."""
-        measured_ns = stamp_ns - round(self.under_way_ms * 1e6)
+        """Robot time at the measurement of a value that arrived at ``stamp_ns``."""
+        measured_ns = stamp_ns - round(self.network_delay_ms * 1e6)
         return measured_ns + round(self.robot_offset_ms(measured_ns) * 1e6)
 
     def robot_offset_ms(self, at_ns: int) -> float:
         """Robot clock minus session clock."""
-        return 1000 * self.robot_ahead_s + self.robot_drift_ms_per_min * (at_ns - self.started_ns) / (60 * SECOND_NS)
+        return 1000 * self.robot_clock_offset_s + self.robot_drift_ms_per_min * (at_ns - self.started_ns) / (
+            60 * SECOND_NS
+        )
 
 
 @dataclass(frozen=True, slots=True)
-class MadeSession:
-    """``values`` is everything that was recorded with its arrival, in order; empty unless it was to be kept."""
+class RecordedSession:
+    """Generated session; ``values`` are the recorded values with arrival times, in order, if requested."""
 
     folder: Path
     plan: SessionPlan
@@ -159,11 +161,11 @@ class MadeSession:
 
 def make_session(
     folder: Path, plan: SessionPlan | None = None, *, keep: bool = False, killed: bool = False, **fields: Any
-) -> MadeSession:
-    """Record a session into ``folder``, which is made. ``fields`` are those of :class:`SessionPlan`.
+) -> RecordedSession:
+    """Record a session into the new folder ``folder``. ``fields`` are those of :class:`SessionPlan`.
 
-    With ``keep`` what was recorded is given back, to compare with; for an hour that is gigabytes. With ``killed`` the
-    files are left as a kill of the recorder leaves them.
+    With ``keep`` the recorded values are returned for comparison: gigabytes for an hour. With ``killed`` the files are
+    left as after a kill of the recorder.
     """
     plan = plan or SessionPlan(**fields)
     folder.mkdir(parents=True)
@@ -205,11 +207,11 @@ def make_session(
     _write_header(folder, plan, clock, videos(), audio.infos(), counts=log.counts, killed=killed)
     if not killed:
         write_manifest(folder)
-    return MadeSession(folder, plan, tuple(kept))
+    return RecordedSession(folder, plan, tuple(kept))
 
 
 def values_of(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
-    """Everything that happens, with the moment it reaches the console, in that order."""
+    """All values with their arrival time at the console, ordered by it."""
     streams: list[Iterator[tuple[int, Any]]] = [
         _beginning(plan),
         *(_frames(plan, camera) for camera in plan.cameras),
@@ -241,7 +243,7 @@ def _arrival(pair: tuple[int, Any]) -> int:
 
 
 def picture_of(camera_number: int, number: int, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """A picture with its number in the upper third, in bars that survive any compression, and something that moves."""
+    """Frame with its number as bars in the upper third, which survive any compression, and a moving square."""
     image_bgr = _background(camera_number, size_px).copy()
     height_px, width_px = image_bgr.shape[:2]
     bars = np.where(number >> _bit_of_column(width_px) & 1, 235, 20).astype(np.uint8)
@@ -267,7 +269,7 @@ def _bit_of_column(width_px: int) -> NDArray[np.int64]:
 
 
 def number_in(image_bgr: NDArray[np.uint8]) -> int:
-    """The number that :func:`picture_of` drew, also from a smaller picture."""
+    """Number drawn by :func:`picture_of`, also in a scaled-down frame."""
     height_px, width_px = image_bgr.shape[:2]
     number = 0
     for bit in range(_NUMBER_BITS):
@@ -278,7 +280,7 @@ def number_in(image_bgr: NDArray[np.uint8]) -> int:
 
 
 def robot_pose(plan: SessionPlan, at_ns: int) -> Pose2D:
-    """Where the robot truly is: it goes round and round, resting now and then."""
+    """True pose of the robot, which drives in circles with pauses."""
     at_s = (at_ns - plan.started_ns) / 1e9
     driven_s = at_s - at_s % 20.0 / 2 if at_s % 20.0 > 10 else at_s
     angle = 0.1 * driven_s
@@ -296,7 +298,7 @@ def _regular(
     *,
     after_ns: int = _REST_AFTER_NS,
 ) -> Iterator[tuple[int, Any]]:
-    """``make(plan, number, stamp_ns)`` at a steady rate."""
+    """``make(plan, number, stamp_ns)`` at a constant rate."""
     if not rate_hz:
         return
     for number in range(int(plan.seconds * rate_hz)):
@@ -305,7 +307,7 @@ def _regular(
 
 
 def _beginning(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
-    """What stands when the recording begins: older than it, and told at once."""
+    """State at the start of recording: values with earlier stamps that are recorded at once."""
     start_ns, earlier_ns = plan.started_ns, plan.started_ns - 40 * SECOND_NS
     height, width = plan.map_cells
     cells = np.full(plan.map_cells, 0, np.int8)
@@ -393,7 +395,7 @@ def _photo(plan: SessionPlan, number: int, stamp_ns: int) -> PhotoTaken:
 
 
 def _person_id(plan: SessionPlan, number: int, stamp_ns: int) -> str:
-    """Somebody leaves and somebody else comes, every ``person_every_s``."""
+    """Identity of a person; the first one is replaced by a new person every ``person_every_s``."""
     rounds = int((stamp_ns - plan.started_ns) / 1e9 / plan.person_every_s) if plan.person_every_s else 0
     return f"p-{1 + number + (rounds * plan.people if number == 0 else 0)}"
 
@@ -512,7 +514,7 @@ _SPEAKERS = {"robot voice": "robot", "microphone": "participant"}
 
 
 def _sound(plan: SessionPlan, source: str) -> Iterator[tuple[int, Any]]:
-    """A tone while somebody speaks, and a murmur between; a microphone hears the robot too."""
+    """Tone during speech, quiet noise otherwise; the microphone also records the robot's speech."""
     count = int(_SAMPLE_RATE_HZ * _CHUNK_S)
     rng = np.random.default_rng([plan.seed, 11])
     tone = 6000 * np.sin(np.arange(count) * 2 * math.pi * 220 / _SAMPLE_RATE_HZ)
@@ -532,7 +534,7 @@ def _sound(plan: SessionPlan, source: str) -> Iterator[tuple[int, Any]]:
 
 
 def _spoken(plan: SessionPlan) -> list[tuple[int, int, str]]:
-    """Beginning, end and speaker of all that is said."""
+    """Start, end and speaker of each utterance."""
     begins: dict[str, int] = {}
     spoken = []
     for stamp_ns, event in _speech(plan):
@@ -549,7 +551,7 @@ def _clock_of(plan: SessionPlan) -> SessionClock:
 
 
 def _begin_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> Callable[[], list[VideoInfo]]:
-    """Write the videos, long ones beside everything else; the result waits for them."""
+    """Write the videos, long ones in parallel; the returned function waits for them."""
     jobs = [(folder, plan, camera, killed) for camera in plan.cameras]
     if plan.seconds * plan.fps < 10_000:
         written = [_write_video(*job) for job in jobs]

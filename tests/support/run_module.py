@@ -1,7 +1,7 @@
-"""Runs another module as a program: ``python -m tests.support.run_module MODULE ARGUMENTS...``.
+"""Runner of another module as a program: ``python -m tests.support.run_module MODULE ARGUMENTS...``.
 
 Each child process of multiprocessing imports the main module of its parent again. If that module imported the console,
-its eight children would import the console too, 1.6 s of computing each; this module imports nothing.
+its eight child processes would import the console too, 1.6 s of CPU time each; this module imports nothing.
 """
 
 import runpy

@@ -1,4 +1,4 @@
-"""For each value that a scenario file may hold: another valid one, and what changing it may touch in the text."""
+"""Another valid value for each value of a scenario file, and a check of the text changes that setting it causes."""
 
 import difflib
 from collections.abc import Callable, Iterator, Sequence
@@ -35,14 +35,14 @@ WORDS = (
 
 @pytest.fixture
 def sampled(request: pytest.FixtureRequest) -> Callable[[Sequence[T]], Sequence[T]]:
-    """A few of many, spread over all of them; all of them with --long."""
+    """A few of many, evenly spaced; all with ``--long``."""
     if request.config.getoption("--long"):
         return lambda many: many
     return lambda many: many[3 :: max(1, len(many) // 5)]
 
 
 def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, ValueForm]]:
-    """Every single value that a file may hold as it is built now: those that it says, and those that it leaves out."""
+    """All values of the file in its present structure: those in the file and those left at their default."""
     yield from _leaves(form_of(hint), data, ())
 
 
@@ -54,7 +54,7 @@ def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath
             if stands is ABSENT:
                 stands = default_of(key)
             if stands is ABSENT and group_at(key.form, stands) is not None:
-                # It is there as a whole or not at all.
+                # It is either absent or complete.
                 yield (*path, key.name), key.form
             else:
                 yield from _leaves(key.form, stands, (*path, key.name))
@@ -66,12 +66,12 @@ def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath
 
 
 def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
-    """Every leaf of the form but the version, which nobody chooses."""
+    """All leaves except the version, which cannot be edited."""
     return [(path, form) for path, form in leaves(Scenario, document.data) if len(choices_of(form.kind)) != 1]
 
 
 def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> Any:
-    """Something else that may stand there, with the rest of the file as it is; ABSENT where nothing may."""
+    """Another value valid at ``path`` in this file; ABSENT if there is none."""
     present = document.value(path)
     candidates = _names(document, form.rule.refers) if form.rule.refers else list(_candidates(form, present))
     for candidate in candidates:
@@ -87,7 +87,7 @@ def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> A
 
 
 def _names(document: ScenarioDocument, refers: tuple[str, ...]) -> list[str]:
-    """What a name elsewhere in the file may be."""
+    """Valid values of a reference: the names defined elsewhere in the file."""
     return [entry[refers[-1]] for entry in document.value(refers[:-1]) or ()]
 
 
@@ -119,7 +119,7 @@ def _composed(text: str) -> Any:
 
 @cache
 def comments(text: str) -> list[str]:
-    """Every comment of a text, in the order in which they stand."""
+    """All comments of a text, in order."""
     whole = yaml.scan(text, Loader=getattr(yaml, "CLoader", yaml.Loader))
     ends = [(token.start_mark.index, token.end_mark.index) for token in whole]
     found, at = [], 0
@@ -131,7 +131,7 @@ def comments(text: str) -> list[str]:
 
 
 def lines_of(text: str, path: KeyPath) -> tuple[int, int] | None:
-    """The first and the last line of what stands there, counted from 0; None where nothing does."""
+    """First and last line of the value, counted from 0; None if it is absent."""
     node = _composed(text)
     start = None
     for part in path:
@@ -145,7 +145,7 @@ def lines_of(text: str, path: KeyPath) -> tuple[int, int] | None:
             node = node.value[part]
             start = node.start_mark.line
         else:
-            # A text in place of a group.
+            # A text instead of a group.
             break
     assert start is not None
     last = node.end_mark.line - (1 if node.end_mark.column == 0 and node.end_mark.line > start else 0)
@@ -154,13 +154,13 @@ def lines_of(text: str, path: KeyPath) -> tuple[int, int] | None:
 
 @cache
 def _values_of(text: str, path: Path) -> dict[KeyPath, Any]:
-    """What holds for each leaf, whether the file says it or leaves it at its default."""
+    """Value of each leaf, from the file or its default."""
     document = ScenarioDocument(text, path)
     return {path: document.value(path) for path, _form in edited_leaves(document)}
 
 
 def _referring(document: ScenarioDocument, path: KeyPath) -> list[KeyPath]:
-    """Which leaves name the entry whose name or id stands at that place."""
+    """Leaves that refer to the entry whose name or id is at ``path``."""
     return [
         each
         for each, form in edited_leaves(document)
@@ -173,8 +173,8 @@ def _referring(document: ScenarioDocument, path: KeyPath) -> list[KeyPath]:
 
 
 def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: KeyPath, value: Any) -> None:
-    """``after`` says ``value`` there and all else as the file of ``before``, whose text differs only in the field's
-    lines; no comment is lost. Where the field is a name, what refers to it says the new one too.
+    """Assert that ``after`` has ``value`` at ``path``, references included, and otherwise the values, comments and text
+    of ``before``.
     """
     text, values = before.saved_text, _values_of(before.saved_text, before.path)
     along = _referring(before, path)
@@ -191,7 +191,7 @@ def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: K
         block for block in difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes() if block[0] != "equal"
     ]
     assert blocks, path
-    # What is not in the file comes with lines of its own, or into the one line of what it belongs to.
+    # A new value gets lines of its own or is written into the one line of its parent.
     there = lines_of(text, path)
     if there is None:
         above = next((found for cut in range(len(path) - 1, 0, -1) if (found := lines_of(text, path[:cut]))), None)
@@ -205,7 +205,7 @@ def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: K
 
 
 def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
-    """Every list that the file may hold: those within entries too."""
+    """All lists that the file may contain, also within entries."""
     found: dict[KeyPath, ValueForm] = {}
 
     def look(path: KeyPath, form: ValueForm) -> None:

@@ -1,4 +1,4 @@
-"""The shipped JSON Schemas as editors and other programs apply them."""
+"""The shipped JSON Schemas as applied by editors and other programs."""
 
 import functools
 import json
@@ -13,7 +13,7 @@ from caris_desktop.domain.shipped import resources_dir
 
 @functools.cache
 def schema_validator(file_name: str) -> jsonschema.Draft202012Validator:
-    """Checks by a file in ``resources/schemas``; schemas there may refer to one another by name."""
+    """Validator for a file in ``resources/schemas``; schemas may refer to one another by name."""
 
     def read(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))

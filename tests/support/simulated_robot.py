@@ -1,4 +1,4 @@
-"""The simulated robot as a separate program, and a plain rosbridge client to talk to it without roslibpy."""
+"""Simulated robot as a separate program, and a plain rosbridge client without roslibpy."""
 
 import contextlib
 import itertools
@@ -24,34 +24,34 @@ _READY = "Simulated robot ready at "
 
 
 class SimulatedRobot:
-    """``python -m caris_desktop.simulator`` on a free port; a context manager that kills it afterwards.
+    """Context manager of ``python -m caris_desktop.simulator`` on a free port; kills it on exit.
 
     Parameters
     ----------
     ros
-        1 or 2; None leaves it to the dress.
-    dress
-        Whose names and types it wears.
+        1 or 2; None for the version of the robot model.
+    robot_model
+        Robot model whose names and types are used.
     port
-        0 chooses a free one.
+        0 for a free one.
     arguments
-        More command line arguments.
+        Further command line arguments.
     environment
-        Environment variables on top of the present ones.
+        Additional environment variables.
     """
 
     def __init__(
         self,
         *arguments: str,
         ros: int | None = None,
-        dress: str = "generic",
+        robot_model: str = "generic",
         port: int = 0,
         seed: int = 1,
         muted: bool = True,
         environment: dict[str, str] | None = None,
     ) -> None:
-        self.ros = ros or (2 if dress.startswith("turtlebot") else 1)
-        self.dress = dress
+        self.ros = ros or (2 if robot_model.startswith("turtlebot") else 1)
+        self.robot_model = robot_model
         command = [
             sys.executable,
             "-m",
@@ -59,11 +59,11 @@ class SimulatedRobot:
             "--port",
             str(port),
             "--dress",
-            dress,
+            robot_model,
             *(["--ros", str(ros)] if ros is not None else []),
             "--end-with-stdin",
         ]
-        # Of its own, as one that is killed leaves its maps behind.
+        # A separate folder: a killed simulator leaves its maps behind.
         self.folder = Path(tempfile.mkdtemp(prefix="robot-"))
         self._process = subprocess.Popen(
             [*command, "--seed", str(seed), *(["--mute"] if muted else []), *arguments],
@@ -90,11 +90,11 @@ class SimulatedRobot:
         return self._process.pid
 
     def next_line(self) -> str:
-        """What it says after where it is ready."""
+        """Next line of its output after the address."""
         return self._process.stdout.readline() if self._process.stdout is not None else ""
 
     def kill(self) -> None:
-        """kill -9."""
+        """Kill it with SIGKILL."""
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
@@ -103,17 +103,17 @@ class SimulatedRobot:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def terminate(self) -> int:
-        """Ask it to end, and return its exit status."""
+        """Send SIGTERM and return the exit status."""
         self._process.terminate()
         return self._process.wait(10)
 
     def call(self, service: str, /, **arguments: Any) -> Any:
-        """Call a service on a connection of its own; AssertionError when it is refused."""
+        """Call a service on a new connection; AssertionError if it fails."""
         with RosbridgeClient(self.address) as client:
             return client.call(service, **arguments)
 
     def state(self) -> dict[str, Any]:
-        """The truth about the robot and the people around it."""
+        """Ground truth of the robot and the people around it."""
         state: dict[str, Any] = self.call("/simulator/state")
         return state
 
@@ -123,7 +123,7 @@ class SimulatedRobot:
 
 
 class RosbridgeClient:
-    """Plain websocket, plain JSON; nothing of ours in between."""
+    """Plain websocket and JSON client without code of the package."""
 
     def __init__(self, address: str, *, tls: ssl.SSLContext | None = None) -> None:
         self._open = contextlib.ExitStack()
@@ -142,7 +142,7 @@ class RosbridgeClient:
 
     @property
     def closed(self) -> bool:
-        """Whether the other side is gone."""
+        """True if the connection has been closed by the server."""
         return not self._thread.is_alive()
 
     def close(self) -> None:
@@ -153,7 +153,7 @@ class RosbridgeClient:
         self._socket.send(json.dumps(operation))
 
     def send_text(self, text: str) -> None:
-        """Send anything, well-formed or not."""
+        """Send any text, well-formed or not."""
         self._socket.send(text)
 
     def subscribe(self, topic: str, **options: Any) -> None:
@@ -163,11 +163,11 @@ class RosbridgeClient:
         self.send(op="publish", topic=topic, msg=message)
 
     def drive(self, forward_mps: float, turn_radps: float = 0.0) -> None:
-        """One velocity command."""
+        """Send one velocity command."""
         self.publish("/cmd_vel", {"linear": {"x": forward_mps}, "angular": {"z": turn_radps}})
 
     def call(self, service: str, /, **arguments: Any) -> Any:
-        """The values of a service; AssertionError when it is refused."""
+        """Result of a service call; AssertionError if it fails."""
         request_id = f"call:{service}:{next(self._ids)}"
         self.send(op="call_service", service=service, args=arguments, id=request_id)
         answer = self.wait_for_operation(lambda operation: operation.get("id") == request_id, f"an answer of {service}")
@@ -175,11 +175,11 @@ class RosbridgeClient:
         return answer["values"]
 
     def operations(self) -> list[dict[str, Any]]:
-        """Everything that came as JSON so far."""
+        """All JSON operations received so far."""
         return [operation for operation in list(self.received) if isinstance(operation, dict)]
 
     def messages(self, topic: str) -> list[dict[str, Any]]:
-        """Everything that came as JSON on ``topic`` so far."""
+        """All JSON messages received on ``topic`` so far."""
         return [
             operation["msg"]
             for operation in self.operations()

@@ -1,40 +1,40 @@
-"""A disk that takes its time: what is asked of it comes back when the test says so."""
+"""Simulated slow disk, whose delay is controlled by the test."""
 
 import threading
 from collections.abc import Callable
 from typing import Any
 
-_AT_MOST_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 class SlowDisk:
-    """``slow(work)`` does ``work`` at once, but between ``hold`` and ``answer`` only after ``answer``.
+    """Wrapper of file operations: between ``hold`` and ``release`` they block until ``release``.
 
-    ``asked`` is set once something waits. ``refuse`` is raised instead of the next piece of work.
+    ``waiting`` is set when an operation blocks. ``error`` is raised by the next operation.
     """
 
     def __init__(self) -> None:
-        self._answers = threading.Event()
-        self._answers.set()
-        self.asked = threading.Event()
-        self.refuse: Exception | None = None
+        self._released = threading.Event()
+        self._released.set()
+        self.waiting = threading.Event()
+        self.error: Exception | None = None
 
     def hold(self) -> None:
-        self.asked.clear()
-        self._answers.clear()
+        self.waiting.clear()
+        self._released.clear()
 
-    def answer(self) -> None:
-        self._answers.set()
+    def release(self) -> None:
+        self._released.set()
 
-    def slow(self, work: Callable[..., Any]) -> Callable[..., Any]:
-        def waits(*arguments: Any) -> Any:
-            if not self._answers.is_set():
-                self.asked.set()
-            if not self._answers.wait(_AT_MOST_S):
-                raise TimeoutError("whoever asked the disk waits for it, and so nobody lets it answer")
-            refuse, self.refuse = self.refuse, None
-            if refuse is not None:
-                raise refuse
+    def delayed(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        def wait(*arguments: Any) -> Any:
+            if not self._released.is_set():
+                self.waiting.set()
+            if not self._released.wait(_TIMEOUT_S):
+                raise TimeoutError("the thread that should call release() waits for the disk itself")
+            error, self.error = self.error, None
+            if error is not None:
+                raise error
             return work(*arguments)
 
-        return waits
+        return wait

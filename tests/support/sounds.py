@@ -1,4 +1,4 @@
-"""Sound made up: rooms, and noise that comes and goes as speech does."""
+"""Synthetic sound: room impulse responses and speech-like noise."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ RATE_HZ = 16_000
 
 
 def speech_like(seconds: float, seed: int, rate_hz: int = RATE_HZ) -> NDArray[np.float64]:
-    """Syllables of coloured noise, some four a second, each of another colour, with pauses; level 0.1 where it is."""
+    """Syllables of coloured noise with pauses, about four per second; RMS level 0.1 within a syllable."""
     rng = np.random.default_rng(seed)
     sound = np.zeros(round(seconds * rate_hz))
     at = 0
@@ -26,9 +26,11 @@ def speech_like(seconds: float, seed: int, rate_hz: int = RATE_HZ) -> NDArray[np
     return sound
 
 
-def room(rng: np.random.Generator, *, delay_s: float | None = None, rt60_s: float | None = None) -> NDArray[np.float64]:
-    """From a loudspeaker to a microphone: its impulse response at 16 kHz, of energy 1. By chance 5 to 60 ms away, some
-    early reflections, and a tail that loses 60 dB within 0.2 to 0.7 s.
+def room_impulse_response(
+    rng: np.random.Generator, *, delay_s: float | None = None, rt60_s: float | None = None
+) -> NDArray[np.float64]:
+    """Random impulse response from a loudspeaker to a microphone at 16 kHz, with energy 1: 5 to 60 ms delay, early
+    reflections and an RT60 of 0.2 to 0.7 s.
     """
     delay = round((rng.uniform(0.005, 0.060) if delay_s is None else delay_s) * RATE_HZ)
     length = round((rng.uniform(0.2, 0.7) if rt60_s is None else rt60_s) * RATE_HZ)
@@ -43,21 +45,21 @@ def room(rng: np.random.Generator, *, delay_s: float | None = None, rt60_s: floa
     return response / np.sqrt((response**2).sum())
 
 
-def heard_in(response: NDArray[np.float64], sound: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What a microphone hears of it, of the same length."""
+def convolved(response: NDArray[np.float64], sound: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sound convolved with an impulse response, cut to the length of the sound."""
     size = 1 << (len(response) + len(sound)).bit_length()
     return np.fft.irfft(np.fft.rfft(response, size) * np.fft.rfft(sound, size), size)[: len(sound)]
 
 
 def int16(sound: NDArray[np.float64]) -> NDArray[np.int16]:
-    """As devices give it, one channel; what is too loud is clipped."""
+    """One channel of 16-bit samples, as of a sound device; clipped at full scale."""
     return (np.clip(sound, -1.0, 0.9999) * 32_768).astype(np.int16)[:, np.newaxis]
 
 
 def chunks_of(
     sound: NDArray[np.float64], start_ns: int, source: str, *, rate_hz: int = RATE_HZ, block_s: float = 0.02
 ) -> list[AudioChunk]:
-    """As a microphone gives it."""
+    """Audio chunks as of a microphone."""
     samples, block = int16(sound), round(block_s * rate_hz)
     return [
         AudioChunk(start_ns + at * 1_000_000_000 // rate_hz, source, rate_hz, samples[at : at + block])

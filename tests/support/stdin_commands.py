@@ -1,4 +1,4 @@
-"""A window in a separate process that does what the lines on stdin say; for tests that press its keys or kill it."""
+"""Commands on stdin for a window in a separate process, for tests that press its keys or kill it."""
 
 import json
 import sys
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from caris_desktop.app.replay_command import ReplayRun
 
 
-class ToldByLines(QObject):
-    """Each line goes to ``_on_line``, in the GUI thread; at the end of stdin that is ``quit``."""
+class StdinCommands(QObject):
+    """Reader of stdin: passes each line, and ``quit`` at the end of stdin, to ``_on_line`` in the GUI thread."""
 
     line_read = Signal(str)
 
@@ -32,8 +32,8 @@ class ToldByLines(QObject):
         raise NotImplementedError
 
 
-class Reporter(ToldByLines):
-    """Prints what is on show as a line of JSON, whenever that has changed."""
+class StateReporter(StdinCommands):
+    """Prints the displayed state as a JSON line whenever it changes."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,17 +43,17 @@ class Reporter(ToldByLines):
         self._timer.start()
 
     def _report(self) -> None:
-        shown = self._on_show()
+        shown = self._state()
         if shown != self._shown:
             self._shown = shown
             print(json.dumps({"at_ns": time.monotonic_ns(), **shown}), flush=True)
 
-    def _on_show(self) -> dict[str, object]:
+    def _state(self) -> dict[str, object]:
         raise NotImplementedError
 
 
-def attend(run: "ConsoleRun | ReplayRun", reporter: Reporter) -> int:
-    """Until the window is closed."""
+def run_until_closed(run: "ConsoleRun | ReplayRun", reporter: StateReporter) -> int:
+    """Run the event loop until the window is closed."""
     try:
         return run.application.exec()
     finally:

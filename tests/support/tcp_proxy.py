@@ -1,7 +1,7 @@
-"""A TCP proxy in a separate process that does to a connection what networks do: delay, slowness, silence, cuts.
+"""TCP proxy in a separate process that simulates network faults: delay, low bandwidth, packet loss and disconnection.
 
-``TcpProxy(port)`` in a test; ``python -m tests.support.tcp_proxy PORT`` is what runs. It takes one JSON object a line
-on standard input, such as ``{"delay_s": 0.3}``, and answers ``ok``.
+Tests use ``TcpProxy(port)``, which runs ``python -m tests.support.tcp_proxy PORT``. The program reads one JSON object
+per line on standard input, such as ``{"delay_s": 0.3}``, and answers ``ok``.
 """
 
 import asyncio
@@ -14,28 +14,28 @@ from collections import deque
 from typing import Any, Literal
 
 _CHUNK_BYTES = 4096
-# A router's buffer: when it is full, what comes next has to wait at the sender.
+# Buffer of a router: when it is full, the sender has to wait.
 _BUFFER_BYTES = 32 * 1024
 
 
-class Conditions:
-    """How the network is at present; the same for both directions of every connection."""
+class NetworkConditions:
+    """Present network conditions of all connections, in both directions."""
 
     def __init__(self) -> None:
         self.delay_s = 0.0
         self.bytes_per_s: float | None = None
-        # "there" (to the server), "back", "both" or nothing
-        self.swallowing = ""
+        # "to_server", "to_client", "both" or ""
+        self.discarding = ""
         self.refusing = False
         # All connections share one network.
-        self.free_at_s = {"there": 0.0, "back": 0.0}
+        self.free_at_s = {"to_server": 0.0, "to_client": 0.0}
 
 
 class Direction:
-    """From one socket to the other, with what is on its way in between."""
+    """One direction of a connection, with a queue of delayed data."""
 
     def __init__(
-        self, name: str, conditions: Conditions, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+        self, name: str, conditions: NetworkConditions, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         self._name = name
         self._conditions = conditions
@@ -47,23 +47,23 @@ class Direction:
         self._ended = False
 
     @property
-    def _swallowing(self) -> bool:
-        return self._conditions.swallowing in ("both", self._name)
+    def _discarding(self) -> bool:
+        return self._conditions.discarding in ("both", self._name)
 
-    async def take(self) -> None:
+    async def receive(self) -> None:
         while data := await self._reader.read(_CHUNK_BYTES):
-            if self._swallowing:
-                # Half-open: what is sent is acknowledged by nobody that matters and comes out nowhere.
+            if self._discarding:
+                # Half-open connection: the data is acknowledged, but never forwarded.
                 continue
             self._waiting.append((asyncio.get_running_loop().time() + self._conditions.delay_s, data))
             self._waiting_bytes += len(data)
             self._changed.set()
-            while self._waiting_bytes > _BUFFER_BYTES and not self._swallowing:  # noqa: ASYNC110 (ended from outside)
+            while self._waiting_bytes > _BUFFER_BYTES and not self._discarding:  # noqa: ASYNC110 (ended from outside)
                 await asyncio.sleep(0.005)
         self._ended = True
         self._changed.set()
 
-    async def give(self) -> None:
+    async def forward(self) -> None:
         loop = asyncio.get_running_loop()
         free_at_s = self._conditions.free_at_s
         while True:
@@ -79,13 +79,13 @@ class Direction:
                 free_at_s[self._name] = max(free_at_s[self._name], loop.time()) + len(data) / rate
                 await asyncio.sleep(max(0.0, free_at_s[self._name] - loop.time()))
             self._waiting_bytes -= len(data)
-            if not self._swallowing:
+            if not self._discarding:
                 self._writer.write(data)
                 await self._writer.drain()
 
 
 async def _serve(target_port: int) -> None:
-    conditions = Conditions()
+    conditions = NetworkConditions()
     open_writers: set[asyncio.StreamWriter] = set()
 
     async def connect(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -94,7 +94,7 @@ async def _serve(target_port: int) -> None:
             return
         far = socket.socket()
         far.setblocking(False)
-        # The system's own buffers would hide seconds of a slow network.
+        # The buffers of the operating system would hide seconds of a slow network.
         far.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         try:
@@ -105,16 +105,19 @@ async def _serve(target_port: int) -> None:
             writer.transport.abort()
             return
         open_writers.update((writer, far_writer))
-        there = Direction("there", conditions, reader, far_writer)
-        back = Direction("back", conditions, far_reader, writer)
-        tasks = [asyncio.create_task(work()) for work in (there.take, there.give, back.take, back.give)]
+        to_server = Direction("to_server", conditions, reader, far_writer)
+        to_client = Direction("to_client", conditions, far_reader, writer)
+        tasks = [
+            asyncio.create_task(work())
+            for work in (to_server.receive, to_server.forward, to_client.receive, to_client.forward)
+        ]
         with contextlib.suppress(OSError):
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            if not conditions.swallowing:
-                # What is still on its way arrives before the end does.
+            if not conditions.discarding:
+                # Deliver queued data before closing.
                 await asyncio.wait(tasks, timeout=conditions.delay_s + 0.05)
-        while conditions.swallowing:  # noqa: ASYNC110 (ended from outside)
-            # Nobody learns that the other side is gone.
+        while conditions.discarding:  # noqa: ASYNC110 (ended from outside)
+            # Neither side notices that the other has closed.
             await asyncio.sleep(0.05)
         for task in tasks:
             task.cancel()
@@ -122,7 +125,7 @@ async def _serve(target_port: int) -> None:
             open_writers.discard(each)
             each.transport.abort()
 
-    async def obey() -> None:
+    async def read_commands() -> None:
         lines = asyncio.StreamReader()
         await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
         while line := await lines.readline():
@@ -136,11 +139,11 @@ async def _serve(target_port: int) -> None:
 
     async with await asyncio.start_server(connect, "127.0.0.1", 0, limit=_BUFFER_BYTES) as server:
         print(server.sockets[0].getsockname()[1], flush=True)
-        await obey()
+        await read_commands()
 
 
 class TcpProxy:
-    """In front of ``port`` on this machine; a context manager that kills it afterwards."""
+    """Context manager of a proxy in front of ``port`` on this machine."""
 
     def __init__(self, port: int) -> None:
         self._process = subprocess.Popen(
@@ -166,33 +169,33 @@ class TcpProxy:
                 stream.close()
 
     def delay(self, seconds: float) -> None:
-        """Everything takes that much longer, in each direction."""
-        self._notify(delay_s=seconds)
+        """Delay all data, in each direction."""
+        self._send(delay_s=seconds)
 
     def limit(self, bytes_per_s: float | None) -> None:
-        """No more than that in each direction; None lifts it."""
-        self._notify(bytes_per_s=bytes_per_s)
+        """Limit the bandwidth of each direction; None removes the limit."""
+        self._send(bytes_per_s=bytes_per_s)
 
-    def swallow(self, direction: Literal["there", "back", "both", ""]) -> None:
-        """Nothing comes out any more on the way there, back, or both; nobody is told. Nothing lifts it."""
-        self._notify(swallowing=direction)
+    def discard(self, direction: Literal["to_server", "to_client", "both", ""]) -> None:
+        """Silently discard all data of a direction; "" ends it."""
+        self._send(discarding=direction)
 
     def cut(self, *, refuse: bool = False) -> None:
-        """Reset every connection; with ``refuse`` new ones, too."""
-        self._notify(refusing=refuse, cut=True)
+        """Reset every connection, and with ``refuse`` new ones, too."""
+        self._send(refusing=refuse, cut=True)
 
     def restore(self) -> None:
-        """A network without any fault, for new connections at least."""
-        self._notify(delay_s=0.0, bytes_per_s=None, swallowing="", refusing=False)
+        """Remove all faults, at least for new connections."""
+        self._send(delay_s=0.0, bytes_per_s=None, discarding="", refusing=False)
 
-    def _notify(self, **order: Any) -> None:
+    def _send(self, **settings: Any) -> None:
         if self._process.stdin is None:
             raise RuntimeError("the proxy was started without a pipe")
-        self._process.stdin.write(json.dumps(order) + "\n")
+        self._process.stdin.write(json.dumps(settings) + "\n")
         self._process.stdin.flush()
         answer = self._read()
         if answer != "ok":
-            raise RuntimeError(f"the proxy says {answer!r}")
+            raise RuntimeError(f"unexpected answer of the proxy: {answer!r}")
 
     def _read(self) -> str:
         if self._process.stdout is None:

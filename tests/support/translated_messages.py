@@ -1,4 +1,4 @@
-"""Whether all of a message is translatable: said once more with every text of a translation in marks."""
+"""Check that a message is completely translatable, by formatting it with a translation that marks every text."""
 
 import re
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _SENTENCE = re.compile(r"[A-Za-z]{2,}(?: [A-Za-z]{2,}){2,}")
 
 
 def untranslated_part(say: Callable[[], str]) -> list[str]:
-    """Words in a row that no translation has; what the texts are filled with is data, and none."""
+    """Sequences of words that no translation contains; placeholders hold data and are ignored."""
     use_translator(lambda text, _meant, _number: "".join(map(_marked, re.split(r"(\{\w+\})", text))))
     try:
         left = _MARKED.sub("", say())

@@ -1,7 +1,7 @@
 """Check of a window in the trial language for texts without its marks: brackets and accents.
 
 Texts of widgets are read from their properties, and painted texts from a drawing of the widget. The report names the
-file below ``caris_desktop`` in which the widget, or its container, is made.
+file below ``caris_desktop`` that creates the widget or its container.
 """
 
 import ast
@@ -46,17 +46,17 @@ _UNITS = re.compile(r"(?<=\d)[\s\u00a0\u202f]*(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)
 _ROLES = (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.ToolTipRole, Qt.ItemDataRole.AccessibleTextRole)
 _ROWS = 60
 _PARTS = ("widgets/", "layout/", "panel.py", "overlay.py", "notice_strip.py")
-"""What is made of these belongs to whoever holds it."""
+"""Generic widgets, which are reported with the file of their container."""
 
 
-class Data:
-    """What a study, its scenarios and its robots say in the window: it stays as it is in every language."""
+class StudyTexts:
+    """Texts of studies, scenarios and robots, which are the same in every language."""
 
     def __init__(self, *values: object) -> None:
         found = {text.strip() for value in values for text in _strings(value)}
         self._texts = sorted((text for text in found if _WORD.search(text)), key=len, reverse=True)
         self._words = {word for text in self._texts for word in _WORD.findall(text)}
-        self._without: dict[str, str] = {}  # most texts stand in each of the windows that are looked over
+        self._without: dict[str, str] = {}  # a cache: most texts occur in several windows
 
     def without(self, text: str) -> str:
         left = self._without.get(text)
@@ -68,47 +68,48 @@ class Data:
             self._without[text] = left
         return left
 
-    def knows(self, word: str) -> bool:
+    def contains_word(self, word: str) -> bool:
         return word in self._words or any(known.startswith(word) for known in self._words if len(word) > 2)
 
 
 def strings_of(source: Path) -> list[str]:
-    """Every string that stands in a source: what a file of samples shows."""
+    """All strings of a source file with sample data."""
     tree = ast.parse(source.read_text("utf-8"))
     return [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
 
-def plain_texts(windows: Iterable[QWidget], data: Data, drawn: set[int] | None = None) -> dict[str, set[str]]:
-    """By file, what stands in the windows without the marks of the trial language, with # for figures. Widgets whose
-    id is among ``drawn`` are not drawn once more, those that are come into it.
+def unmarked_texts(windows: Iterable[QWidget], data: StudyTexts, drawn: set[int] | None = None) -> dict[str, set[str]]:
+    """Texts of the windows without marks of the trial language, by file, with # for numbers.
+
+    Widgets whose id is in ``drawn`` are not drawn again; others are added to it.
     """
     found: dict[str, set[str]] = defaultdict(set)
     drawn = set() if drawn is None else drawn
     for window in windows:
         for widget in (window, *window.findChildren(QWidget)):
-            texts = {text for text in _texts_of(widget) if text and is_plain(text, data)}
+            texts = {text for text in _texts_of(widget) if text and is_unmarked(text, data)}
             if id(widget) not in drawn and _paints(widget):
                 drawn.add(id(widget))
-                texts |= {painted.text for painted in painted_by(widget) if is_plain_piece(painted.text, data)}
+                texts |= {painted.text for painted in painted_by(widget) if is_unmarked_fragment(painted.text, data)}
             if texts:
                 found[_made_in(widget)] |= {re.sub(r"\d+(?:[.,:]\d+)*", "#", text) for text in texts}
     return dict(found)
 
 
-def is_plain(text: str, data: Data) -> bool:
-    """Whether words stand in it that nobody translated."""
+def is_unmarked(text: str, data: StudyTexts) -> bool:
+    """True if the text contains untranslated words."""
     bare = html.unescape(re.sub(r"<[^<>]*>", " ", text))
     while _TRANSLATED.search(bare):
         bare = _TRANSLATED.sub(" ", bare)
-    if "…" in bare and ("[" in bare or "]" in bare):  # cut short
-        return is_plain_piece(bare, data)
+    if "…" in bare and ("[" in bare or "]" in bare):  # elided
+        return is_unmarked_fragment(bare, data)
     return bool(_WORD.search(_words_only(data.without(bare))))
 
 
-def is_plain_piece(text: str, data: Data) -> bool:
-    """The same of a line out of a longer text, which may have lost its brackets."""
+def is_unmarked_fragment(text: str, data: StudyTexts) -> bool:
+    """The same for a line of a longer text, which may have lost its brackets."""
     words = _WORD.findall(_words_only(data.without(text)))
-    return any(word.isascii() and re.search(r"[aeiouAEIOU]", word) and not data.knows(word) for word in words)
+    return any(word.isascii() and re.search(r"[aeiouAEIOU]", word) and not data.contains_word(word) for word in words)
 
 
 def _words_only(text: str) -> str:
@@ -133,7 +134,7 @@ def _texts_of(widget: QWidget) -> Iterator[str]:
             yield from (widget.tabText(index), widget.tabToolTip(index))
     for action in widget.actions():
         yield from (action.text(), action.statusTip())
-        if action.toolTip() != QAction(action.text()).toolTip():  # which Qt makes of the text, without its dots
+        if action.toolTip() != QAction(action.text()).toolTip():  # Qt's default tooltip: the text without dots
             yield action.toolTip()
     if isinstance(widget, QComboBox):
         yield from (widget.itemText(index) for index in range(widget.count()))
@@ -166,7 +167,7 @@ def _cells(model: QAbstractItemModel, parent: QModelIndex) -> Iterator[str]:
 
 
 def _paints(widget: QWidget) -> bool:
-    """Whether it draws text by itself; what labels, buttons and lists draw is in their properties."""
+    """True if the widget draws text itself; texts of labels, buttons and lists are in their properties."""
     ours = type(widget).__module__.startswith("caris_desktop") and "paintEvent" in _methods(type(widget))
     return ours and widget.isVisible() and not isinstance(widget, (QLabel, QLineEdit, QPlainTextEdit, QTextEdit))
 

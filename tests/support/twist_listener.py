@@ -1,4 +1,4 @@
-"""An independent rosbridge client that notes every velocity command that reaches the robot's topic."""
+"""Independent rosbridge client that records every velocity command on the robot's topic."""
 
 import contextlib
 import json
@@ -11,7 +11,7 @@ from websockets.sync.client import connect
 
 
 @dataclass(frozen=True, slots=True)
-class SeenTwist:
+class ReceivedTwist:
     at_ns: int
     forward_mps: float
     turn_radps: float
@@ -22,10 +22,10 @@ class SeenTwist:
 
 
 class TwistListener:
-    """Plain websocket, plain JSON; nothing of ours in between."""
+    """Plain websocket and JSON client without code of the package."""
 
     def __init__(self, address: str, topic: str = "/cmd_vel") -> None:
-        self.seen: list[SeenTwist] = []
+        self.seen: list[ReceivedTwist] = []
         self._open = contextlib.ExitStack()
         self._socket = self._open.enter_context(connect(address, compression=None, max_size=None))
         self._socket.send(json.dumps({"op": "subscribe", "topic": topic, "type": "geometry_msgs/Twist"}))
@@ -34,7 +34,7 @@ class TwistListener:
 
     @property
     def closed(self) -> bool:
-        """Whether the other side is gone."""
+        """True if the connection has been closed by the server."""
         return not self._thread.is_alive()
 
     def close(self) -> None:
@@ -48,4 +48,4 @@ class TwistListener:
                 operation = json.loads(text)
                 if operation.get("op") == "publish":
                     message = operation["msg"]
-                    self.seen.append(SeenTwist(at_ns, message["linear"]["x"], message["angular"]["z"]))
+                    self.seen.append(ReceivedTwist(at_ns, message["linear"]["x"], message["angular"]["z"]))

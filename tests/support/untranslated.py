@@ -1,8 +1,7 @@
-"""Untranslatable texts in the window's source: what people read, and does not go through ``tr``.
+"""Untranslated texts in the sources of the window: user texts that do not go through ``tr``.
 
-``python -m tests.support.untranslated`` counts them by file, ``python -m tests.support.untranslated
-ui/text_formatting.py`` shows those of the files whose path begins so, and with ``--write`` the list of what is left
-becomes shorter, never longer.
+``python -m tests.support.untranslated`` counts them by file, and ``python -m tests.support.untranslated
+ui/text_formatting.py`` lists those of files whose path starts so. ``--write`` shortens the list of permitted counts.
 """
 
 import argparse
@@ -21,23 +20,23 @@ from caris_desktop.ui.widgets.buttons import ButtonRole
 from tests.support.parsed_sources import parsed
 
 PACKAGE = Path(__file__).parents[2] / "caris_desktop"
-ROOMS = ("app", "live", "ui")
-LEFT = Path(__file__).with_suffix(".txt")
+PACKAGES = ("app", "live", "ui")
+COUNTS_FILE = Path(__file__).with_suffix(".txt")
 
-_A_STATE = "a state by its name in the record and in code; it is shown by words of its own"
-_PROMPT = "goes to the language model, not to the wizard"
-_ROW = "by which the timeline knows one of its rows"
-_GUIDE = "written into the guide, which is English"
-_KEY_NAME = "the name of a key as the settings and Qt have it; a key cap shows it"
-_ID = "by which Find anything knows one of its lines again"
-_CAP = "what is printed on the key"
-_TERMINAL = "printed by a command in the terminal, which speaks English"
-_PLAYED = "a rehearsal's, which speaks and writes to the terminal in English"
-_PROCESS = "the name of a process, for the log"
-_FOLDER = "the name of a folder"
-_RECORD = "written into the record, which is English"
-AS_IT_IS: dict[str, dict[str, str]] = {
-    "": {"not checked": _A_STATE},
+_STATE = "internal name of a state, with a separate text in the window"
+_PROMPT = "part of a prompt for the language model"
+_ROW = "internal name of a timeline row"
+_GUIDE = "part of the guide, which is English"
+_KEY_NAME = "name of a key in Qt and in the settings"
+_ID = "internal name of a palette entry"
+_CAP = "label of a key"
+_TERMINAL = "output of a command in the terminal, which is English"
+_PLAYED = "part of a rehearsal, which is English"
+_PROCESS = "name of a process, for the log"
+_FOLDER = "name of a folder"
+_RECORD = "part of the recording, which is English"
+EXEMPT: dict[str, dict[str, str]] = {
+    "": {"not checked": _STATE},
     "app/check_command.py": {"*": _TERMINAL},
     "app/command_table.py": {"*": _TERMINAL},
     "app/commands_page.py": {"*": "a page of the guide, which is English"},
@@ -51,35 +50,35 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     },
     "app/forget_command.py": {"*": _TERMINAL},
     "app/lost_screen.py": {
-        "The X11 connection broke": "said by Qt",
-        "The Wayland connection broke": "said by Qt",
-        "Could not find accessible on path": "said by Qt",
-        "Received text event for invalid interface": "said by Qt",
-        "Subscription string": "said by Qt",
+        "The X11 connection broke": "message of Qt",
+        "The Wayland connection broke": "message of Qt",
+        "Could not find accessible on path": "message of Qt",
+        "Received text event for invalid interface": "message of Qt",
+        "Subscription string": "message of Qt",
     },
     "app/perceive_again_command.py": {"*": _TERMINAL},
     "app/progress_bar.py": {"*": _TERMINAL},
     "app/read_back.py": {"*": _PLAYED},
     "app/rehearsal.py": {"*": _PLAYED},
     "app/rehearse_command.py": {"the window was closed": _PLAYED},
-    "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "the name of the program"},
+    "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "name of the program"},
     "app/robots_command.py": {"ROS {}": _TERMINAL, "Unknown ROS version": _TERMINAL},
     "app/track_command.py": {"the disk is full": _TERMINAL},
     "live/assistant_context.py": {"person {}": _PROMPT, "group {}": _PROMPT},
-    "live/preflight_checks.py": {"by hand: {}": "the name of a check in the record"},
+    "live/preflight_checks.py": {"by hand: {}": "name of a check in the recording"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
-    "live/services/sound_service.py": {"(the wizard’s own voice)": "stands in the record in place of what was said"},
+    "live/services/sound_service.py": {"(the wizard’s own voice)": "recorded instead of the transcript"},
     "live/services/assistant_service.py": {"Hello.": _PROMPT},
     "live/services/face_service.py": {"face page": _PROCESS},
     "live/services/practice_service.py": {
-        "Could you tell me something about this place?": "said by who takes part in the practice"
+        "Could you tell me something about this place?": "utterance of the simulated participant"
     },
     "ui/action_rows.py": dict.fromkeys(
         ("Up", "Down", "Left", "Right", "Return", "Enter", "Del", "Backspace"), _KEY_NAME
     ),
     "ui/action_bindings.py": {"Enter": _CAP, "Delete": _CAP},
-    "ui/key_choices.py": {"phrase: {}": "the name of a row in the settings"},
-    "ui/robot_dialog.py": {"ROS {} {}": "the name of a version of ROS"},
+    "ui/key_choices.py": {"phrase: {}": "name of a row in the settings"},
+    "ui/robot_dialog.py": {"ROS {} {}": "name of a ROS version"},
     "ui/panels/assistant_panel.py": {"Enter": _CAP},
     "ui/panels/speak_panel.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
     "ui/layout_store.py": {"Save into the scenario": _ID, "Reset: as the scenario came": _ID},
@@ -97,25 +96,25 @@ AS_IT_IS: dict[str, dict[str, str]] = {
     "app/generated_reference.py": {"*": _GUIDE},
     "ui/shortcuts/shortcut_reference.py": {"*": _GUIDE},
     "ui/shortcuts/shortcut_sheet.py": {"Enter": _CAP},
-    "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "a key of the settings"},
+    "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "key of the settings"},
     "ui/speak/speak_field.py": {"Enter": _CAP},
-    "ui/speak/voice_choices.py": {"{} (eSpeak)": "a voice and its engine, by their names", "At usual speed": _ID},
+    "ui/speak/voice_choices.py": {"{} (eSpeak)": "names of a voice and its engine", "At usual speed": _ID},
     "ui/theme.py": {"*": "names of fonts"},
 }
-"""What is shown as it is in every language: for each file, or for all (""), its texts ("*": all) with the reason."""
+"""Texts that are the same in every language, with the reason, by file ("": all files; "*": all texts)."""
 
 _MARKS = ("tr", "QT_TR_NOOP")
 _LOGGED = ("critical", "debug", "error", "exception", "info", "log", "warning")
-_TOLD_ERRORS = ("MappingError", "UserFacingError")
-"""Raised with the sentence that the wizard reads; what other errors say stands in the log."""
+_USER_ERRORS = ("MappingError", "UserFacingError")
+"""Errors whose texts the wizard reads; texts of other errors go to the log."""
 
-_TOLD_BY = {
+_USER_ERROR_CLASSES = {
     "AnnotationError", "BundleError", "CameraError", "ExportError", "NotFetched", "PeopleStoreError", "Problem",
     "ProfileError", "ScenarioError", "SessionError", "UserFacingError", "UnreadableMediaError", "WeightsError",
 }  # fmt: skip
-"""What carries sentences to the wizard out of any room, with whatever is derived of it."""
+"""Classes that carry texts to the wizard from any package; their subclasses count too."""
 
-_UNREAD = {
+_INTERNAL_CALLS = {
     "Event", "Literal", "NewType", "Path", "Property", "QByteArray", "QKeySequence", "QSettings", "Signal", "Thread",
     "TypeVar", "addFont", "cast", "compile", "decode", "encode", "endswith", "execute", "fetch", "find", "findChild",
     "findChildren", "finditer", "fullmatch", "getLogger", "getattr", "get_context", "hasattr", "import_module", "index",
@@ -123,22 +122,33 @@ _UNREAD = {
     "setProperty", "setStyle", "setStyleSheet", "setThreadName", "setValue", "set_key", "setattr", "split",
     "startswith", "strftime", "strptime", "value", "invokeMethod",
 }  # fmt: skip
-"""Functions whose arguments nobody reads."""
+"""Functions whose string arguments are not displayed."""
 
-_IN_THE_TERMINAL = {"ArgumentParser", "add_argument", "add_argument_group", "add_parser", "print"}
-"""Functions whose words stand in a terminal, which speaks English, and in no window."""
+_TERMINAL_CALLS = {"ArgumentParser", "add_argument", "add_argument_group", "add_parser", "print"}
+"""Functions whose texts appear in the terminal, which is English only."""
 
-_UNREAD_NAMED = {"id", "name", "object_name", "objectName", "key", "role", "encoding", "errors", "mode", "thread_name"}
-"""Arguments by name, likewise; of ``name`` what has no blank."""
+_INTERNAL_ARGUMENTS = {
+    "id",
+    "name",
+    "object_name",
+    "objectName",
+    "key",
+    "role",
+    "encoding",
+    "errors",
+    "mode",
+    "thread_name",
+}
+"""Keyword arguments that are not displayed; values of ``name`` only if they contain no blank."""
 
-_SHOWN = {
+_DISPLAY_CALLS = {
     "addAction", "addItem", "addMenu", "addTab", "drawText", "insertItem", "setAccessibleDescription",
     "setAccessibleName", "setPlaceholderText", "setStatusTip", "setTabText", "setText", "setTitle", "setToolTip",
     "setWhatsThis", "setWindowTitle", "QLabel", "QPushButton", "QToolButton", "QCheckBox", "QRadioButton", "QGroupBox",
     "ActionButton", "ElidedLabel",
     "set_fact", "set_label", "set_text", "show_text", "show_title", "show_words",
 }  # fmt: skip
-"""Functions that show their arguments: here a single small word is a text too."""
+"""Functions that display their arguments: a single word counts as text."""
 
 _NO_WORDS = {*get_args(ButtonRole), *icon_names(), *(color.name for color in fields(Colors))}
 _UNITS = re.compile(r"(?<=\x00)[ \u202f]?(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m|m/s|rad|px|dB|fps)\b")
@@ -157,7 +167,7 @@ _CODE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A text that is not translated: in which file below ``caris_desktop``, in which line, with {} for what varies."""
+    """Untranslated text with file (below ``caris_desktop``) and line; {} marks placeholders."""
 
     file: str
     line: int
@@ -165,64 +175,66 @@ class Found:
 
 
 def untranslated() -> list[Found]:
-    return [found for found in _all() if not _stored(found)]
+    return [found for found in _all() if not _exempt(found)]
 
 
-def told_untranslated() -> list[Found]:
-    """What any room hands to the wizard with a failure or a problem, and marks with neither tr nor QT_TR_NOOP."""
+def untranslated_errors() -> list[Found]:
+    """Texts of errors and problems, in all packages, without tr and QT_TR_NOOP."""
     trees = {path: parsed(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
     classes = [node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    told = set(_TOLD_BY)
-    while more := {one.name for one in classes if one.name not in told and told & set(map(_name_of, one.bases))}:
-        told |= more
+    error_classes = set(_USER_ERROR_CLASSES)
+    while more := {
+        one.name for one in classes if one.name not in error_classes and error_classes & set(map(_name_of, one.bases))
+    }:
+        error_classes |= more
     found = []
     for path, tree in trees.items():
         finder = _Finder(path.relative_to(PACKAGE).as_posix())
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and _name_of(node.func) in told:
+            if isinstance(node, ast.Call) and _name_of(node.func) in error_classes:
                 for argument in (*node.args, *(keyword.value for keyword in node.keywords)):
                     finder.visit(argument)
         found += finder.found
-    return [one for one in found if not _stored(one)]
+    return [one for one in found if not _exempt(one)]
 
 
-def counted() -> dict[str, int]:
-    """By file, in order."""
+def counts_by_file() -> dict[str, int]:
+    """Number of untranslated texts by file, sorted."""
     return dict(sorted(Counter(found.file for found in untranslated()).items()))
 
 
-def left() -> dict[str, int]:
-    """What the list says of each file that still has some."""
-    lines = (line.split() for line in LEFT.read_text("utf-8").splitlines() if line and not line.startswith("#"))
+def listed_counts() -> dict[str, int]:
+    """Permitted number of untranslated texts by file."""
+    lines = (line.split() for line in COUNTS_FILE.read_text("utf-8").splitlines() if line and not line.startswith("#"))
     return {file: int(count) for file, count in lines}
 
 
 def texts_in(source: str, file: str = "") -> list[Found]:
-    """Every text of a source that does not go through ``tr``."""
+    """All texts of a source that do not go through ``tr``."""
     finder = _Finder(file)
     finder.visit(parsed(source))
     return finder.found
 
 
-def kept_in_vain() -> list[str]:
-    """What the table of texts to be left as they are names, and no file says any more."""
+def unused_exemptions() -> list[str]:
+    """Entries of the exemption table that occur in no file any more."""
     said = {(file, text) for one in _all() for file in (one.file, "") for text in (one.text, "*")}
-    return [f"{file}: {text!r}" for file, texts in AS_IT_IS.items() for text in texts if (file, text) not in said]
+    return [f"{file}: {text!r}" for file, texts in EXEMPT.items() for text in texts if (file, text) not in said]
 
 
-def _stored(found: Found) -> bool:
-    return any(text in AS_IT_IS.get(file, {}) for file in (found.file, "") for text in (found.text, "*"))
+def _exempt(found: Found) -> bool:
+    return any(text in EXEMPT.get(file, {}) for file in (found.file, "") for text in (found.text, "*"))
 
 
 @cache
 def _all() -> tuple[Found, ...]:
-    files = sorted(path for room in ROOMS for path in (PACKAGE / room).rglob("*.py"))
+    files = sorted(path for package in PACKAGES for path in (PACKAGE / package).rglob("*.py"))
     named = ((path.read_text("utf-8"), path.relative_to(PACKAGE).as_posix()) for path in files)
     return tuple(found for source, file in named for found in texts_in(source, file))
 
 
 class _Finder(ast.NodeVisitor):
-    """Goes to every string that may be read by people, past those that are not."""
+    """Visitor of all string literals that users may read."""
 
     def __init__(self, file: str) -> None:
         self.found: list[Found] = []
@@ -242,21 +254,21 @@ class _Finder(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         name = _name_of(node.func)
-        if name in _MARKS or name in _IN_THE_TERMINAL:
+        if name in _MARKS or name in _TERMINAL_CALLS:
             return
         logged = name in _LOGGED and "log" in _name_of(getattr(node.func, "value", None)).lower()
-        if logged or name in _UNREAD or (_raises(name) and name not in _TOLD_ERRORS):
+        if logged or name in _INTERNAL_CALLS or (_raises(name) and name not in _USER_ERRORS):
             self.visit(node.func)  # a chain: "...".join(...).encode("...")
             for argument in node.args:
                 if not isinstance(argument, (ast.Constant, ast.JoinedStr)):
                     self.visit(argument)
             return
         self.visit(node.func)
-        before, self._shown = self._shown, name in _SHOWN
+        before, self._shown = self._shown, name in _DISPLAY_CALLS
         for argument in node.args:
             self.visit(argument)
         for keyword in node.keywords:
-            if keyword.arg not in _UNREAD_NAMED:
+            if keyword.arg not in _INTERNAL_ARGUMENTS:
                 self.visit(keyword.value)
         self._shown = before
 
@@ -327,7 +339,7 @@ class _Finder(ast.NodeVisitor):
 
 
 def reads_as_text(text: str) -> bool:
-    """Whether people would read it, as it looks; \\0 stands for a value that is put in."""
+    r"""True if a string looks like text for users; \0 stands for a placeholder."""
     bare = _UNITS.sub("", re.sub(r"</?[a-z][^<>]*>", " ", text)).strip()
     if not re.search(_WORD, bare) or (_CODE.search(bare) and not _LABEL.match(bare)):
         return False
@@ -341,25 +353,27 @@ def _name_of(node: ast.AST | None) -> str:
 
 
 def _raises(name: str) -> bool:
-    return name.endswith(("Error", "Exception")) or name in _TOLD_ERRORS
+    return name.endswith(("Error", "Exception")) or name in _USER_ERRORS
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("file", nargs="?", default="", help="of which the texts are shown, or a folder")
-    parser.add_argument("--write", action="store_true", help="write the list of what is left")
+    parser.add_argument("file", nargs="?", default="", help="file or folder whose texts are listed")
+    parser.add_argument("--write", action="store_true", help="write the shortened list of untranslated texts")
     arguments = parser.parse_args()
-    now = counted()
+    now = counts_by_file()
     if arguments.write:
-        before = left() if LEFT.exists() else now
+        before = listed_counts() if COUNTS_FILE.exists() else now
         more = [file for file, count in now.items() if count > before.get(file, 0)]
         for file in more:
-            print(f"{file} has {now[file]}, {before.get(file, 0)} are on the list: those are to go through tr")
-        kept = {file: min(count, before.get(file, 0)) for file, count in now.items() if before.get(file, 0)}
+            print(f"{file} has {now[file]}, permitted are {before.get(file, 0)}: use tr")
+        lower_counts = {file: min(count, before.get(file, 0)) for file, count in now.items() if before.get(file, 0)}
         heading = (
             "# Texts that do not go through tr yet, by file. Written by python -m tests.support.untranslated --write"
         )
-        LEFT.write_text("\n".join([heading, *(f"{file} {count}" for file, count in kept.items()), ""]), "utf-8")
+        COUNTS_FILE.write_text(
+            "\n".join([heading, *(f"{file} {count}" for file, count in lower_counts.items()), ""]), "utf-8"
+        )
         return 1 if more else 0
     for found in untranslated() if arguments.file else ():
         if found.file.startswith(arguments.file):

@@ -1,4 +1,4 @@
-"""A virtual screen with a window manager and one program on it, driven by real key and mouse events."""
+"""Virtual screen with a window manager and one program, driven by real key and mouse events."""
 
 import os
 import shutil
@@ -14,7 +14,8 @@ TOOLS = ("Xvfb", "openbox", "xdotool", "setxkbmap")
 MISSING_TOOLS = tuple(tool for tool in TOOLS if shutil.which(tool) is None)
 
 _REPOSITORY = Path(__file__).resolve().parents[2]
-# Openbox keeps Alt+Escape for itself (it lowers the window). Here it reaches programs, and Ctrl+Escape is kept instead.
+# By default Openbox binds Alt+Escape (it lowers the window). Here programs receive it, and Ctrl+Escape is bound
+# instead.
 _OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
 <openbox_config xmlns="http://openbox.org/3.4/rc">
   <desktops><number>2</number><popupTime>0</popupTime></desktops>
@@ -31,7 +32,7 @@ _OPENBOX = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 class VirtualDesktop:
-    """``python -m MODULE`` on a screen of its own; what it prints is in ``lines()``."""
+    """``python -m MODULE`` on a separate screen, with its output in ``lines()``."""
 
     def __init__(
         self,
@@ -73,19 +74,19 @@ class VirtualDesktop:
         )
 
     def say(self, line: str) -> None:
-        """A line for the program's stdin."""
+        """Write a line to the program's stdin."""
         if self._subject.stdin is None:
             raise RuntimeError("the program has no stdin")
         self._subject.stdin.write(line + "\n")
         self._subject.stdin.flush()
 
     def lines(self) -> list[str]:
-        """What was written so far; the last line only once it is whole."""
+        """Complete lines of the output so far."""
         written = Path(self._output.name).read_text()
         return written[: written.rfind("\n") + 1].splitlines()
 
     def wait_for(self, line: str, *, after: int = 0, timeout_s: float = 20.0) -> int:
-        """Index behind the first such line from ``after`` on."""
+        """Index after the first such line from ``after`` on."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s:
             for index, seen in enumerate(self.lines()[after:], start=after):
@@ -94,11 +95,11 @@ class VirtualDesktop:
             if self._subject.poll() is not None:
                 break
             time.sleep(0.01)
-        seen = "\n".join(self.lines()[-60:])  # with the program's last words, if it crashed
-        raise AssertionError(f"waited in vain for {line!r}; seen at last:\n{seen}")
+        seen = "\n".join(self.lines()[-60:])  # with the traceback, if it crashed
+        raise AssertionError(f"timeout while waiting for {line!r}; last lines:\n{seen}")
 
     def do(self, *arguments: str) -> None:
-        """Real key and mouse events, in xdotool's words."""
+        """Real key and mouse events, as xdotool commands."""
         subprocess.run(["xdotool", *arguments], env=self.environment, check=True, timeout=60, capture_output=True)
 
     def use_layout(self, layout: str) -> None:
@@ -106,7 +107,7 @@ class VirtualDesktop:
 
     @contextmanager
     def busy_manager(self) -> Iterator[None]:
-        """Meanwhile the window manager comes to nothing: the keys of a window that closes go to nobody."""
+        """Stop the window manager: keys pressed while a window closes reach no window."""
         self._manager.send_signal(signal.SIGSTOP)
         try:
             yield

@@ -1,4 +1,4 @@
-"""SDL's virtual joystick: a gamepad without hardware, plugged into the SDL library that pygame-ce brings along."""
+"""SDL's virtual joystick: a gamepad without hardware, attached to the SDL library of pygame-ce."""
 
 import ctypes
 import importlib.util
@@ -26,13 +26,13 @@ def _sdl() -> ctypes.CDLL:
 
 
 class VirtualGamepad:
-    """Plugged in from construction to ``unplug()``. SDL must be at work in this process already."""
+    """Gamepad that is attached from construction to ``unplug()``. SDL must be initialised in this process."""
 
     def __init__(
         self, *, kind: int = _GAME_CONTROLLER, axes: int = CONTROLLER_AXES, buttons: int = CONTROLLER_BUTTONS
     ) -> None:
-        # SDL locks for each call. Its lock is not held from one to the next: the thread that reads gamepads waits for
-        # it with the lock of the interpreter in its hands, which this thread would need to go on.
+        # SDL locks in each call. Holding its lock across calls would deadlock: the thread that reads gamepads waits for
+        # it while holding the GIL.
         self._sdl = _sdl()
         index = self._sdl.SDL_JoystickAttachVirtual(kind, axes, buttons, 0)
         if index < 0:
@@ -51,11 +51,11 @@ class VirtualGamepad:
         self._sdl.SDL_JoystickSetVirtualButton(self._handle, button, 0)
 
     def has_been_read(self, button: int, *, held: bool) -> bool:
-        """Whether SDL has passed this state on; of what changes again before that, nobody hears."""
+        """True if SDL has delivered this state; a change before that would be lost."""
         return bool(self._sdl.SDL_JoystickGetButton(self._handle, button)) == held
 
     def unplug(self) -> None:
-        """Pull the plug, whatever is held."""
+        """Detach the gamepad, even while a button is pressed."""
         for index in range(self._sdl.SDL_NumJoysticks()):
             if self._sdl.SDL_JoystickGetDeviceInstanceID(index) == self._instance:
                 self._sdl.SDL_JoystickDetachVirtual(index)

@@ -1,7 +1,7 @@
-"""Pictures of the simulator's twenty people without a robot around them: single ones, and a camera that films visits.
+"""Frames of the simulator's twenty people without a robot: crops of one person, and a camera that films visits.
 
-What a benchmark of recognition needs: who is in the picture, where, in which clothes, seen from which side. No process,
-no socket and no clock; a frame takes a millisecond or two once everybody has been drawn (40 ms for each side of each).
+Ground truth for recognition benchmarks: identity, box, clothes and orientation. No process, socket or clock; a frame
+takes one or two milliseconds once everybody has been drawn (40 ms for each side of each person).
 
 >>> for frame in film([Visit(person=3, comes_s=0.0), Visit(person=7, comes_s=4.0, clothes=1)], rate_hz=7.5):
 ...     look_at(frame.image_bgr, frame.boxes)
@@ -35,10 +35,10 @@ _SPOTS_M = (-0.8, 0.05, 0.85)
 
 @dataclass(frozen=True, slots=True)
 class TrueBox:
-    """Who is there, and where: the part of them that is within the picture.
+    """Identity and box of a person, clipped to the frame.
 
-    ``visit`` is the row of the visits, ``facing_rad`` how far they have turned from the camera, ``visible_share`` how
-    much of the box's person nobody nearer hides.
+    ``visit`` is the index of the visit, ``facing_rad`` the rotation away from the camera, ``visible_share`` the part of
+    the person not hidden by nearer ones.
     """
 
     visit: int
@@ -54,7 +54,7 @@ class TrueBox:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmedFrame:
-    """One frame, BGR, uint8, shape (480, 640, 3), and everybody in it."""
+    """One frame, BGR, uint8, shape (480, 640, 3), with the boxes of all people in it."""
 
     stamp_ns: int
     image_bgr: _Image
@@ -64,7 +64,7 @@ class FilmedFrame:
 def crop_of(
     person: int, clothes: int, facing_rad: float, chance: np.random.Generator, *, stride_rad: float | None = None
 ) -> _Image:
-    """Somebody cut out along their box, 120 to 360 px high, before a dull background, in this or that light."""
+    """Crop of one person along the box, 120 to 360 px high, with random background and brightness."""
     cut_out = draw(Appearance(person, clothes), facing_rad, stride_rad)[0]
     columns = np.flatnonzero(cut_out[:, :, 3].any(axis=0))
     cut_out = cut_out[:, columns[0] : columns[-1] + 1]
@@ -84,18 +84,17 @@ def crop_of(
 def film(
     visits: Iterable[Visit], *, rate_hz: float = 7.5, seed: int = 1, before: Pose2D = IN_THE_LOBBY
 ) -> Iterator[FilmedFrame]:
-    """Frames of a camera that stands still, from the first visit's begin to the last one's end.
+    """Frames of a stationary camera from the start of the first visit to the end of the last.
 
-    Everybody walks in from the left or the right, stands two or three metres away in one of three spots, turns about
-    there (front, side, back, other side, by turns), and walks out. The light of each visit is a little different, and
-    every frame has noise.
+    Each person enters from the left or the right, stops at one of three places two or three metres away, turns (front,
+    side, back, other side), and leaves. Brightness varies per visit, and each frame has noise.
     """
     rows = [_Walk.of(number, visit, np.random.default_rng([seed, number])) for number, visit in enumerate(visits)]
     if not rows:
         return
     empty = Painter([]).paint(View(before, ()))
     chance = np.random.default_rng([seed, len(rows)])
-    # noise is expensive to draw: one sheet of it, cut elsewhere for each frame
+    # noise is expensive to generate: one array, shifted for each frame
     sheet = chance.normal(0.0, _NOISE_STD, (HEIGHT_PX + 64, WIDTH_PX + 64, 1)).astype(np.int16)
     begin_s, end_s = min(row.visit.comes_s for row in rows), max(row.end_s for row in rows)
     waiting = sorted(rows, key=lambda row: row.visit.comes_s)
@@ -115,7 +114,7 @@ def film(
 
 @dataclass(frozen=True, slots=True)
 class _Figure:
-    """Somebody at one moment: where before the camera, turned how, at which phase of a step."""
+    """One person at one time: position and orientation relative to the camera, and phase of the step."""
 
     walk: "_Walk"
     ahead_m: float
@@ -169,7 +168,7 @@ class _Walk:
             first, last, share = spot, np.array((_IN_FROM_M, self._side_m(self.leaves_right))), leave_s / self._out_s
         ahead_m, right_m = (first + min(share, 1.0) * (last - first)).tolist()
         step = last - first
-        # turned to the left from facing the camera: walking to the camera's right shows the left side
+        # rotated to the left from facing the camera: walking to the camera's right shows the left side
         heading = math.atan2(-step[1], step[0])
         to_camera = math.atan2(right_m, -ahead_m)
         stride_rad = 2.0 * math.pi * share * float(np.linalg.norm(step)) / _STRIDE_M
@@ -177,7 +176,7 @@ class _Walk:
 
 
 def _painted(picture: _Image, figures: list[_Figure]) -> tuple[TrueBox, ...]:
-    """Everybody drawn into the picture, the farthest first, and their boxes."""
+    """Draw all people into the frame, the farthest first, and return their boxes."""
     boxes: list[tuple[_Figure, tuple[int, int, int, int], NDArray[np.bool_]]] = []
     for figure in figures:
         drawn = _drawn(figure)
@@ -193,7 +192,7 @@ def _painted(picture: _Image, figures: list[_Figure]) -> tuple[TrueBox, ...]:
 
 
 def _drawn(figure: _Figure) -> tuple[int, int, _Image] | None:
-    """Left and top in the picture, and what is to be seen there; None where it is next to nothing."""
+    """Left and top in the frame, and the sprite; None if it is less than two pixels wide or high."""
     visit = figure.walk.visit
     levels = draw(Appearance(visit.person, visit.clothes), figure.facing_rad, figure.stride_rad)
     px_per_m = FOCAL_PX / figure.ahead_m

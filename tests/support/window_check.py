@@ -1,4 +1,4 @@
-"""Check of a window for text that is cut off, and for text that lies on other text.
+"""Check of a window for text that is cut off, and for texts that overlap.
 
 Texts of labels and buttons are read from their properties. Painted texts, also of self-painting widgets, are taken from
 a drawing of the window that preserves text as text.
@@ -32,24 +32,24 @@ from caris_desktop.ui.widgets.floating_card import FloatingCard
 
 _SPARE_PX = 1.5
 _OVERLAP = 0.2
-"""Of the smaller of two texts so much has to lie on the other: letters' boxes touch without anything to see."""
+"""Minimum overlap as a share of the smaller text: boxes of letters may touch without a visible overlap."""
 
 _SEEN = 0.3
-"""Of a text so much has to be in view to count: a row of a list may be scrolled half away."""
+"""Minimum visible share of a text: a row of a list may be scrolled partly out of view."""
 
 
 @dataclass(frozen=True, slots=True)
-class Painted:
-    """A piece of text in the window, and the box that it fills."""
+class PaintedText:
+    """A painted piece of text and its box."""
 
     text: str
     box: QRectF
     card: QWidget | None = None
-    """The card that it stands on, whose ground hides what lies below it."""
+    """The card that contains the text; its background hides the texts below it."""
 
 
-def flaws(window: QWidget) -> list[str]:
-    """One line for each text that is cut off or lies on another one; empty for a window that can be read."""
+def text_flaws(window: QWidget) -> list[str]:
+    """One line for each text that is cut off or overlaps another one."""
     painted = [(widget, painted_by(widget)) for widget in _shown(window)]
     beyond = [
         f"{_name(widget)} paints {text.text!r} beyond its edge"
@@ -59,17 +59,17 @@ def flaws(window: QWidget) -> list[str]:
         if _sticks_out(text.box, widget)
     ]
     outside = [
-        f"{_name(widget)} paints {text.text!r} outside of the window"
+        f"{_name(widget)} paints {text.text!r} outside the window"
         for widget, texts in painted
         if texts and not _scrolled(widget)
         for text in texts
         if _sticks_out(text.box.translated(QPointF(widget.mapTo(window, QPoint()))), window)
     ]
-    return [*cut_off(window), *beyond, *outside, *on_one_another(_in_view(painted, window))]
+    return [*cut_off(window), *beyond, *outside, *overlapping_texts(_in_view(painted, window))]
 
 
 def cut_off(window: QWidget) -> list[str]:
-    """Labels, buttons and hints of fields that have less room than their text needs."""
+    """Labels, buttons and placeholder texts with less space than their text needs."""
     found = []
     for widget in _shown(window):
         lacking = _lacking_px(widget)
@@ -82,14 +82,14 @@ def cut_off(window: QWidget) -> list[str]:
 
 
 def _out_of_reach_px(area: QWidget) -> float:
-    """How much of what it holds is cut off at the side of an area that scrolls up and down only."""
+    """Width that is cut off in an area that scrolls only vertically."""
     off = Qt.ScrollBarPolicy.ScrollBarAlwaysOff
     if not isinstance(area, QScrollArea) or area.horizontalScrollBarPolicy() != off or area.widget() is None:
         return 0.0
     return float(area.widget().width() - area.viewport().width())
 
 
-def on_one_another(texts: list[Painted]) -> list[str]:
+def overlapping_texts(texts: list[PaintedText]) -> list[str]:
     found = []
     for number, one in enumerate(texts):
         for other in texts[number + 1 :]:
@@ -98,17 +98,17 @@ def on_one_another(texts: list[Painted]) -> list[str]:
             both = one.box.intersected(other.box)
             smaller = min(_area(one.box), _area(other.box))
             if not both.isEmpty() and _area(both) > _OVERLAP * smaller:
-                found.append(f"{one.text!r} and {other.text!r} lie on one another at {both.topLeft().toPoint()}")
+                found.append(f"{one.text!r} and {other.text!r} overlap at {both.topLeft().toPoint()}")
     return found
 
 
-def painted_texts(window: QWidget) -> list[Painted]:
-    """Everything that the window's widgets paint as text, as far as it can be seen."""
+def painted_texts(window: QWidget) -> list[PaintedText]:
+    """Visible texts that the widgets of the window paint."""
     return _in_view(((widget, painted_by(widget)) for widget in _shown(window)), window)
 
 
-def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) -> list[Painted]:
-    """In the window's coordinates, as far as it can be seen."""
+def _in_view(painted: Iterable[tuple[QWidget, list[PaintedText]]], window: QWidget) -> list[PaintedText]:
+    """Convert to window coordinates and drop texts that are not visible."""
     texts = []
     for widget, own in painted:
         seen = QRectF(widget.visibleRegion().boundingRect())
@@ -116,7 +116,7 @@ def _in_view(painted: Iterable[tuple[QWidget, list[Painted]]], window: QWidget) 
         for text in own:
             box = text.box.intersected(seen)
             if _area(box) > _SEEN * _area(text.box):
-                texts.append(Painted(text.text, box.translated(origin), _card_of(widget)))
+                texts.append(PaintedText(text.text, box.translated(origin), _card_of(widget)))
     return texts
 
 
@@ -127,8 +127,8 @@ def _card_of(widget: QWidget) -> QWidget | None:
     return parent
 
 
-def painted_by(widget: QWidget) -> list[Painted]:
-    """In the widget's own coordinates, wherever it lies."""
+def painted_by(widget: QWidget) -> list[PaintedText]:
+    """Texts that the widget paints, in its own coordinates."""
     if type(widget) is QWidget or widget.width() < 1 or widget.height() < 1:
         return []
     drawn = QByteArray()
@@ -143,13 +143,13 @@ def painted_by(widget: QWidget) -> list[Painted]:
         widget.render(painter, QPoint(), QRegion(), QWidget.RenderFlag(0))
     painter.end()
     texts = _texts_below(ET.fromstring(bytes(drawn.data())), QTransform())  # noqa: S314 - drawn just now
-    # What is selected in a field is drawn twice, once for each colour.
+    # Selected text is drawn twice, once for each colour.
     return list({(text.text, text.box.left(), text.box.top()): text for text in texts}.values())
 
 
 @contextmanager
 def _pictures_left_out() -> Iterator[None]:
-    """They keep no text, and the drawing would hold each as a PNG: that of a camera takes longer than all the rest."""
+    """Skip images while drawing: they contain no text, and encoding a camera frame as PNG takes longest."""
     kept = QPainter.drawImage, QPainter.drawPixmap
     QPainter.drawImage = QPainter.drawPixmap = lambda *_: None  # type: ignore[assignment]
     try:
@@ -158,7 +158,7 @@ def _pictures_left_out() -> Iterator[None]:
         QPainter.drawImage, QPainter.drawPixmap = kept  # type: ignore[method-assign]
 
 
-def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[Painted]:
+def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[PaintedText]:
     matrix = re.fullmatch(r"matrix\(([^)]*)\)", element.get("transform", ""))
     if matrix is not None:
         a, b, c, d, e, f = (float(number) for number in matrix.group(1).split(","))
@@ -172,13 +172,13 @@ def _texts_below(element: ET.Element, transform: QTransform) -> Iterator[Painted
         x, baseline = float(element.get("x", "0")), float(element.get("y", "0"))
         box = QRectF(x, baseline - metrics.ascent() * 0.75, metrics.horizontalAdvance(text), metrics.ascent() * 0.75)
         if len(text.strip()) > 1:
-            yield Painted(text.strip(), transform.mapRect(box))
+            yield PaintedText(text.strip(), transform.mapRect(box))
     for child in element:
         yield from _texts_below(child, transform)
 
 
 def _shown(window: QWidget) -> Iterator[QWidget]:
-    """What can be seen of the window; what has been scrolled away is there by scrolling."""
+    """Visible widgets of the window, without those scrolled out of view."""
     for widget in window.findChildren(QWidget):
         if widget.isVisibleTo(window) and not widget.visibleRegion().isEmpty() and widget.window() is window.window():
             yield widget
@@ -197,7 +197,7 @@ def _name(widget: QWidget) -> str:
 
 
 def _scrolled(widget: QWidget) -> bool:
-    """Whether it can be brought in by scrolling."""
+    """True if a scroll area can bring the widget into view."""
     parent: QWidget | None = widget
     while parent is not None:
         if isinstance(parent, (QAbstractScrollArea, QTabBar)):
@@ -228,7 +228,7 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
         return _lacking_in_combo_box(widget)
     text = _text_of(widget)
     if not text.strip() or isinstance(widget, ElidedLabel):
-        return None  # cut short on purpose, with the whole text in its tip
+        return None  # elided on purpose, with the complete text in its tooltip
     room = widget.contentsRect()
     if isinstance(widget, QLabel) and widget.textFormat() is not Qt.TextFormat.RichText:
         flags = int(widget.alignment())
@@ -243,7 +243,7 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
         lacks = needed_px + 8 - room.width(), 0.0
     else:
         hint = widget.sizeHint()
-        if widget.hasHeightForWidth():  # its words are wrapped
+        if widget.hasHeightForWidth():  # word wrap
             hint = QSize(widget.minimumSizeHint().width(), widget.heightForWidth(widget.width()))
         if isinstance(widget, ActionButton) and widget.may_shrink:
             return None
@@ -254,7 +254,7 @@ def _lacking_px(widget: QWidget) -> tuple[float, float] | None:
 
 
 _LONGEST_CHOICE = 34
-"""Of what has more characters, such as names that servers give to models, a part may be left to the tip."""
+"""Longer items, such as model names of servers, may be elided with the complete text in the tooltip."""
 
 
 def _lacking_in_combo_box(widget: QComboBox) -> tuple[float, float] | None:
@@ -265,7 +265,7 @@ def _lacking_in_combo_box(widget: QComboBox) -> tuple[float, float] | None:
 
 
 def _beyond_parent(widget: QWidget) -> tuple[float, float]:
-    """How far it sticks out of what holds it; in a scroll area it can be brought in."""
+    """Width and height outside the parent; zero in a scroll area."""
     parent, place = widget.parentWidget(), QRect(widget.geometry())
     while parent is not None and not parent.isWindow():
         if isinstance(parent.parentWidget(), QAbstractScrollArea):

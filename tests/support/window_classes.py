@@ -1,4 +1,4 @@
-"""The classes of the package that are shown as a window, a dialog or a popup over a window, found by introspection."""
+"""Classes of the package that are windows, dialogs or popups, found by introspection."""
 
 import importlib
 import inspect

@@ -1,4 +1,4 @@
-"""Every menu that a window can open, pressed open; and the names of those that its source makes."""
+"""Menus that a window can open, and the names of the menus that its sources create."""
 
 import ast
 from collections.abc import Callable, Iterable, Iterator
@@ -9,13 +9,13 @@ from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QMenu, QWidget
 
 MAKERS = ("QMenu", "as_menu", "_menu")
-"""Functions that make a menu."""
+"""Functions that create a menu."""
 
 _NEAR_THE_CORNER = QPoint(12, 8)
 
 
 def menus_made(files: Iterable[Path]) -> set[str]:
-    """By their names. One without a name stands as FILE:LINE."""
+    """Object names of the menus in the sources; FILE:LINE for a menu without a name."""
     return {name for file in files for name in _made_in(file)}
 
 
@@ -44,8 +44,8 @@ def _name_of(function: ast.expr) -> str:
 
 
 def opened_menus(widgets: Iterable[QWidget], *openers: Callable[[], None]) -> Iterator[QMenu]:
-    """Press each button of these widgets and of what they hold, ask each for its own menu, and call the ``openers``:
-    what opens, while it is open.
+    """Click each button of the widgets and their children, request their context menus, call the ``openers``, and yield
+    each menu while it is open.
     """
     for opener in openers:
         opener()

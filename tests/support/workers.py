@@ -1,7 +1,7 @@
-"""Several workers share the tests of a run, a file at a time; here is what happens when one of them dies or hangs.
+"""Distribution of test files over xdist workers that survives the death of a worker, and names tests that hang.
 
-pytest-xdist hands all the files of a worker that died to the others, those that were done too. Another worker that is
-handed such a file has nothing to run in it, so never reports, is never given more, and the run never ends.
+pytest-xdist assigns all files of a dead worker to the others, completed ones too. A worker that gets a completed file
+runs nothing, never reports, gets no more work, and the run never ends.
 """
 
 import subprocess
@@ -13,25 +13,25 @@ from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
 
 
-class FilesOnce(LoadFileScheduling):
-    """What a dead worker had left is done by the others; the test at which it died is not tried on them as well.
+class LoadFileOnceScheduling(LoadFileScheduling):
+    """Scheduler that assigns the remaining tests of a dead worker to the others, without the test that killed it.
 
-    ``by_test``: files, as in the ids of their tests, whose tests share nothing: any worker that is free takes one of
-    them, so that nobody is left with a whole long file at the end.
+    ``split_files``: files, as in node ids, whose tests share nothing and are distributed singly, so that no worker is
+    left with a whole long file at the end.
     """
 
-    def __init__(self, config: pytest.Config, log: Any, by_test: Collection[str] = ()) -> None:
+    def __init__(self, config: pytest.Config, log: Any, split_files: Collection[str] = ()) -> None:
         super().__init__(config, log)
-        self._by_test = frozenset(by_test)
+        self._split_files = frozenset(split_files)
 
     def _split_scope(self, nodeid: str) -> str:
         file: str = super()._split_scope(nodeid)
-        return nodeid if file in self._by_test else file
+        return nodeid if file in self._split_files else file
 
     def remove_node(self, node: WorkerController) -> str | None:
         left = {
             file: tests for file, tests in self.assigned_work.pop(node).items() if not all(tests.values())
-        }  # in the order in which the worker took them
+        }  # in the order of assignment
         if not left:
             return None
         file, tests = next(iter(left.items()))
@@ -45,8 +45,8 @@ class FilesOnce(LoadFileScheduling):
         return fatal
 
 
-class UnderWay:
-    """The tests that have begun and not ended: what to look at when a run was stopped because it took too long."""
+class RunningTests:
+    """Names the running tests when a run is interrupted because it took too long."""
 
     def __init__(self) -> None:
         self._tests: dict[str, None] = {}
@@ -59,18 +59,18 @@ class UnderWay:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter, exitstatus: int) -> None:
         if exitstatus == pytest.ExitCode.INTERRUPTED and self._tests:
-            terminalreporter.section("under way when the run was stopped")
+            terminalreporter.section("running when the run was interrupted")
             for test in self._tests:
                 terminalreporter.write_line(test)
 
 
-def end_of(node: WorkerController) -> str:
-    """How a worker's process ended, in words; xdist says no more than that it did."""
+def exit_description(node: WorkerController) -> str:
+    """Exit status or signal of a worker's process, which xdist does not report."""
     process = getattr(getattr(node.gateway, "_io", None), "popen", None)
     if process is None:
-        return "its end is not known"
+        return "exit status unknown"
     try:
         status: int = process.wait(5)
     except subprocess.TimeoutExpired:
-        return "its process still runs"
+        return "process still running"
     return f"signal {-status}" if status < 0 else f"exit status {status}"

@@ -1,4 +1,4 @@
-"""How long something takes, whatever the machine: in units of a fixed piece of computing."""
+"""Duration relative to a fixed computation, independent of the speed of the machine."""
 
 import time
 from collections.abc import Callable
@@ -14,16 +14,16 @@ def _computing() -> None:
 
 
 def _seconds(work: Callable[[], object]) -> float:
-    # Of this thread alone: while others have the processor, it stands still.
+    # CPU time of this thread: it does not count the time of others.
     begun_s = time.thread_time()
     work()
     return time.thread_time() - begun_s
 
 
 def in_yardsticks(work: Callable[[], object], *, tries: int = 20) -> float:
-    """The best of ``tries`` against the best of as many yardsticks, taken in turn.
+    """Best of ``tries`` runs divided by the best of as many reference computations, taken alternately.
 
-    The best say something of the work, the others of what else goes through the machine's caches.
+    The minimum shows the work itself; other runs include effects of other load on caches.
     """
     pairs = [(_seconds(work), _seconds(_computing)) for _ in range(tries)]
     return min(each for each, _ in pairs) / min(yardstick for _, yardstick in pairs)

@@ -16,7 +16,7 @@ from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.speak.speak_field import SpeakField
-from tests.support.stdin_commands import ToldByLines
+from tests.support.stdin_commands import StdinCommands
 from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
@@ -25,7 +25,7 @@ from tests.ui.fake_console import FakeConsole
 drive_input_filter.DOUBLE_STOP_S = 60.0
 
 
-class Subject(ToldByLines):
+class Subject(StdinCommands):
     """The window, and what the test can ask of it."""
 
     def __init__(self) -> None:

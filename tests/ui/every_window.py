@@ -26,7 +26,7 @@ from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import TitleDialog
 from caris_desktop.ui.window_place import WINDOW_FRAME
-from tests.support.window_check import flaws
+from tests.support.window_check import text_flaws
 from tests.ui import (
     samples,
     test_confirm_file,
@@ -338,10 +338,10 @@ class EveryWindow:
         else:
             part.window().resize(screen)
         self.settle()
-        found = flaws(part)
+        found = text_flaws(part)
         if found:
             QTest.qWait(_COMES_ROUND_MS)
-            found = flaws(part)
+            found = text_flaws(part)
         size, most = part.size(), screen if part.objectName() == "main_window" else room
         if part.isWindow() and (size.width() > most.width() or size.height() > most.height()):
             found.append(f"is {size.width()} x {size.height()} px at least, and the screen has less")

@@ -29,8 +29,8 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.support.polling import wait_for
-from tests.support.tab_order_check import gone_through
-from tests.support.window_check import flaws
+from tests.support.tab_order_check import tab_order
+from tests.support.window_check import text_flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen
 from tests.ui.fake_console import FakeConsole
@@ -315,7 +315,7 @@ def test_tab_goes_through_the_line_from_left_to_right(desk: Desk) -> None:
         if step:
             desk.begin(step)
         QApplication.processEvents()
-        reached = [part for part in gone_through(desk.window) if desk.strip.isAncestorOf(part)]
+        reached = [part for part in tab_order(desk.window) if desk.strip.isAncestorOf(part)]
         left = [part.mapTo(desk.strip, part.rect().topLeft()).x() for part in reached]
         assert len(left) > 4 and left == sorted(left), (step, [part.objectName() for part in reached])
 
@@ -445,7 +445,7 @@ def test_every_step_of_every_shipped_scenario_can_be_read(bare: Callable[[Scenar
                 late_ns = status.since_ns - round((step.expected_s + 3725) * 1e9)
                 desk.console.state.protocol.set(dataclasses.replace(status, since_ns=late_ns))
                 QApplication.processEvents()
-                assert flaws(desk.window) == [], (path.stem, step.title)
+                assert text_flaws(desk.window) == [], (path.stem, step.title)
                 read += 1
         assert read > 15
     finally:

@@ -24,7 +24,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.motion_panel import MotionPanel
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.accessibility_check import told_flaws
+from tests.support.accessibility_check import accessibility_flaws
 from tests.ui import samples
 from tests.ui.conftest import find, freshen
 from tests.ui.every_window import USUAL, EveryWindow
@@ -67,11 +67,11 @@ def test_every_control_of_every_scenario_can_be_told(
     """Each panel is opened on the usual screen; with ``--long`` on the large one too, where names are the same."""
     shown.resize(size)
     settle()
-    found = told_flaws(shown)
+    found = accessibility_flaws(shown)
     for name in shown.board.possible() if size == USUAL or request.config.getoption("--long") else ():
         shown.open_panel(name)
         settle()
-        found += [f"{name} opened: {flaw}" for flaw in told_flaws(shown.dock_host.docks[name])]
+        found += [f"{name} opened: {flaw}" for flaw in accessibility_flaws(shown.dock_host.docks[name])]
     assert found == []
 
 
@@ -86,7 +86,7 @@ def test_every_control_of_every_window_and_of_a_replay_can_be_told(theme: Theme)
             if seen.part.isWindow() and seen.part.objectName() == "main_window":
                 seen.part.resize(USUAL)
             opened.settle()
-            found += [f"{seen.name}: {flaw}" for flaw in told_flaws(seen.part)]
+            found += [f"{seen.name}: {flaw}" for flaw in accessibility_flaws(seen.part)]
     finally:
         opened.close()
     assert found == []
@@ -190,15 +190,15 @@ def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
         part.setGeometry(60 * number, 0, 50, 30)
     beside.move(3000, 0)
     holder.show()
-    found = told_flaws(window)
+    found = accessibility_flaws(window)
     holder.hide()
     holder.deleteLater()
     for words in (
         "has no name",
-        "2 controls are called 'Twice'",
-        "'Beside the window', lies at",
+        "2 controls share the accessible name 'Twice'",
+        "'Beside the window', is at",
         "QLabel ''",
         "'Drawn by hand', has no",
-        "is told with tags: '<p>Somewhere</p>'",
+        "has HTML tags in its accessible description: '<p>Somewhere</p>'",
     ):
         assert any(words in flaw for flaw in found), (words, found)

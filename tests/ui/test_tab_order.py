@@ -9,7 +9,7 @@ from caris_desktop.ui.language import ENGLISH
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from tests.support.tab_order_check import gone_through, tab_flaws
+from tests.support.tab_order_check import tab_order, tab_order_flaws
 from tests.ui.every_window import USUAL, EveryWindow
 from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture
 
@@ -22,12 +22,12 @@ from tests.ui.test_screen_reader import settle, shown  # noqa: F401 - a fixture
 def test_tab_goes_through_every_scenario_as_it_is_read(shown: MainWindow, size: QSize) -> None:  # noqa: F811
     shown.resize(size)
     settle()
-    found = tab_flaws(shown)
+    found = tab_order_flaws(shown)
     for name in shown.board.possible() if size == USUAL else ():
         if name not in shown.dock_host.docks or not shown.dock_host.docks[name].isVisible():
             shown.open_panel(name)
             settle()
-            found += [f"{name} opened: {flaw}" for flaw in tab_flaws(shown)]
+            found += [f"{name} opened: {flaw}" for flaw in tab_order_flaws(shown)]
     assert found == []
 
 
@@ -41,7 +41,7 @@ def test_tab_goes_through_every_window_and_a_replay_as_it_is_read(theme: Theme) 
             if seen.part.windowFlags() & Qt.WindowType.WindowDoesNotAcceptFocus:
                 continue  # it is looked at by others
             opened.settle()
-            found += [f"{seen.name}: {flaw}" for flaw in tab_flaws(seen.part)]
+            found += [f"{seen.name}: {flaw}" for flaw in tab_order_flaws(seen.part)]
     finally:
         opened.close()
     assert found == []
@@ -50,16 +50,16 @@ def test_tab_goes_through_every_window_and_a_replay_as_it_is_read(theme: Theme) 
 @pytest.mark.panels("video", "map")
 def test_tab_stays_in_a_card_and_the_bar_above_it(window: MainWindow) -> None:
     window.show_preflight()
-    reached = gone_through(window)
+    reached = tab_order(window)
     assert {"preflight_close", "emergency_stop"} <= {part.objectName() for part in reached}
     assert not [part for part in reached if window.dock_host.isAncestorOf(part)], "which the card covers"
     window.hold.escape_pressed.emit()
-    assert [part for part in gone_through(window) if window.dock_host.isAncestorOf(part)]
+    assert [part for part in tab_order(window) if window.dock_host.isAncestorOf(part)]
 
 
 @pytest.mark.panels("video", "map")
 def test_shift_tab_goes_the_same_way_back(window: MainWindow) -> None:
-    there = gone_through(window)
+    there = tab_order(window)
     back = []
     there[0].setFocus()
     for _ in there:
@@ -88,8 +88,8 @@ def test_the_check_sees_a_wrong_order(window: MainWindow) -> None:
     QWidget.setTabOrder(third, second)
     made.show()
     made.activateWindow()
-    found = tab_flaws(made)
+    found = tab_order_flaws(made)
     made.close()
     made.deleteLater()
     assert any("'Second' comes after ActionButton 'Third'" in flaw for flaw in found), found
-    assert any("'Mouse only', is not reached" in flaw for flaw in found), found
+    assert any("'Mouse only', is not reachable by keyboard" in flaw for flaw in found), found

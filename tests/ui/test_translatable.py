@@ -94,7 +94,7 @@ def test_what_is_filled_in_has_a_name_and_is_given() -> None:
 
 def test_every_text_of_the_window_can_be_translated() -> None:
     """Until all go through tr, the list says how many do not, and can only become shorter."""
-    now, listed = untranslated.counted(), untranslated.left()
+    now, listed = untranslated.counts_by_file(), untranslated.listed_counts()
     wrong = [
         f"{file} has {now.get(file, 0)}, the list says {listed.get(file, 0)}"
         for file in sorted(now.keys() | listed.keys())
@@ -109,12 +109,12 @@ def test_every_text_of_the_window_can_be_translated() -> None:
 
 def test_what_any_room_tells_the_wizard_can_be_translated() -> None:
     """A child process too: its sentences in QT_TR_NOOP, those with values filled, and the console says them."""
-    told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.told_untranslated()]
+    told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.untranslated_errors()]
     assert told == []
 
 
 def test_what_is_left_as_it_is_is_still_said() -> None:
-    assert untranslated.kept_in_vain() == []
+    assert untranslated.unused_exemptions() == []
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,15 @@ from caris_desktop.ui.layout.dock_area import PanelTabs
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
-from tests.support.trial_language_check import Data, is_plain, is_plain_piece, listed, merged, plain_texts, strings_of
+from tests.support.trial_language_check import (
+    StudyTexts,
+    is_unmarked,
+    is_unmarked_fragment,
+    listed,
+    merged,
+    strings_of,
+    unmarked_texts,
+)
 from tests.support.window_menus import menus_made, opened_menus
 from tests.ui import samples, test_sessions
 from tests.ui.conftest import freshen
@@ -66,7 +74,7 @@ class Spoken:
         robots = [load_profile(name) for name in shipped_profiles()]
         sessions = (test_sessions.SESSIONS, test_sessions.HITS)
         cameras = [text_formatting.camera_name(name) for name in self.console.state.cameras.value]
-        self.data = Data(said, scenarios, robots, sessions, shipped_profiles(), cameras, OF_OTHERS)
+        self.data = StudyTexts(said, scenarios, robots, sessions, shipped_profiles(), cameras, OF_OTHERS)
         self.scenarios = scenarios
         self._drawn: set[int] = set()
         self.gamepads = Gamepads(self.console.state, lambda _event: None)
@@ -99,7 +107,7 @@ class Spoken:
         windows = [
             widget for widget in QApplication.topLevelWidgets() if widget.parent() is None and widget.isVisible()
         ]
-        return plain_texts({id(one): one for one in (self.window, *windows)}.values(), self.data, self._drawn)
+        return unmarked_texts({id(one): one for one in (self.window, *windows)}.values(), self.data, self._drawn)
 
     def of_every_scenario(self) -> dict[str, set[str]]:
         found = []
@@ -155,11 +163,11 @@ class Spoken:
 
 
 def of_menus(
-    widgets: Iterable[QWidget], data: Data, *openers: Callable[[], None]
+    widgets: Iterable[QWidget], data: StudyTexts, *openers: Callable[[], None]
 ) -> tuple[dict[str, set[str]], set[str]]:
     found, opened = [], set()
     for menu in opened_menus(widgets, *openers):
-        found.append(plain_texts([menu], data))
+        found.append(unmarked_texts([menu], data))
         opened |= {one.objectName() for one in (menu, *menu.findChildren(QMenu))}
     return merged(*found), opened
 
@@ -191,7 +199,9 @@ def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
     replay = FakeReplay(overview=sample_overview(), coding=sample_coding(120_000))
     replay.at_ms(34_500)
     scene = ReplayScene(theme, replay)
-    data = Data([text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS)
+    data = StudyTexts(
+        [text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS
+    )
     try:
         scene.show()
         found = []
@@ -209,7 +219,7 @@ def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
                 QApplication.processEvents()
             opened = [dialog for dialog in scene.findChildren(QDialog) if dialog.isVisible()]
             dialogs -= {dialog.objectName() for dialog in opened}
-            found.append(plain_texts([scene, *opened], data))
+            found.append(unmarked_texts([scene, *opened], data))
             for dialog in opened:
                 dialog.close()
         assert dialogs == set(), "These did not open."
@@ -225,7 +235,9 @@ def test_the_lines_of_every_menu_of_a_replay_bear_them_too(theme: Theme) -> None
     language.use(TRIAL)
     replay = FakeReplay(overview=sample_overview(), coding=sample_coding(120_000))
     scene = ReplayScene(theme, replay)
-    data = Data([text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS)
+    data = StudyTexts(
+        [text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS
+    )
     try:
         scene.resize(700, 620)  # too narrow for all codes of the chosen row
         scene.show()
@@ -249,7 +261,7 @@ def test_what_is_not_translated_is_seen(spoken: Spoken) -> None:
     filled = QLabel(tr("Go to {place}").format(place="Lab visit"), holder)
     told.setToolTip("A tip for {name}".format(name=tr("Stop")))
     named.setAccessibleName("Named by nobody")
-    found = plain_texts([holder], spoken.data)
+    found = unmarked_texts([holder], spoken.data)
     assert {text for texts in found.values() for text in texts} == {
         "Left as it was", f"A tip for {tr('Stop')}", "Named by nobody",
     }, (said, filled)  # fmt: skip
@@ -271,9 +283,9 @@ def test_what_is_not_translated_is_seen(spoken: Spoken) -> None:
     ],
 )
 def test_what_reads_as_untranslated(text: str, plain: bool) -> None:
-    assert is_plain(text, Data("P07")) is plain
+    assert is_unmarked(text, StudyTexts("P07")) is plain
 
 
 def test_a_line_out_of_a_longer_text_is_told_by_its_accents() -> None:
-    assert not is_plain_piece("thé röböt îš öût öf réàçh", Data())
-    assert is_plain_piece("the robot is out of reach", Data())
+    assert not is_unmarked_fragment("thé röböt îš öût öf réàçh", StudyTexts())
+    assert is_unmarked_fragment("the robot is out of reach", StudyTexts())

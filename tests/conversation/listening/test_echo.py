@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
-from tests.support.sounds import RATE_HZ, chunks_of, heard_in, int16, room, speech_like
+from tests.support.sounds import RATE_HZ, chunks_of, convolved, int16, room_impulse_response, speech_like
 
 _START_NS = 5_000_000_000_000
 _BEFORE_S = 0.5
@@ -44,8 +44,8 @@ def _padded(sound: NDArray[np.float64], before_s: float, whole_s: float) -> NDAr
 
 def _echo(robot: NDArray[np.float64] = _ROBOT, seed: int = 0, loudness_db: float = 0.0, **of_room: float):
     """The robot as a microphone hears it, from 0.5 s on."""
-    response = room(np.random.default_rng(seed), **of_room)
-    return heard_in(response, _padded(robot, _BEFORE_S, 3.6)) * 10 ** (loudness_db / 20)
+    response = room_impulse_response(np.random.default_rng(seed), **of_room)
+    return convolved(response, _padded(robot, _BEFORE_S, 3.6)) * 10 ** (loudness_db / 20)
 
 
 def _noise(count: int) -> NDArray[np.float64]:
@@ -108,7 +108,7 @@ def test_who_speaks_over_the_robot_is_left_as_they_were() -> None:
 @pytest.mark.parametrize("late_s", [0.0, 0.4, 1.8])
 @pytest.mark.long
 def test_it_knows_until_when_the_robot_is_heard_however_late(late_s: float) -> None:
-    sound = heard_in(room(np.random.default_rng(3)), _padded(_ROBOT, _BEFORE_S + late_s, 5.6))
+    sound = convolved(room_impulse_response(np.random.default_rng(3)), _padded(_ROBOT, _BEFORE_S + late_s, 5.6))
     heard = _hear(sound, _played())
     heard.share(0.55 + late_s, 3.0 + late_s)
     moments_s = (0.7, 1.5, 2.9, 3.5, 4.5)
@@ -181,7 +181,7 @@ def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> Non
     robot = speech_like(6.0, 3)
     cut = round(2.0 * RATE_HZ)
     fallen_behind = np.concatenate((robot[:cut], np.zeros(round(0.4 * RATE_HZ)), robot[cut:]))
-    echo = heard_in(room(np.random.default_rng(0)), _padded(fallen_behind, _BEFORE_S, 7.4))
+    echo = convolved(room_impulse_response(np.random.default_rng(0)), _padded(fallen_behind, _BEFORE_S, 7.4))
     heard = _hear(echo, _played(robot))
     assert _less_db(_part(echo, 4.2, 6.8), heard.between(4.2, 6.8)) > 13
     assert (heard.share(2.9, 6.8) or 0) > 0.9
@@ -217,7 +217,9 @@ def test_clocks_may_drift_apart() -> None:
 
 def test_another_rate_on_either_side_changes_nothing() -> None:
     played = speech_like(2.5, 5, 48_000)
-    echo = heard_in(room(np.random.default_rng(4)), np.concatenate((np.zeros(24_000), played, np.zeros(30_000))))
+    echo = convolved(
+        room_impulse_response(np.random.default_rng(4)), np.concatenate((np.zeros(24_000), played, np.zeros(30_000)))
+    )
     third = PlayedSound(_moment(_BEFORE_S), "u-1", "", 24_000, int16(played[::2]))
     heard = _hear(echo, third, rate_hz=48_000)
     at_16_khz = echo[::3]
@@ -279,7 +281,7 @@ def test_a_hole_in_the_sound_is_a_hole_in_what_comes_back() -> None:
 @pytest.mark.long
 def test_the_robot_is_found_in_the_very_sound_of_a_turn_and_who_speaks_over_it_is_beyond(late_s: float) -> None:
     whole_s = 6.5
-    robot = heard_in(room(np.random.default_rng(5)), _padded(_ROBOT, _BEFORE_S + late_s, whole_s))
+    robot = convolved(room_impulse_response(np.random.default_rng(5)), _padded(_ROBOT, _BEFORE_S + late_s, whole_s))
     at = _moment(_BEFORE_S + late_s + 0.6), _moment(_BEFORE_S + late_s + 2.2)
     alone = _hear(robot, _played()).canceller.heard_in(*at)
     assert alone is not None and alone.late_s == pytest.approx(late_s, abs=0.06) and alone.beyond < 0.1

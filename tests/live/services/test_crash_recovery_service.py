@@ -23,7 +23,7 @@ from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import find_scenario
-from tests.support.crashed_trial import of_one_that_is_gone
+from tests.support.crashed_trial import assign_to_ended_process
 
 P07 = TrialDetails(participant="P07", trial="2")
 
@@ -76,7 +76,7 @@ class Run:
     def crash(self) -> None:
         """The program is gone; what it wrote is of one that runs no more."""
         self.settle()
-        of_one_that_is_gone(self.folder / "trials")
+        assign_to_ended_process(self.folder / "trials")
 
     def end(self) -> None:
         self.service._soon.stop()

@@ -15,7 +15,7 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents, save_coder
 from caris_desktop.recording.annotation.coding_file import Coding
 from tests.recording.told_session import tell
-from tests.support.invalid_data import changed
+from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator
 
 
@@ -111,7 +111,7 @@ def test_the_schema_refuses_what_the_program_refuses() -> None:
     chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
     refused = 0
     for _ in range(300):
-        tried = changed(data, chance, ["unknown", "participant", "value"])
+        tried = with_mistake(data, chance, ["unknown", "participant", "value"])
         wrong = list(problems(Coding, tried))
         assert validator.is_valid(tried) == (not wrong), (tried, wrong)
         refused += bool(wrong)

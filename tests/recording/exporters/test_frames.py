@@ -24,12 +24,12 @@ from caris_desktop.recording.exporters.frames import write_frames
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, export_session
-from tests.support.recorded_session import MadeSession, make_session, number_in
+from tests.support.recorded_session import RecordedSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
 
 
-def rerecorded(made: MadeSession, values: list[tuple[int, Any]]) -> MadeSession:
+def rerecorded(made: RecordedSession, values: list[tuple[int, Any]]) -> RecordedSession:
     """The same session with other values in its record."""
     path = made.folder / "events.mcap"
     anchor = open_session(made.folder).clock.anchor
@@ -38,11 +38,11 @@ def rerecorded(made: MadeSession, values: list[tuple[int, Any]]) -> MadeSession:
     for arrived_ns, value in values:
         log.write(BY_TYPE[type(value)], value, arrived_ns)
     log.close()
-    return MadeSession(made.folder, made.plan, tuple(values))
+    return RecordedSession(made.folder, made.plan, tuple(values))
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     """People as perception tells them: with the stamp of the very frame."""
     made = make_session(
         tmp_path_factory.mktemp("sessions") / "one", seconds=16.0, cameras=("front",), people_hz=7.5, keep=True,
@@ -71,14 +71,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
 
 
 @pytest.fixture(scope="module")
-def out(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(made: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("frames") / "out"
     written = export_session(made.folder, "frames", out)
     assert {path for path in out.rglob("*") if path.is_file()} == set(written)
     return out
 
 
-def recorded_people(made: MadeSession) -> dict[int, People]:
+def recorded_people(made: RecordedSession) -> dict[int, People]:
     return {value.frame_sequence - 1: value for _, value in made.values if isinstance(value, People)}
 
 
@@ -87,7 +87,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.long
-def test_yolo_boxes_lie_on_the_pictures_they_were_found_in(made: MadeSession, out: Path) -> None:
+def test_yolo_boxes_lie_on_the_pictures_they_were_found_in(made: RecordedSession, out: Path) -> None:
     folder = out / "yolo"
     described = yaml.safe_load((folder / "data.yaml").read_text())
     assert described == {"train": "images/train", "val": "images/val", "names": {0: "person"}}
@@ -119,7 +119,7 @@ def test_yolo_boxes_lie_on_the_pictures_they_were_found_in(made: MadeSession, ou
     assert {row["person_id"] for row in rows} == {box.person_id for found in people.values() for box in found.boxes}
 
 
-def test_mot_sequences_are_complete_and_say_who_made_them(made: MadeSession, out: Path) -> None:
+def test_mot_sequences_are_complete_and_say_who_made_them(made: RecordedSession, out: Path) -> None:
     (folder,) = (out / "mot").iterdir()
     assert folder.name == "front-machine-made"
     assert "They have not been corrected" in (folder / "gt" / "MACHINE-MADE.txt").read_text()
@@ -148,7 +148,7 @@ def test_mot_sequences_are_complete_and_say_who_made_them(made: MadeSession, out
         assert len(list(csv.DictReader(file))) == len(images)
 
 
-def test_driving_is_cut_where_the_wizard_paused(made: MadeSession, out: Path) -> None:
+def test_driving_is_cut_where_the_wizard_paused(made: RecordedSession, out: Path) -> None:
     episodes = lines(out / "driving" / "episodes.jsonl")
     assert [(round(e["start_s"], 1), round(e["end_s"], 1)) for e in episodes] == [(0.0, 5.5), (8.0, 10.5)]
     assert episodes[0]["steps_by_source"] == {"keyboard": 50}
@@ -174,7 +174,7 @@ def test_driving_is_cut_where_the_wizard_paused(made: MadeSession, out: Path) ->
                 picture = step["state"]["pictures"]["front"]
                 assert picture["frame_sequence"] == shown[-1].sequence
                 assert number_in(cv2.imread(str(out / "driving" / picture["image"]))) == shown[-1].sequence - 1
-                taken_ns = shown[-1].stamp_ns - round(made.plan.under_way_ms * 1e6)
+                taken_ns = shown[-1].stamp_ns - round(made.plan.network_delay_ms * 1e6)
                 assert picture["age_s"] == pytest.approx((at_ns - taken_ns) / 1e9, abs=0.004)
             known = [value for arrived, value in scans if arrived < at_ns]
             if not known:
@@ -183,7 +183,7 @@ def test_driving_is_cut_where_the_wizard_paused(made: MadeSession, out: Path) ->
             ranges = [np.inf if value is None else value for value in step["state"]["scan"]["ranges_m"]]
             np.testing.assert_allclose(ranges, known[-1].ranges_m, atol=1e-4)
             # Measured by the robot 8 ms before it arrived, by a clock known to 3 ms.
-            measured_ns = known[-1].stamp_ns - round(made.plan.under_way_ms * 1e6)
+            measured_ns = known[-1].stamp_ns - round(made.plan.network_delay_ms * 1e6)
             assert step["state"]["scan"]["age_s"] == pytest.approx((at_ns - measured_ns) / 1e9, abs=0.004)
             placed = [value for arrived, value in poses if arrived < at_ns]
             if placed:
@@ -210,7 +210,7 @@ def test_steps_show_large_pictures_smaller_and_cameras_without_video_not(tmp_pat
     assert there == set(images)
 
 
-def test_turns_hold_what_the_wizard_could_know(made: MadeSession, out: Path) -> None:
+def test_turns_hold_what_the_wizard_could_know(made: RecordedSession, out: Path) -> None:
     turns = lines(out / "dialogue" / "turns.jsonl")
     asked = {
         value.utterance_id: value
@@ -235,7 +235,7 @@ def test_turns_hold_what_the_wizard_could_know(made: MadeSession, out: Path) -> 
     assert third["context"]["people_in_view"] in ({"front": 3}, {"front": 0})
 
 
-def test_the_card_describes_every_field(made: MadeSession, out: Path) -> None:
+def test_the_card_describes_every_field(made: RecordedSession, out: Path) -> None:
     card = (out / "README.md").read_text()
     step = lines(out / "driving" / "episode-0001.jsonl")[-1]
     turn = lines(out / "dialogue" / "turns.jsonl")[0]

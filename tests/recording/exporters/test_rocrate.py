@@ -23,13 +23,13 @@ from caris_desktop.recording.session.manifest import verify_manifest, write_mani
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, ExportError, export_session
 from tests.recording.told_session import at, tell
-from tests.support.recorded_session import MadeSession, make_session
+from tests.support.recorded_session import RecordedSession, make_session
 
 EVIL = '<script>alert("x")</script>'
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     """With annotations, an export inside, a link that leads out, and a file that somebody changed afterwards."""
     study = tmp_path_factory.mktemp("study")
     trial = {"study": EVIL, "participant": "P07", "condition": "B", "wizard": "Wilma Wizard"}
@@ -47,7 +47,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
 
 
 @pytest.fixture(scope="module")
-def out(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(made: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("crates") / "crate"
     written = export_session(made.folder, "rocrate", out, ExportContext(licence="CC-BY-4.0"))
     assert set(written) == {path for path in out.rglob("*") if path.is_file()}
@@ -58,7 +58,7 @@ def described(crate: ROCrate) -> dict[str, Any]:
     return {entity.id: entity for entity in crate.get_entities()}
 
 
-def test_the_crate_describes_every_file_truly(made: MadeSession, out: Path) -> None:
+def test_the_crate_describes_every_file_truly(made: RecordedSession, out: Path) -> None:
     crate = ROCrate(out)
     files = {entity["name"]: entity for entity in crate.get_by_type("File") if entity.id != "ro-crate-metadata.json"}
     present = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
@@ -78,7 +78,7 @@ def test_the_crate_describes_every_file_truly(made: MadeSession, out: Path) -> N
     assert {part.id for part in crate.root_dataset["hasPart"]} >= {"FORMAT.md", "data_dictionary.csv"}
 
 
-def test_what_an_archive_asks_for(made: MadeSession, out: Path) -> None:
+def test_what_an_archive_asks_for(made: RecordedSession, out: Path) -> None:
     crate = ROCrate(out)
     root, session = crate.root_dataset, open_session(made.folder)
     assert root["license"].id == "https://creativecommons.org/licenses/by/4.0/"
@@ -109,7 +109,7 @@ def references(value: Any) -> list[str]:
     return [one for item in value for one in references(item)] if isinstance(value, list) else []
 
 
-def test_the_session_inside_is_the_session(made: MadeSession, out: Path) -> None:
+def test_the_session_inside_is_the_session(made: RecordedSession, out: Path) -> None:
     inside = out / made.folder.name
     assert verify_manifest(inside) == ["speech.txt was changed after the session closed."]
     session = open_session(inside)
@@ -118,14 +118,14 @@ def test_the_session_inside_is_the_session(made: MadeSession, out: Path) -> None
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
 
 
-def test_whoever_edits_the_crate_does_not_edit_the_recording(made: MadeSession, out: Path) -> None:
+def test_whoever_edits_the_crate_does_not_edit_the_recording(made: RecordedSession, out: Path) -> None:
     for copy in (out / made.folder.name).rglob("*"):
         if copy.is_file():
             original = made.folder / copy.relative_to(out / made.folder.name)
             assert not copy.samefile(original), copy
 
 
-def test_who_the_wizard_was_is_nowhere_in_the_crate(made: MadeSession, out: Path) -> None:
+def test_who_the_wizard_was_is_nowhere_in_the_crate(made: RecordedSession, out: Path) -> None:
     for path in out.rglob("*"):
         if path.is_file():
             assert b"Wilma" not in path.read_bytes(), path
@@ -152,7 +152,7 @@ def test_who_the_wizard_was_is_nowhere_in_the_crate(made: MadeSession, out: Path
     )
 
 
-def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made: MadeSession, out: Path) -> None:
+def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made: RecordedSession, out: Path) -> None:
     inside = out / made.folder.name
     for path in out.rglob("*"):
         if path.is_file():
@@ -175,7 +175,7 @@ def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made
         assert summary.statistics.message_count == len(values) + sum(isinstance(value, RobotPose) for value in values)
 
 
-def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: MadeSession, tmp_path: Path) -> None:
+def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: RecordedSession, tmp_path: Path) -> None:
     export_session(made.folder, "rocrate", tmp_path / "out", ExportContext(with_names=True))
     for path in (tmp_path / "out" / made.folder.name).rglob("*"):
         if path.is_file():
@@ -185,7 +185,7 @@ def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: MadeSessio
 
 
 @pytest.mark.logs(r"recording\.session_export: ")
-def test_what_headed_the_session_before_a_repair_names_nobody_either(made: MadeSession, tmp_path: Path) -> None:
+def test_what_headed_the_session_before_a_repair_names_nobody_either(made: RecordedSession, tmp_path: Path) -> None:
     folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
     (folder / "recovered").mkdir()
     shutil.copy(folder / "session.json", folder / "recovered" / "session.json.original")
@@ -206,7 +206,7 @@ def test_a_record_that_names_folders_of_the_computer_is_told(tmp_path: Path) -> 
     assert "1 message(s) in events.mcap contain folder names" in warnings[0]
 
 
-def test_the_record_can_be_read_by_what_lies_beside_it(made: MadeSession, out: Path) -> None:
+def test_the_record_can_be_read_by_what_lies_beside_it(made: RecordedSession, out: Path) -> None:
     validators = {
         path.name.removesuffix(".schema.json").replace(".", "/"): jsonschema.Draft202012Validator(
             json.loads(path.read_text())
@@ -248,7 +248,7 @@ def test_who_the_wizard_was_is_not_in_the_metadata(out: Path) -> None:
         assert "Wilma" not in (out / name).read_text()
 
 
-def test_names_of_people_do_not_leave_the_study(made: MadeSession, tmp_path: Path) -> None:
+def test_names_of_people_do_not_leave_the_study(made: RecordedSession, tmp_path: Path) -> None:
     folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
     session = open_session(folder)
     values = list(session.arrivals())

@@ -46,19 +46,19 @@ from caris_desktop.recording.session_export import ExportContext, export_session
 from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
 from tests.recording.exporters.test_frames import rerecorded
-from tests.support.recorded_session import MadeSession, make_session, number_in
+from tests.support.recorded_session import RecordedSession, make_session, number_in
 
 SECOND_NS = 1_000_000_000
 Read = tuple[int, Any]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     return make_session(tmp_path_factory.mktemp("sessions") / "one", seconds=5.5, utterance_every_s=0.5, keep=True)
 
 
 @pytest.fixture(scope="module")
-def out(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(made: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("bags") / "out"
     written = export_session(made.folder, "rosbag2", out)
     assert {path.relative_to(out).as_posix() for path in written} == {
@@ -82,11 +82,11 @@ def messages_in(path: Path) -> dict[str, list[Read]]:
     return read
 
 
-def of(made: MadeSession, kind: type[Any]) -> list[Read]:
+def of(made: RecordedSession, kind: type[Any]) -> list[Read]:
     return [(arrived_ns, value) for arrived_ns, value in made.values if isinstance(value, kind)]
 
 
-def utc_ns(made: MadeSession, stamp_ns: int) -> int:
+def utc_ns(made: RecordedSession, stamp_ns: int) -> int:
     return open_session(made.folder, repair=False).clock.anchor.utc_ns_at(stamp_ns)
 
 
@@ -94,7 +94,7 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * SECOND_NS + int(header.stamp.nanosec)
 
 
-def both(made: MadeSession, kind: type[Any], messages: list[Read]) -> Iterator[tuple[Any, Any]]:
+def both(made: RecordedSession, kind: type[Any], messages: list[Read]) -> Iterator[tuple[Any, Any]]:
     """Each recorded value with its message, which lies at the time of its arrival."""
     values = of(made, kind)
     assert len(values) == len(messages) > 0
@@ -105,8 +105,8 @@ def both(made: MadeSession, kind: type[Any], messages: list[Read]) -> Iterator[t
 
 
 @pytest.mark.long("ros2")
-def test_scans_are_equal_and_stamped_when_they_were_measured(made: MadeSession, bag: dict[str, list[Read]]) -> None:
-    offset_ns, way_ns = utc_ns(made, 0), round(made.plan.under_way_ms * 1e6)
+def test_scans_are_equal_and_stamped_when_they_were_measured(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
+    offset_ns, way_ns = utc_ns(made, 0), round(made.plan.network_delay_ms * 1e6)
     wrong_ms = []
     for scan, message in both(made, LaserScan, bag["/scan"]):
         assert message.__msgtype__ == "sensor_msgs/msg/LaserScan"
@@ -120,7 +120,7 @@ def test_scans_are_equal_and_stamped_when_they_were_measured(made: MadeSession, 
     assert max(map(abs, wrong_ms)) < 3.5
 
 
-def test_motion_is_equal(made: MadeSession, bag: dict[str, list[Read]]) -> None:
+def test_motion_is_equal(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
     for command, message in both(made, CommandSent, bag["/cmd_vel"]):
         # What the profile of this robot says, or does not say.
         assert message.__msgtype__ == "geometry_msgs/msg/Twist"
@@ -137,7 +137,7 @@ def test_motion_is_equal(made: MadeSession, bag: dict[str, list[Read]]) -> None:
         assert (message.twist.twist.linear.x, message.child_frame_id) == (odometry.twist.forward_mps, "base_link")
 
 
-def test_map_battery_people(made: MadeSession, bag: dict[str, list[Read]]) -> None:
+def test_map_battery_people(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
     for grid, message in both(made, OccupancyGrid, bag["/map"]):
         np.testing.assert_array_equal(message.data.reshape(message.info.height, message.info.width), grid.cells)
         assert message.info.resolution == pytest.approx(grid.resolution_m)
@@ -149,7 +149,9 @@ def test_map_battery_people(made: MadeSession, bag: dict[str, list[Read]]) -> No
         assert told == [(person.person_id, person.x_m, person.y_m) for person in people.people]
 
 
-def test_the_frames_of_reference_lead_from_the_map_to_the_laser(made: MadeSession, bag: dict[str, list[Read]]) -> None:
+def test_the_frames_of_reference_lead_from_the_map_to_the_laser(
+    made: RecordedSession, bag: dict[str, list[Read]]
+) -> None:
     parents = {}
     for topic in ("/tf", "/tf_static"):
         for _, message in bag[topic]:
@@ -165,7 +167,7 @@ def test_the_frames_of_reference_lead_from_the_map_to_the_laser(made: MadeSessio
                 assert place == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
 
 
-def test_pictures_of_ros_1_are_those_of_their_moment(made: MadeSession, out: Path) -> None:
+def test_pictures_of_ros_1_are_those_of_their_moment(made: RecordedSession, out: Path) -> None:
     bag = messages_in(out / "session.bag")
     for camera in made.plan.cameras:
         pictures = bag[f"/camera/{camera}/image/compressed"]
@@ -185,8 +187,8 @@ def decoded(packets: Iterable[bytes]) -> list[Any]:
 
 
 @pytest.mark.long
-def test_ros_2_has_the_video_as_it_was_encoded(made: MadeSession, out: Path) -> None:
-    bag, offset_ns, way_ns = messages_in(out / "ros2"), utc_ns(made, 0), round(made.plan.under_way_ms * 1e6)
+def test_ros_2_has_the_video_as_it_was_encoded(made: RecordedSession, out: Path) -> None:
+    bag, offset_ns, way_ns = messages_in(out / "ros2"), utc_ns(made, 0), round(made.plan.network_delay_ms * 1e6)
     assert not [topic for topic in bag if topic.endswith("/compressed")]
     for camera in made.plan.cameras:
         found = bag[f"/camera/{camera}/image/foxglove"]
@@ -213,7 +215,7 @@ def test_ros_2_has_the_video_as_it_was_encoded(made: MadeSession, out: Path) -> 
 
 
 @pytest.mark.long
-def test_its_video_comes_back_with_the_bag(made: MadeSession, out: Path, tmp_path: Path) -> None:
+def test_its_video_comes_back_with_the_bag(made: RecordedSession, out: Path, tmp_path: Path) -> None:
     import_bag(out / "ros2", tmp_path / "again")
     with VideoReader(open_session(tmp_path / "again")) as videos:
         for camera in made.plan.cameras:
@@ -238,7 +240,7 @@ def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) 
     assert stamps_ns == sorted(stamps_ns)
 
 
-def test_whatever_has_no_standard_message_is_there_as_json(made: MadeSession, bag: dict[str, list[Read]]) -> None:
+def test_whatever_has_no_standard_message_is_there_as_json(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
     told = [json.loads(message.data) for _, message in bag["/caris/event/utterance_changed"]]
     recorded = [to_jsonable(value) for _, value in made.values if type(value).__name__ == "UtteranceChanged"]
     assert told == recorded
@@ -269,7 +271,7 @@ def test_the_mcap_stands_alone(out: Path) -> None:
 
 
 @pytest.mark.long
-def test_every_frame_where_that_is_asked_for(made: MadeSession, tmp_path: Path) -> None:
+def test_every_frame_where_that_is_asked_for(made: RecordedSession, tmp_path: Path) -> None:
     fractions: list[float] = []
     context = ExportContext(progress=fractions.append)
     write_rosbag2(open_session(made.folder), tmp_path, context, image_hz=None)
@@ -387,7 +389,7 @@ def python_with_rosbag() -> str | None:
     return None
 
 
-def test_the_reader_of_ros_1_itself_reads_the_bag(made: MadeSession, out: Path) -> None:
+def test_the_reader_of_ros_1_itself_reads_the_bag(made: RecordedSession, out: Path) -> None:
     python = python_with_rosbag()
     if python is None:
         pytest.skip("needs ROS 1's own reader of bags (Debian: python3-rosbag)")

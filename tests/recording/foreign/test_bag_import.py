@@ -49,7 +49,7 @@ from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_fields import Message, encode_header
 from caris_desktop.simulator.encoding import Placement, transforms
 from tests.recording.driving import scan
-from tests.support.recorded_session import MadeSession, make_session, number_in, picture_of
+from tests.support.recorded_session import RecordedSession, make_session, number_in, picture_of
 
 LEGS = Path(__file__).parents[4] / "shared" / "data" / "legs_demo_stationary.bag"
 T0_NS = 1_600_000_000_000_000_000
@@ -324,13 +324,13 @@ def test_a_recording_of_a_real_robot(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     folder = tmp_path_factory.mktemp("sessions") / "one"
     return make_session(folder, seconds=7.0, utterance_every_s=1.0, mark_every_s=1.0, keep=True)
 
 
 @pytest.fixture(scope="module")
-def exported(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported(made: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("bags") / "out"
     export_session(made.folder, "rosbag2", out)
     return out
@@ -338,7 +338,9 @@ def exported(made: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 @pytest.mark.parametrize("name", ["ros2", "session.bag"])
 @pytest.mark.long("ros2")
-def test_what_this_program_exported_comes_back(made: MadeSession, exported: Path, name: str, tmp_path: Path) -> None:
+def test_what_this_program_exported_comes_back(
+    made: RecordedSession, exported: Path, name: str, tmp_path: Path
+) -> None:
     import_bag(exported / name, tmp_path / "again")
     session, original = open_session(tmp_path / "again"), open_session(made.folder)
     assert session.trial == original.trial

@@ -17,7 +17,7 @@ from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forg
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON
-from tests.support.kill_at_event import die_at
+from tests.support.kill_at_event import kill_at_event
 
 _CHANGES = {"os.rename", "os.remove", "open"}
 
@@ -71,7 +71,7 @@ def main(source: Path, copies: Path, first: int, step: int) -> None:
         shutil.copytree(source, study)
 
         def forget_and_die(study: Path = study, count: int = count) -> None:
-            die_at(count, study, _CHANGES, reading=False)
+            kill_at_event(count, study, _CHANGES, reading=False)
             forget(study)
 
         status = in_child(forget_and_die)

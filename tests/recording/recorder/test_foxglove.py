@@ -19,7 +19,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import CameraLens, LaserScan, OccupancyGrid, People, PlannedPath, RobotPose
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording.exporters.test_frames import rerecorded
-from tests.support.recorded_session import MadeSession, make_session
+from tests.support.recorded_session import RecordedSession, make_session
 
 MODEL = CameraModel(640, 480, 500.0, 510.0, 320.0, 240.0, 0.1, -0.05, 1.2, heading_rad=0.4, tilt_rad=0.3)
 
@@ -36,7 +36,7 @@ class Seen:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
+def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
     made = make_session(
         tmp_path_factory.mktemp("foxglove") / "s", seconds=6.0, cameras=(), audio=(), keep=True, utterance_every_s=0.5
     )
@@ -54,7 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeSession:
 
 
 @pytest.fixture(scope="module")
-def seen(made: MadeSession) -> list[Seen]:
+def seen(made: RecordedSession) -> list[Seen]:
     with (made.folder / "events.mcap").open("rb") as file:
         return [
             Seen(
@@ -73,7 +73,7 @@ def on(seen: list[Seen], topic: str) -> list[Seen]:
     return [one for one in seen if one.topic == topic]
 
 
-def of(made: MadeSession, kind: type[Any]) -> list[Any]:
+def of(made: RecordedSession, kind: type[Any]) -> list[Any]:
     return [value for _, value in made.values if isinstance(value, kind)]
 
 
@@ -169,7 +169,7 @@ def placed(pose: dict[str, Any], points: np.ndarray) -> np.ndarray:
     return moved
 
 
-def test_a_scan_lies_in_the_map_where_it_was_measured(made: MadeSession, seen: list[Seen]) -> None:
+def test_a_scan_lies_in_the_map_where_it_was_measured(made: RecordedSession, seen: list[Seen]) -> None:
     scans, told = of(made, LaserScan), [one.content for one in on(seen, "/scan")]
     assert len(scans) == len(told)
     for scan, message in zip(scans, told, strict=True):
@@ -187,7 +187,7 @@ def test_a_scan_lies_in_the_map_where_it_was_measured(made: MadeSession, seen: l
         np.testing.assert_allclose(placed(message["pose"], points)[:, :2], expected + place, atol=1e-4)
 
 
-def test_the_robot_stands_in_the_map_where_it_was_and_its_camera_on_it(made: MadeSession, seen: list[Seen]) -> None:
+def test_the_robot_stands_in_the_map_where_it_was_and_its_camera_on_it(made: RecordedSession, seen: list[Seen]) -> None:
     transforms = [transform for one in on(seen, "/tf") for transform in one.content["transforms"]]
     robot = [one for one in transforms if one["child_frame_id"] == "base_link"]
     poses = of(made, RobotPose)
@@ -212,7 +212,7 @@ def test_the_robot_stands_in_the_map_where_it_was_and_its_camera_on_it(made: Mad
         np.testing.assert_allclose(ray, MODEL.ray(u_px, v_px), atol=1e-9)
 
 
-def test_the_map_has_its_cells_once(made: MadeSession, seen: list[Seen]) -> None:
+def test_the_map_has_its_cells_once(made: RecordedSession, seen: list[Seen]) -> None:
     (grid,), (one,) = of(made, OccupancyGrid), on(seen, "/map")
     message = one.content
     cells = np.frombuffer(base64.b64decode(message["data"]), np.int8).reshape(-1, message["row_stride"])
@@ -221,7 +221,7 @@ def test_the_map_has_its_cells_once(made: MadeSession, seen: list[Seen]) -> None
     assert len(json.dumps(message)) < len(message["data"]) + 1500
 
 
-def test_boxes_are_drawn_with_whose_they_are(made: MadeSession, seen: list[Seen]) -> None:
+def test_boxes_are_drawn_with_whose_they_are(made: RecordedSession, seen: list[Seen]) -> None:
     for people, one in zip(of(made, People), on(seen, "/people"), strict=True):
         assert [text["text"] for text in one.content["texts"]] == [box.person_id for box in people.boxes]
         corners = [[(point["x"], point["y"]) for point in box["points"]] for box in one.content["points"]]
@@ -231,7 +231,7 @@ def test_boxes_are_drawn_with_whose_they_are(made: MadeSession, seen: list[Seen]
         np.testing.assert_allclose(drawn, expected, atol=0.051)
 
 
-def test_a_log_tells_each_utterance_once_and_every_problem(made: MadeSession, seen: list[Seen]) -> None:
+def test_a_log_tells_each_utterance_once_and_every_problem(made: RecordedSession, seen: list[Seen]) -> None:
     info = 2
     said = [one.content for one in on(seen, "/event/utterance_changed") if one.content["level"] == info]
     spoken = [
@@ -248,7 +248,9 @@ def test_a_log_tells_each_utterance_once_and_every_problem(made: MadeSession, se
     assert (corrected.content["level"], corrected.content["message"]) == (2, "corrected: Hello robot.")
 
 
-def test_what_is_for_others_only_is_nothing_to_our_reader(made: MadeSession, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_is_for_others_only_is_nothing_to_our_reader(
+    made: RecordedSession, caplog: pytest.LogCaptureFixture
+) -> None:
     kept = [(arrived_ns, type(value)) for arrived_ns, value in made.values]
     assert [(at_ns, type(value)) for at_ns, _, value in open_session(made.folder, repair=False).arrivals()] == kept
     assert not caplog.records

@@ -19,13 +19,13 @@ from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session, open_session
-from tests.support.recorded_session import MadeSession
+from tests.support.recorded_session import RecordedSession
 
 Arrived = tuple[int, Any]
 
 
 @pytest.fixture
-def timeline(whole_session: MadeSession) -> Iterator[SessionTimeline]:
+def timeline(whole_session: RecordedSession) -> Iterator[SessionTimeline]:
     with SessionTimeline(open_session(whole_session.folder)) as timeline:
         yield timeline
 
@@ -45,7 +45,7 @@ def state_by_reading(values: tuple[Arrived, ...], at_ns: int) -> list[Any]:
     return [value for _, value in sorted(newest.values(), key=lambda pair: pair[0])]
 
 
-def moments(made: MadeSession, count: int) -> list[int]:
+def moments(made: RecordedSession, count: int) -> list[int]:
     chosen = random.Random(5)  # noqa: S311 - where to look, no secret
     arrivals = [arrived_ns for arrived_ns, _ in made.values]
     anywhere = [chosen.randrange(made.plan.started_ns, made.plan.ended_ns) for _ in range(count)]
@@ -53,7 +53,9 @@ def moments(made: MadeSession, count: int) -> list[int]:
     return [made.plan.started_ns - 1, made.plan.started_ns, made.plan.ended_ns, 2**60, *anywhere, *exactly]
 
 
-def test_the_state_of_any_moment_is_what_was_newest_then(timeline: SessionTimeline, whole_session: MadeSession) -> None:
+def test_the_state_of_any_moment_is_what_was_newest_then(
+    timeline: SessionTimeline, whole_session: RecordedSession
+) -> None:
     for at_ns in moments(whole_session, 25):
         assert plain(timeline.state_at(at_ns)) == plain(state_by_reading(whole_session.values, at_ns))
     late = timeline.state_at(whole_session.plan.ended_ns)
@@ -70,7 +72,7 @@ def test_what_stands_for_long_is_made_once(timeline: SessionTimeline) -> None:
 
 
 def test_stretches_that_follow_one_another_give_everything_once(
-    timeline: SessionTimeline, whole_session: MadeSession
+    timeline: SessionTimeline, whole_session: RecordedSession
 ) -> None:
     bounds = sorted(moments(whole_session, 20))
     read: list[Arrived] = []
@@ -86,7 +88,7 @@ def test_stretches_that_follow_one_another_give_everything_once(
     assert list(timeline.between(timeline.end_ns, timeline.start_ns)) == []
 
 
-def test_events_before_a_moment(timeline: SessionTimeline, whole_session: MadeSession) -> None:
+def test_events_before_a_moment(timeline: SessionTimeline, whole_session: RecordedSession) -> None:
     for at_ns in moments(whole_session, 6):
         for limit, types in ((1, (ScenarioOpened,)), (7, (Marked, UtteranceChanged)), (40, None), (0, None)):
             expected = [
@@ -98,13 +100,13 @@ def test_events_before_a_moment(timeline: SessionTimeline, whole_session: MadeSe
             assert timeline.events_before(at_ns, limit, types) == expected[len(expected) - min(limit, len(expected)) :]
 
 
-def test_all_events_of_a_kind(timeline: SessionTimeline, whole_session: MadeSession) -> None:
+def test_all_events_of_a_kind(timeline: SessionTimeline, whole_session: RecordedSession) -> None:
     for kinds in ((Marked,), (UtteranceChanged, CommandSent)):
         expected = [(arrived_ns, value) for arrived_ns, value in whole_session.values if isinstance(value, kinds)]
         assert timeline.events(*kinds) == expected
 
 
-def test_without_an_index_everything_is_found_all_the_same(killed_session: MadeSession) -> None:
+def test_without_an_index_everything_is_found_all_the_same(killed_session: RecordedSession) -> None:
     with SessionTimeline(open_session(killed_session.folder, repair=False)) as timeline:
         for at_ns in moments(killed_session, 10):
             assert plain(timeline.state_at(at_ns)) == plain(state_by_reading(killed_session.values, at_ns))
@@ -113,7 +115,7 @@ def test_without_an_index_everything_is_found_all_the_same(killed_session: MadeS
 
 
 @pytest.mark.logs(r"replay\.session_timeline: ")
-def test_a_damaged_block_is_left_out(whole_session: MadeSession, tmp_path: Path) -> None:
+def test_a_damaged_block_is_left_out(whole_session: RecordedSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)
     index = mcap_chunks.read_index(folder / "events.mcap")

@@ -14,16 +14,16 @@ from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import open_session
-from tests.support.recorded_session import MadeSession, number_in, picture_of
+from tests.support.recorded_session import RecordedSession, number_in, picture_of
 
 
 @pytest.fixture
-def folder(whole_session: MadeSession, tmp_path: Path) -> Path:
+def folder(whole_session: RecordedSession, tmp_path: Path) -> Path:
     shutil.copytree(whole_session.folder, tmp_path / "session")
     return tmp_path / "session"
 
 
-def test_the_frame_of_a_moment_is_the_newest_until_then(whole_session: MadeSession) -> None:
+def test_the_frame_of_a_moment_is_the_newest_until_then(whole_session: RecordedSession) -> None:
     chosen = random.Random(2)  # noqa: S311 - where to look, no secret
     with VideoReader(open_session(whole_session.folder)) as videos:
         assert videos.cameras == ("front", "rear")
@@ -49,7 +49,7 @@ def test_the_frame_of_a_moment_is_the_newest_until_then(whole_session: MadeSessi
         assert videos.problems == []
 
 
-def test_forwards_backwards_and_by_key_frames(whole_session: MadeSession) -> None:
+def test_forwards_backwards_and_by_key_frames(whole_session: RecordedSession) -> None:
     with VideoReader(open_session(whole_session.folder)) as videos:
         count = len(videos.frame_times_ns("front"))
         for numbers in (range(100), range(60, 0, -7), range(0, count, 31)):
@@ -72,7 +72,7 @@ def test_forwards_backwards_and_by_key_frames(whole_session: MadeSession) -> Non
         assert videos.thumbnail("front", 0, 96) is None
 
 
-def test_several_files_of_a_camera_are_one(folder: Path, whole_session: MadeSession) -> None:
+def test_several_files_of_a_camera_are_one(folder: Path, whole_session: RecordedSession) -> None:
     """The camera changed its size after a pause."""
     session = open_session(folder)
     begin_ns = whole_session.plan.ended_ns + 5 * 10**9
@@ -105,7 +105,7 @@ def test_several_files_of_a_camera_are_one(folder: Path, whole_session: MadeSess
         assert later.image_bgr.shape == (180, 320, 3)
 
 
-def test_without_side_index_the_times_of_the_video_count(folder: Path, whole_session: MadeSession) -> None:
+def test_without_side_index_the_times_of_the_video_count(folder: Path, whole_session: RecordedSession) -> None:
     for path in folder.glob("*.frames.csv"):
         path.unlink()
     with VideoReader(open_session(folder)) as videos:
@@ -116,7 +116,7 @@ def test_without_side_index_the_times_of_the_video_count(folder: Path, whole_ses
         assert number_in(found.image_bgr) == 77
 
 
-def test_a_killed_session_is_seen_without_repair_too(killed_session: MadeSession) -> None:
+def test_a_killed_session_is_seen_without_repair_too(killed_session: RecordedSession) -> None:
     with VideoReader(open_session(killed_session.folder, repair=False)) as videos:
         assert sorted(videos.cameras) == ["front", "rear"]
         for camera in videos.cameras:

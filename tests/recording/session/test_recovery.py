@@ -33,13 +33,13 @@ from caris_desktop.recording.session.recovery import needs_repair, repair_sessio
 from caris_desktop.recording.session.repair_messages import LOSSES, read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from tests.recording.driving import start
-from tests.support.recorded_session import MadeSession
+from tests.support.recorded_session import RecordedSession
 
 REPOSITORY = Path(__file__).parents[3]
 
 
 @pytest.fixture
-def folder(killed_session: MadeSession, tmp_path: Path) -> Path:
+def folder(killed_session: RecordedSession, tmp_path: Path) -> Path:
     """A killed session of one's own."""
     shutil.copytree(killed_session.folder, tmp_path / "session")
     return tmp_path / "session"
@@ -58,7 +58,7 @@ def labels(session: Session) -> list[str]:
 
 
 def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
-    folder: Path, killed_session: MadeSession
+    folder: Path, killed_session: RecordedSession
 ) -> None:
     found = digests(folder)
     assert needs_repair(folder)
@@ -92,7 +92,7 @@ def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
     assert digests(folder) == again
 
 
-def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_session: MadeSession) -> None:
+def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_session: RecordedSession) -> None:
     session = open_session(folder)
     with (folder / "events.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -139,7 +139,7 @@ def test_a_session_that_is_being_recorded_is_left_alone(folder: Path) -> None:
 
 @pytest.mark.long
 def test_a_kill_in_the_middle_of_the_repair_does_no_harm(
-    killed_session: MadeSession, tmp_path: Path, request: pytest.FixtureRequest
+    killed_session: RecordedSession, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     step = 1 if request.config.getoption("--long") else 5
     arguments = [str(killed_session.folder), str(tmp_path), "1", str(step)]
@@ -174,7 +174,7 @@ def test_a_half_written_repair_is_begun_anew(folder: Path) -> None:
 
 
 def test_frames_after_the_last_whole_part_of_a_video_are_told_as_lost(
-    folder: Path, killed_session: MadeSession
+    folder: Path, killed_session: RecordedSession
 ) -> None:
     video = folder / "video-front.mp4"
     cut = video.read_bytes()[: video.stat().st_size * 2 // 3]
@@ -194,7 +194,7 @@ def test_frames_after_the_last_whole_part_of_a_video_are_told_as_lost(
     assert session.header["dropped"]["frame"] >= lost
 
 
-def test_frame_times_that_are_missing_come_from_the_record(folder: Path, killed_session: MadeSession) -> None:
+def test_frame_times_that_are_missing_come_from_the_record(folder: Path, killed_session: RecordedSession) -> None:
     index = folder / "video-front.frames.csv"
     whole = read_frame_times(index)
     lines = index.read_bytes().splitlines(keepends=True)
@@ -241,7 +241,7 @@ def test_a_record_without_a_single_event_is_an_empty_session(folder: Path, conte
 
 
 @pytest.fixture
-def finished(whole_session: MadeSession, tmp_path: Path) -> Path:
+def finished(whole_session: RecordedSession, tmp_path: Path) -> Path:
     """A session of one's own that was closed properly."""
     shutil.copytree(whole_session.folder, tmp_path / "finished")
     return tmp_path / "finished"
@@ -467,7 +467,7 @@ def test_a_record_that_is_none_is_refused_and_left_alone(folder: Path) -> None:
     assert digests(folder) == before
 
 
-def test_only_missing_checksums_are_made(whole_session: MadeSession, tmp_path: Path) -> None:
+def test_only_missing_checksums_are_made(whole_session: RecordedSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)
     (folder / MANIFEST_NAME).unlink()
@@ -478,7 +478,7 @@ def test_only_missing_checksums_are_made(whole_session: MadeSession, tmp_path: P
     assert {name: digest for name, digest in digests(folder).items() if name != MANIFEST_NAME} == before
 
 
-def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: MadeSession, tmp_path: Path) -> None:
+def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: RecordedSession, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(whole_session.folder, folder)
     head = json.loads((folder / "session.json").read_text())

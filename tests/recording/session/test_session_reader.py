@@ -23,7 +23,7 @@ from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_reader import SessionError, open_session
 from tests.recording.driving import command, header, mark, pose, scan, start
 from tests.recording.told_session import at, exchange, tell
-from tests.support.recorded_session import MadeSession
+from tests.support.recorded_session import RecordedSession
 
 LIMITS = DiskLimits(reserve_bytes=4096)
 
@@ -200,7 +200,7 @@ def test_deep_nesting_is_told_too(tmp_path: Path) -> None:
     assert "session.json was damaged" in open_session(tmp_path / "s").losses[0]
 
 
-def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: MadeSession, tmp_path: Path) -> None:
+def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: RecordedSession, tmp_path: Path) -> None:
     names = [path.relative_to(whole_session.folder) for path in whole_session.folder.rglob("*") if path.is_file()]
     assert len(names) > 10
     for name in names:

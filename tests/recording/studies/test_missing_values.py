@@ -15,13 +15,13 @@ from caris_desktop.recording.session_export import ExportRequest, export_all
 from caris_desktop.recording.studies.data_quality import data_quality_problems
 from caris_desktop.recording.studies.measures import MEASURES, measure, read_facts
 from caris_desktop.recording.studies.study_index import StudyIndex
-from tests.support.recorded_session import MadeSession
+from tests.support.recorded_session import RecordedSession
 
 _TOLD = re.compile(r"(\d+) of the (\d+) recorded values are missing from events\.mcap")
 
 
 @pytest.fixture(scope="module")
-def damaged(whole_session: MadeSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def damaged(whole_session: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A block and the lists of its messages behind it are overwritten, the index at the end is whole."""
     folder = tmp_path_factory.mktemp("study") / "sessions" / "s"
     shutil.copytree(whole_session.folder, folder)

@@ -13,7 +13,7 @@ from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.problems import card_place, in_the_corner
-from tests.support.window_check import flaws
+from tests.support.window_check import text_flaws
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole
 
@@ -144,7 +144,7 @@ def test_on_small_screens_problems_cover_nothing_that_is_needed(
         else:
             assert line.text().startswith("3 · The camera of the robot")
             assert line.width() >= 120 and "Do that." in line.toolTip()
-        assert [flaw for flaw in flaws(window) if "The camera of the robot" in flaw] == []
+        assert [flaw for flaw in text_flaws(window) if "The camera of the robot" in flaw] == []
     assert True in told
 
 

@@ -84,7 +84,7 @@ def test_every_key_of_the_file_has_its_place_in_the_form() -> None:
     assert all(section.words for section in sections())
 
 
-def test_shipped_files_are_written_only_as_a_copy_of_ones_own(theme: Theme, own_settings: Path) -> None:
+def test_shipped_files_are_written_only_as_a_copy_of_ones_own(theme: Theme, isolated_settings: Path) -> None:
     shipped = SHIPPED[-1]
     console = FakeConsole(load_scenario(shipped))
     window = ScenarioEditor(theme, console, opened_file(shipped))
@@ -92,6 +92,6 @@ def test_shipped_files_are_written_only_as_a_copy_of_ones_own(theme: Theme, own_
     window.save()
     ((text, path, edited, replaces),) = console.named("save_scenario")
     assert "title: Mine" in text
-    assert (path.is_relative_to(own_settings), path.name, edited, replaces) == (True, shipped.name, shipped, "")
+    assert (path.is_relative_to(isolated_settings), path.name, edited, replaces) == (True, shipped.name, shipped, "")
     console.state.close()
     window.deleteLater()
