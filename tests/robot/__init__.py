@@ -1,1 +1,1 @@
-"""The robot link."""
+"""Tests of the robot link."""

@@ -1,12 +1,11 @@
-"""A rosbridge server that only listens and says what it is told to say: the other end of the wire in link tests.
+"""Scripted rosbridge server for link tests, run as a script so that it can be killed and stopped.
 
-Run as a script so that it can be killed and stopped. It prints one JSON line for each operation that arrives
-(``at`` on the machine's monotonic clock) and for each connection; on standard input it takes one JSON line for each
-thing to send: ``{"text": ...}``, ``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or ``{"flood": N}``;
-``{"drop": true}`` ends every connection. What is published goes to who subscribed to its topic, everything else to the
-clients that subscribe to anything of the robot's. What a link asks to see whether it is obeyed is answered and not
-told. Service calls listed in ``answers`` are answered, others of
-rosapi refused; scans and odometry are published while somebody subscribes to them.
+It prints one JSON line for each connection and each received operation (``at`` on the monotonic clock), except for the
+liveness checks of the link. On standard input it reads one JSON line for each thing to send: ``{"text": ...}``,
+``{"hex": ...}``, ``{"size": N}``, ``{"frame": N}`` or ``{"flood": N}``; ``{"drop": true}`` closes every connection.
+Published messages go to subscribers of the topic, other operations to the clients that subscribe to a topic of the
+robot. Service calls listed in ``answers`` are answered, other rosapi calls refused; scans and odometry are published
+while a client subscribes to them.
 """
 
 import asyncio
@@ -53,7 +52,7 @@ CLOCK_OFFSET_S = 1_700_000_000
 
 
 def answers() -> dict[str, dict[str, Any]]:
-    """With a clock of its own, ahead of the machine's monotonic one by a round number."""
+    """Answers with a robot clock ahead of the monotonic clock by a round number of seconds."""
     seconds, nanoseconds = divmod(time.monotonic_ns(), 1_000_000_000)
     return {**ANSWERS, "/rosapi/get_time": {"time": {"secs": CLOCK_OFFSET_S + seconds, "nsecs": nanoseconds}}}
 
@@ -92,7 +91,7 @@ def subscribers(topic: str) -> list[ServerConnection]:
 
 
 def recipients(order: dict[str, Any]) -> list[ServerConnection]:
-    """Who is sent what was ordered; everybody where nobody subscribes to anything."""
+    """Clients that an ordered message is sent to: its subscribers, or all clients without any subscription."""
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
         operation = json.loads(order["text"])
         if operation["op"] == "publish" and (found := subscribers(operation["topic"])):
@@ -116,7 +115,7 @@ async def obey() -> None:
     while line := await reader.readline():
         order = json.loads(line)
         for client in list(clients) if "drop" in order else recipients(order):
-            # Who is sent too much may hang up meanwhile.
+            # A flooded client may disconnect.
             with contextlib.suppress(ConnectionClosed):
                 await send_ordered(client, order)
 
@@ -132,10 +131,10 @@ async def send_ordered(client: ServerConnection, order: dict[str, Any]) -> None:
         for number in range(order["flood"]):
             fragment = {"op": "fragment", "id": f"flood {number}", "num": 0, "total": 2, "data": "x" * 2000}
             await client.send(json.dumps(fragment))
-            # As a server does, which has other clients.
+            # As a server does that has other clients.
             await asyncio.sleep(0)
     elif "frame" in order:
-        # Piece by piece, as a network delivers it; the double must go on answering meanwhile.
+        # In pieces, as over a network; the double must keep answering meanwhile.
         client.transport.write(b"\x81\x7f" + struct.pack(">Q", order["frame"]))
         for _ in range(order["frame"] // _PIECE_BYTES):
             if client.transport.is_closing():

@@ -1,4 +1,4 @@
-"""Handles for link tests: the bridge double and the link process, each in a process of its own."""
+"""Handles for link tests: the bridge double and the link process, each in a separate process."""
 
 import json
 import multiprocessing
@@ -24,7 +24,7 @@ V = TypeVar("V")
 
 
 class BridgeDouble:
-    """``bridge_double.py`` in a child: may be killed, stopped, started again on the same port."""
+    """``bridge_double.py`` in a child process that may be killed, stopped and restarted on the same port."""
 
     def __init__(self) -> None:
         self.lines: list[dict[str, Any]] = []
@@ -38,7 +38,7 @@ class BridgeDouble:
 
     @property
     def connected_s(self) -> float:
-        """When the last client came, on the monotonic clock; kept when ``lines`` is cleared."""
+        """Time of the last connection on the monotonic clock; clearing ``lines`` keeps it."""
         return self._connected_s
 
     def start(self) -> None:
@@ -54,7 +54,7 @@ class BridgeDouble:
         self._reader.start()
 
     def tell(self, **order: Any) -> None:
-        """Have it send something to its clients."""
+        """Send a command to the double."""
         self._process.stdin.write(json.dumps(order) + "\n")  # type: ignore[union-attr]
         self._process.stdin.flush()  # type: ignore[union-attr]
 
@@ -73,7 +73,7 @@ class BridgeDouble:
                 pipe.close()
 
     def operations(self, op: str, topic: str | None = None) -> list[dict[str, Any]]:
-        """What arrived so far, oldest first."""
+        """Received operations, oldest first."""
         return [line for line in list(self.lines) if line.get("op") == op and topic in (None, line.get("topic"))]
 
     def twists(self) -> list[tuple[float, float, float]]:
@@ -92,7 +92,7 @@ class BridgeDouble:
 
 
 class LinkProcess:
-    """The control link in a spawned child, as the console runs it; ``method`` may be a cheaper way to start one."""
+    """Control link in a child process as in the console; ``method`` selects a cheaper start method."""
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class LinkProcess:
         self._ours.send(command)
 
     def send_bytes(self, piece: bytes) -> None:
-        """A piece of a message, as the system takes it from a console that is stopped in the middle of one."""
+        """Write a part of a message, as a console that is stopped in the middle of a write."""
         while piece:
             piece = piece[os.write(self._ours.fileno(), piece) :]
 
@@ -127,7 +127,7 @@ class LinkProcess:
         self.send(Drive(now_ns(), Twist2D(forward_mps, 0.0, turn_radps), "keyboard"))
 
     def hold(self, until: Callable[[], V], what: str, *, timeout_s: float = 10.0) -> V:
-        """Renew the lease as the console does until something is observed."""
+        """Renew the lease as the console does until ``until`` is true."""
         last_s = 0.0
 
         def observe() -> V:
@@ -169,7 +169,7 @@ class LinkProcess:
         return [change.state for change in self.of(LinkChanged)]
 
     def wait_for_state(self, state: str, *, after: int = 0, timeout_s: float = 10.0) -> LinkChanged:
-        """The first change to ``state``, not counting the first ``after`` changes."""
+        """First change to ``state`` after the first ``after`` changes."""
         return wait_for(
             lambda: next((change for change in self.of(LinkChanged)[after:] if change.state == state), None),
             f"link {state}, have {self.states()}",
@@ -177,7 +177,7 @@ class LinkProcess:
         )  # type: ignore[return-value]
 
     def disappear(self) -> None:
-        """The console's end closes, as when it was killed."""
+        """Close the console's end of the pipe, as a kill does."""
         import socket
 
         with socket.socket(fileno=os.dup(self._ours.fileno())) as half:

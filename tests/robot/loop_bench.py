@@ -1,4 +1,4 @@
-"""A link and a rosbridge server on one asyncio loop: for what needs no process of its own, in milliseconds."""
+"""Link and rosbridge server on one asyncio loop, for fast tests that need no separate process."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ Answer = dict[str, Any] | Callable[[dict[str, Any]], dict[str, Any] | str | None
 
 
 class Outbox:
-    """Keeps what a link tells."""
+    """Records the values that a link sends to the console."""
 
     def __init__(self) -> None:
         self.values: list[Any] = []
@@ -35,19 +35,18 @@ class Outbox:
 
 
 class NoFrames:
-    """A ring that nobody writes to."""
+    """Frame ring without a writer."""
 
     def write(self, *_: Any, **__: Any) -> Any:
         raise ValueError("no frames here")
 
 
 class Bridge:
-    """Listens, answers the services in ``answers`` and sends what it is told to.
+    """Rosbridge server that answers the services in ``answers`` and sends given messages.
 
-    An answer may be a function of the request; a text means that the call failed, None that nothing is answered. All
-    other services are said not to exist. Messages go to who subscribed to their topic, answers to who asked, everything
-    else to the clients that subscribe to anything of the robot's. What a link asks to see whether it is obeyed is not
-    among ``lines``.
+    An answer may be a function of the request; a text means a failed call, None no answer. Other services do not exist.
+    Messages go to subscribers of their topic, answers to the caller, other operations to the clients that subscribe to
+    a topic of the robot. Liveness checks of the link are not in ``lines``.
     """
 
     def __init__(self) -> None:
@@ -55,14 +54,14 @@ class Bridge:
         self.answers: dict[str, Answer] = {}
         self.on_operation: Callable[[dict[str, Any]], Awaitable[None] | None] | None = None
         self.clients: dict[ServerConnection, set[str]] = {}
-        # Topics and services of the link's own are not let through, as topics_glob and services_glob can have it.
+        # Reject the internal topics and services of the link, as topics_glob and services_glob of rosbridge may.
         self.restricted = False
         self.port = 0
         self._asked_by: dict[str, ServerConnection] = {}
         self._server: Server | None = None
 
     def operations(self, op: str, name: str | None = None) -> list[dict[str, Any]]:
-        """What arrived so far of a topic, service or action."""
+        """Received operations of a topic, service or action."""
         return [
             line
             for line in self.lines
@@ -97,18 +96,18 @@ class Bridge:
         return apart or list(self.clients)
 
     async def open(self) -> None:
-        """Listen, on the same port as before."""
-        # Everything is read, and pings are answered, also while an operation holds the others up.
+        """Listen on the same port as before."""
+        # Read everything and answer pings even while an operation blocks the others.
         self._server = await serve(self.handle, "127.0.0.1", self.port, max_size=None, max_queue=None, compression=None)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def drop(self) -> None:
-        """End every connection; who comes back is let in."""
+        """Close every connection; clients may reconnect."""
         for client in list(self.clients):
             client.transport.abort()
 
     async def close(self) -> None:
-        """End every connection, and let nobody in until :meth:`open`."""
+        """Close every connection and refuse new ones until :meth:`open`."""
         if self._server is not None:
             server, self._server = self._server, None
             server.close(close_connections=False)
@@ -133,7 +132,7 @@ class Bridge:
                 if self.on_operation is not None:
                     reaction = self.on_operation(operation)
                     if reaction is not None and not await self._reacts(client, reaction):
-                        # What it has not handled yet of a client that left is forgotten.
+                        # Drop the unhandled operations of a client that has left.
                         break
                 if operation["op"] == "call_service":
                     answer = self.answers.get(operation["service"], lambda _: "there is no such service")
@@ -145,7 +144,7 @@ class Bridge:
         del self.clients[client]
 
     async def _reacts(self, client: ServerConnection, reaction: Awaitable[None]) -> bool:
-        """Wait for it, as long as the client is there. Nothing else of this client is handled meanwhile."""
+        """Wait for the reaction while the client is connected; later operations of this client wait too."""
         reacting, leaving = asyncio.ensure_future(reaction), asyncio.ensure_future(client.wait_closed())
         await asyncio.wait({reacting, leaving}, return_when=asyncio.FIRST_COMPLETED)
         reacted = reacting.done()
@@ -155,7 +154,7 @@ class Bridge:
 
 
 class LoopBench:
-    """A connected link; ``outbox`` has what it told the console."""
+    """Connected link; ``outbox`` records the values for the console."""
 
     def __init__(self, bridge: Bridge, link: ControlLink | MediaLink, outbox: Outbox) -> None:
         self.bridge = bridge
@@ -170,11 +169,11 @@ class LoopBench:
 
     @property
     def state(self) -> str:
-        """Of the link, as it was told last."""
+        """Last reported state of the link."""
         return self.of(LinkChanged)[-1].state
 
     async def until(self, observe: Callable[[], V], what: str, *, timeout_s: float = 20.0) -> V:
-        """The first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
+        """Return the first truthy observation; AssertionError with ``what`` after ``timeout_s``."""
         until_s = time.monotonic() + timeout_s
         while not (observed := observe()):
             if time.monotonic() > until_s:
@@ -191,7 +190,7 @@ def with_link(
     follows_crash: bool = False,
     prepare: Callable[[Bridge], None] = lambda _: None,
 ) -> None:
-    """Run ``test`` with a link that is connected to a bridge of its own. ``prepare`` fits out the bridge before."""
+    """Run ``test`` with a link connected to a new bridge, which ``prepare`` may configure first."""
 
     async def run() -> None:
         bridge = Bridge()
@@ -209,7 +208,7 @@ def with_link(
         link.start()
         try:
             await bench.until(lambda: "connected" in [change.state for change in outbox.of(LinkChanged)], "a link")
-            # The subscriptions are in the socket before the link is told to be connected.
+            # The subscriptions are written before the link reports the connection.
             await bench.until(lambda: bridge.clients, "the server knows it")
             await test(bench)
         finally:
@@ -220,7 +219,7 @@ def with_link(
 
 
 def inventory(topics: dict[str, str] | None = None, services: tuple[str, ...] = ()) -> dict[str, Answer]:
-    """The answers of rosapi's listings."""
+    """Answers of the listing services of rosapi."""
     told = topics or {}
     return {
         "/rosapi/topics": {"topics": list(told), "types": list(told.values())},

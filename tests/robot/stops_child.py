@@ -1,8 +1,8 @@
-"""``safety_child`` that also tells when a stop was pressed, and where what is on show contradicts the odometry.
+"""``safety_child`` that also reports stop keys, and displayed states that contradict the odometry.
 
-More lines: ``act stop``, ``act estop``, ``act release KEY`` (real keys), ``speak WORDS``. Reported: ``acted`` (how
-many, and when the last key went down or up) and ``contradictions``, each with how long it was on show, and
-whether one is now.
+Further commands: ``act stop``, ``act estop``, ``act release KEY`` (real keys), ``speak WORDS``. Further reports:
+``acted`` (number of key actions and time of the last one) and ``contradictions`` (duration of each, and whether one
+exists now).
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Which goal on the status topic of ROS 2 is ours: rosbridge does not tell, and nobody else's may be cancelled."""
+"""Identification of the console's goal on the ROS 2 status topic, so that no goal of another client is cancelled."""
 
 from typing import Any
 
@@ -70,7 +70,7 @@ def test_the_one_that_turns_up_after_ours_was_sent_and_with_feedback_of_ours_is_
 def test_a_stranger_s_goal_alone_is_not_cancelled_by_name_where_ours_was_refused_without_an_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # Not the cancel of every goal that follows where nobody confirms.
+    # Not the cancelling of all goals that follows a missing confirmation.
     monkeypatch.setattr(navigation_client, "UNCONFIRMED_CANCEL_S", 60.0)
 
     async def test(bench: LoopBench) -> None:

@@ -1,4 +1,4 @@
-"""A rosbridge that handles what one websocket sends one after another, as 2.0 and 2.1 do: nothing that stops waits."""
+"""Stops with a rosbridge that handles the operations of a websocket in sequence, as versions 2.0 and 2.1 do."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -31,7 +31,7 @@ ROBOT = RobotProfile(
 
 
 def blocking(bridge: Bridge) -> None:
-    """Goals end never, and the slow service and rosapi are never answered: each holds its websocket."""
+    """Goals never end, and the slow service and rosapi never answer: each blocks its websocket."""
     held = asyncio.Event()
 
     def hold(operation: dict[str, Any]) -> Awaitable[None] | None:
@@ -103,7 +103,7 @@ def test_goals_that_are_never_answered_do_not_use_up_the_websockets(monkeypatch:
                 ),
                 f"the end of goal {number}",
             )
-        # One that is given up before its websocket is open is not sent.
+        # A call cancelled before its websocket is open is not sent.
         assert len(bench.bridge.operations("send_action_goal")) > MOST_CALLS
         await bench.until(lambda: len(bench.bridge.clients) <= 6, "no more websockets than at first")
 
@@ -137,7 +137,7 @@ def test_commands_that_are_read_and_not_handled_are_few_and_end_in_a_new_connect
         stuck = asyncio.Event()
 
         def hold(operation: dict[str, Any]) -> Awaitable[None] | None:
-            # Pings are answered meanwhile.
+            # Pings are still answered.
             moves = operation.get("topic") == "/cmd_vel" and operation["op"] == "publish" and not held
             if moves and operation["msg"]["linear"]["x"]:
                 held.append(operation)
@@ -162,7 +162,7 @@ def test_commands_that_are_read_and_not_handled_are_few_and_end_in_a_new_connect
         stuck.set()
         await bench.until(lambda: bench.state == "connected", "the link")
         await asyncio.sleep(0)
-        # Those that were read before are obeyed now.
+        # Commands read before are executed now.
         assert len(held) <= MOST_UNREAD
 
     with_link(ROBOT, test)

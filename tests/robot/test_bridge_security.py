@@ -1,4 +1,4 @@
-"""Secured links: whom the console trusts, and how it proves who it is, against servers of other people's making."""
+"""Secured links: server certificates, pinned fingerprints and client authentication, against third-party servers."""
 
 import asyncio
 import hashlib
@@ -39,7 +39,7 @@ SECRET_ENV = "CARIS_TEST_ROSAUTH"
 
 
 class TellingObserver(Observer):
-    """Also notes why no connection came about."""
+    """Also records the reason of a failed connection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -59,14 +59,16 @@ class Server:
 
 
 def rosauth_accepts(operation: dict[str, Any]) -> bool:
-    """As rosauth's ros_mac_authentication decides."""
+    """Decision of rosauth's ros_mac_authentication."""
     parts = [SECRET, *(str(operation[name]) for name in ("client", "dest", "rand", "t", "level", "end"))]
     return hashlib.sha512("".join(parts).encode()).hexdigest() == operation["mac"]
 
 
 @asynccontextmanager
 async def rosbridge(*, files: ServerFiles | None = None, demands_secret: bool = False) -> Any:
-    """Answers every call with an empty message; with ``demands_secret`` as rosbridge with ``authenticate``."""
+    """Server that answers every call with an empty message; ``demands_secret`` as with ``authenticate`` of
+    rosbridge.
+    """
     server = Server()
 
     async def handle(client: ServerConnection) -> None:
@@ -204,7 +206,7 @@ def issued(authority: Authority, kind: dict[str, Any]) -> ServerFiles:
 
 
 def fingerprint(files: ServerFiles) -> str:
-    """As the guide says to read it on the robot."""
+    """Fingerprint read with openssl, as the guide explains."""
     command = ["openssl", "x509", "-in", files.certificate, "-noout", "-fingerprint", "-sha256"]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip().partition("=")[2]
 
@@ -237,7 +239,7 @@ def test_a_confirmed_certificate_is_accepted_and_no_other(authority: Authority, 
     confirmed = SecuritySettings(certificate_sha256=fingerprint(files))
     connect(let_in, rosbridge(files=files), confirmed)
     connect(not_let_in, rosbridge(files=other), confirmed)
-    # One that this computer trusts is another one too.
+    # A certificate that the system trusts does not match either.
     trusted = replace(confirmed, ca_file=str(authority.file))
     connect(not_let_in, rosbridge(files=authority.issue("127.0.0.1")), trusted)
 
@@ -251,7 +253,7 @@ def test_a_fingerprint_that_is_none_is_named(authority: Authority) -> None:
 
 @pytest.mark.parametrize("by_itself", [True, False])
 def test_a_certificate_that_the_profile_names_itself_is_trusted(authority: Authority, by_itself: bool) -> None:
-    """Whoever signed it, and without the extensions that Python 3.13 asks for."""
+    """Any signature, also without the extensions that Python 3.13 requires."""
     files = authority.issue("127.0.0.1", by_itself=by_itself)
 
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
@@ -392,7 +394,7 @@ def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
             wait_for(lambda: control.of(LaserScan) and media.of(FrameRef), "scans and pictures")
             control.drive(0.0, 0.5)
             control.hold(lambda: control.of(Odometry)[-1].twist.turn_radps > 0.2, "the robot turns")
-            # What each link measures: CBOR, and pictures that are not old.
+            # Each link measures its own traffic: CBOR, and the age of images.
             told = wait_for(
                 lambda: [
                     topic
@@ -402,7 +404,7 @@ def test_both_links_drive_and_see_a_secured_robot_that_demands_a_secret(
                 ],
                 "the age of pictures",
             )
-            # With the robot's clock taken for ours it would be off by years; how fast the machine is does not matter.
+            # Without the clock offset the age would be off by years; the wide range allows for a slow machine.
             assert -50.0 < told[-1].age_ms < 60_000.0  # type: ignore[operator]
             wait_for(lambda: control.of(TrafficMeasured), "the traffic of the control link")
             wait_for(lambda: control.of(TrafficMeasured)[-1].encoding == "both", "scans in CBOR, odometry in JSON")

@@ -1,4 +1,4 @@
-"""The robot's clock, estimated from samples with delays of every kind: the truth lies within what is stated."""
+"""Estimate of the robot's clock from samples with various delays: the truth is within the stated uncertainty."""
 
 import random
 
@@ -8,17 +8,17 @@ from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
 
 S = 1_000_000_000
 MS = 1_000_000
-# A robot's clock counts from 1970, ours from when this machine was started.
+# The robot's clock counts from 1970, the session clock from the start of the machine.
 EPOCH_NS = 1_700_000_000 * S
 
 
 def clock_ahead(session_ns: int, *, drift: float = 0.0, jump_ns: int = 0) -> int:
-    """A robot's clock 2 s ahead of the epoch's, with a drift."""
+    """Robot clock 2 s ahead of UTC, with drift."""
     return EPOCH_NS + session_ns + 2 * S + round(session_ns * drift) + jump_ns
 
 
 def ask(clock: ClockOffset, session_ns: int, *, there_ms: float, back_ms: float, drift: float, jump_ns: int = 0) -> int:
-    """One exchange that begins now; when it ended."""
+    """Add one exchange that starts now; returns its end."""
     read_ns = session_ns + int(there_ms * MS)
     answered_ns = read_ns + int(back_ms * MS)
     robot_ns = clock_ahead(read_ns, drift=drift, jump_ns=jump_ns)
@@ -43,7 +43,7 @@ def test_the_truth_is_within_the_stated_uncertainty_for_a_drifting_clock_behind_
     clock = ClockOffset()
     uncertainties = []
     for second in range(240):
-        # The way back is slower, and now and then by a lot: what the pictures do to a shared wireless network.
+        # The return path is slower, with occasional spikes, as with images on a shared wireless network.
         back_ms = 6.0 + chance.expovariate(1 / 20.0) + (120.0 if chance.random() < 0.1 else 0.0)
         ended_ns = ask(clock, second * S, there_ms=1.0 + chance.expovariate(1 / 2.0), back_ms=back_ms, drift=drift)
         for later_ns in (0, 300 * MS, 900 * MS):
@@ -51,7 +51,7 @@ def test_the_truth_is_within_the_stated_uncertainty_for_a_drifting_clock_behind_
             assert estimate is not None
             assert error_ns(estimate, ended_ns + later_ns, drift=drift) <= estimate.uncertainty_ns
         uncertainties.append(clock.at(ended_ns).uncertainty_ms)  # type: ignore[union-attr]
-    # A single exchange would leave half its round trip, 17 ms on average.
+    # A single exchange would give half its round-trip time, 17 ms on average.
     assert sum(uncertainties[60:]) / len(uncertainties[60:]) < 7.0
 
 
@@ -114,7 +114,7 @@ def test_a_simulation_that_stands_still_stays_within_what_is_stated() -> None:
     clock = ClockOffset.of_simulation_time()
     for tick in range(100):
         at_ns = tick * 100 * MS
-        # It stops at five seconds.
+        # The clock stops at five seconds.
         robot_ns = min(at_ns, 5 * S)
         clock.add_exchange(asked_ns=at_ns, answered_ns=at_ns + 20 * MS, robot_ns=robot_ns)
         estimate = clock.at(at_ns + 20 * MS)

@@ -1,4 +1,4 @@
-"""What goes to the console while the console reads, and while it does not."""
+"""Messages to the console while it reads, and while it does not."""
 
 import multiprocessing
 from multiprocessing.connection import Connection
@@ -30,7 +30,7 @@ def command(number: int) -> CommandSent:
 def test_a_console_that_sleeps_blocks_nobody_loses_no_event_and_wakes_to_the_newest() -> None:
     ours, theirs = multiprocessing.Pipe()
     outbox = ConsoleSender(theirs)
-    # Far more than a pipe holds: a put that waited for the reader would wait for ever.
+    # More than a pipe holds: a blocking put would never return.
     for number in range(20_000):
         outbox.put(command(number))
         outbox.put(pose(number))
@@ -54,7 +54,7 @@ def test_a_burst_passes_whole() -> None:
 
 
 def test_no_value_overtakes_the_event_that_voids_it() -> None:
-    """Everything waits in one batch, as behind a console that was busy for a moment."""
+    """All values are in one batch, as after a pause of the console."""
     ours, theirs = multiprocessing.Pipe()
     outbox = ConsoleSender(theirs)
     for number in range(20_000):

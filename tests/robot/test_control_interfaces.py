@@ -1,4 +1,4 @@
-"""The controls of the Robot panel against a rosbridge: what is sent, what is refused, what is read."""
+"""Controls of the Robot panel against a rosbridge: operations sent, refused and read."""
 
 import json
 from typing import Any
@@ -167,7 +167,7 @@ def test_the_emergency_stop_holds_for_every_control_that_may_move_the_robot() ->
             assert (refused.state, refused.detail) == ("failed", "the emergency stop is active")
         assert (await ended(bench, "lamp")).state == "succeeded"
         await bench.until(lambda: bench.bridge.published("/blink/goal"), "what does not move is obeyed")
-        # What was asked for in the same breath as the stop stays unsaid, too.
+        # A request together with the stop is discarded too.
         bench.send(SetEmergencyStop(now_ns(), False))
         bench.send(use("eyes", True, "late"), SetEmergencyStop(now_ns(), True))
         assert (await ended(bench, "late")).detail == "the emergency stop is active"
@@ -181,7 +181,7 @@ def test_the_emergency_stop_counts_also_while_a_type_is_asked_for() -> None:
     answers: list[dict[str, Any]] = []
 
     def prepare(bridge: Bridge) -> None:
-        # The answer is given by hand below, after the stop.
+        # Answered below, after the stop.
         bridge.answers["/rosapi/message_details"] = lambda request: answers.append(request)
 
     async def test(bench: LoopBench) -> None:
@@ -316,7 +316,7 @@ def test_an_action_of_ros2() -> None:
 
 
 def test_an_action_of_ros2_that_is_refused_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """rosbridge answers no goal that is refused, or that nobody takes."""
+    """rosbridge sends no result for a goal that is refused or accepted by nobody."""
     monkeypatch.setattr(control_interfaces, "NO_ANSWER_S", 0.1)
 
     async def test(bench: LoopBench) -> None:

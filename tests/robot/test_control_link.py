@@ -1,4 +1,4 @@
-"""What the control link says by itself on a new connection."""
+"""Operations that the control link sends on a new connection."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Exploring a robot: what is proposed for whatever it offers, and what is said of each stream."""
+"""Exploration of a robot: the proposed profile for various interfaces, and the check of each stream."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -256,7 +256,7 @@ def test_a_simulator_s_clock_is_noticed() -> None:
 
 
 def in_words(detail: str) -> str:
-    """The text that is looked up for the wizard, and what is put into it."""
+    """Text looked up for the wizard, with its values."""
     if not isinstance(detail, LocalizedText):
         return f"<{detail}>"
     return " ".join(
@@ -281,7 +281,7 @@ def test_what_is_said_of_a_message_can_be_said_in_another_language() -> None:
 
 
 def heard(profile: RobotProfile, address: str) -> dict[str, StreamCheck]:
-    """The checks once everything was heard: a busy machine publishes late, so it may take a longer listening."""
+    """Checks of all streams; a longer listening time if a busy machine publishes late."""
     for seconds in (1.2, 3.0, 6.0):
         checks = asyncio.run(check_streams(profile, address, seconds=seconds))
         if {check.state for check in checks} <= {"good", "quiet"}:
@@ -312,7 +312,7 @@ def test_an_unknown_robot_is_explored_checked_and_saved(robot: SimulatedRobot, t
 
     proposed = profile_of(found.offer, found.proposal.chosen, name="found", title="Found", address=robot.address)
     known = load_profile(found.resembles[0].name)
-    # After how long the base stops by itself cannot be asked for.
+    # The timeout of the base cannot be queried.
     known = replace(known, velocity=replace(known.velocity, timeout_s=None, timeout_source=""))
     for field in (
         "ros", "velocity", "scan", "odometry", "tf", "tf_static", "frames", "map", "map_updates", "path", "battery",
@@ -320,7 +320,7 @@ def test_an_unknown_robot_is_explored_checked_and_saved(robot: SimulatedRobot, t
     ):  # fmt: skip
         assert getattr(proposed, field) == getattr(known, field), field
     assert known.navigation is not None
-    # How fast a planner of ROS 1 is set up to drive cannot be asked for, so nothing is proposed to tell it.
+    # The speed setting of a ROS 1 planner cannot be queried, so no parameter for it is proposed.
     told = known.navigation if robot.ros == 2 else replace(known.navigation, max_mps=None, speed_limit=None)
     assert proposed.navigation == told
     assert proposed.head is not None

@@ -1,4 +1,4 @@
-"""Every way in which a robot can have an emergency stop."""
+"""Every kind of emergency stop interface of a robot."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def test_a_topic_that_says_that_all_is_well_is_read_the_other_way_round() -> Non
         await bench.bridge.publish("/motors_on", {"data": True})
         await bench.bridge.publish("/motors_on", {"data": False})
         await bench.until(lambda: latched(bench) == [(True, "robot")], "latched")
-        # The console cannot clear what only the robot can.
+        # The console cannot reset a stop that only the robot can reset.
         bench.send(SetEmergencyStop(now_ns(), False))
         assert latched(bench) == [(True, "robot")] * 2
         assert bench.of(Problem)[-1].what == "The robot's own emergency stop is still active."
@@ -82,7 +82,7 @@ def test_the_wizards_last_word_counts_when_the_robot_is_slow() -> None:
         bench.send(SetEmergencyStop(now_ns(), True), SetEmergencyStop(now_ns(), False))
         bench.send(SetEmergencyStop(now_ns(), True))
         await bench.until(lambda: len(bench.bridge.operations("call_service", "/estop")) == 3, "three calls")
-        # What is published after the answers arrives after them.
+        # Messages published after the answers arrive after them.
         await bench.bridge.publish("/battery", {"percentage": 0.5})
         await bench.until(lambda: bench.of(BatteryState), "what came after the answers")
         assert latched(bench) == []
@@ -163,7 +163,7 @@ def test_a_service_that_does_not_answer_is_asked_again_and_told_once(monkeypatch
         assert calls[0]["args"] == {"data": True}
         assert len([problem for problem in bench.of(Problem) if problem.cause == "emergency_stop"]) == 1
 
-    # No rosapi, and a service that is not there.
+    # No rosapi, and a missing service.
     with_link(robot(EmergencyStopInterface(service="/estop")), test)
 
 

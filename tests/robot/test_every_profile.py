@@ -88,7 +88,7 @@ class Bench:
         return all(abs(state[name]) < 1e-6 for name in ("speed_mps", "speed_left_mps", "speed_radps"))
 
     def drive_until(self, twist: Twist2D, until: Callable[[], V], what: str) -> V:
-        """Hold a key, and press it again where this busy machine was too slow to renew the lease."""
+        """Hold a key, and press it again if a busy machine was too slow to renew the lease."""
 
         def held() -> V:
             self.link.send(Drive(now_ns(), twist, "keyboard"))
@@ -102,7 +102,7 @@ def test_every_shipped_profile_has_a_dress() -> None:
 
 
 _IN_EVERY_RUN = {"pepper", "tiago", "turtlebot4"}
-"""Of each kind one: with a head and speech, of ROS 1, of ROS 2."""
+"""One of each kind: with head and speech, ROS 1, ROS 2."""
 
 
 @pytest.fixture(
@@ -112,7 +112,7 @@ _IN_EVERY_RUN = {"pepper", "tiago", "turtlebot4"}
     ],
 )
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    # the links of all profiles are forked from one process that has imported what they need
+    # fork the links of all profiles from one process that has imported their modules
     multiprocessing.set_forkserver_preload(["tests.robot.test_media_link", *_IMPORTED_BY_LINKS])
     robot_model, ros = ROBOT_MODEL_OF[request.param]
     ring = FrameRing.create()
@@ -149,7 +149,7 @@ def test_every_control_of_the_profile_is_obeyed(bench: Bench) -> None:
         assert states()[-1][0] == "succeeded", states()
     taken = [order["name"] for order in bench.state()["orders"]]
     named = [_name_of(control.effect) for control in controls if control.effect is not None]
-    # the simulated robot's own controls move things that it has; those of other robots it takes note of
+    # the controls of the default model move parts of it; those of other models are only recorded
     assert set(taken) == (set() if bench.robot.robot_model == "generic" else set(named))
     if bench.robot.robot_model == "generic":
         panel = bench.state()["panel"]
@@ -186,7 +186,9 @@ def test_what_the_profile_names_arrives(bench: Bench) -> None:
 
 
 def _check_scan_against_the_corridor(scan: LaserScan) -> None:
-    """Both walls of the corridor are where they are only if the scanner's place and direction are right."""
+    """The walls of the corridor are at the right distances only with the right position and direction of the
+    scanner.
+    """
     for side_rad, wall_m in ((math.pi / 2, 0.74), (-math.pi / 2, 0.74)):
         index = (side_rad - scan.robot_from_laser.heading_rad - scan.angle_min_rad) / scan.angle_increment_rad
         index = round(index) % round(2 * math.pi / scan.angle_increment_rad)
@@ -194,7 +196,7 @@ def _check_scan_against_the_corridor(scan: LaserScan) -> None:
 
 
 def test_it_is_driven_and_stands_when_released(bench: Bench) -> None:
-    # nothing to see with, nothing to be guarded by; and the corridor is narrow for a cautious guard
+    # without a laser there is no guard; and the corridor is narrow for a cautious guard
     bench.link.send(SetGuard(now_ns(), on=False))
     limits, start = bench.profile.driving_limits, bench.state()["pose"]
     bench.drive_until(
@@ -290,7 +292,7 @@ def test_it_is_stopped_and_its_own_emergency_stop_is_pressed(bench: Bench) -> No
     bench.link.send(SetEmergencyStop(now_ns(), latched=False))
     wait_for(lambda: not bench.state()["emergency_stopped"], "the robot's own stop is released")
     if own is not None and own.topic is not None and not own.commands_robot:
-        # somebody presses the button on the robot itself
+        # somebody presses the button on the robot
         bench.client.call("/simulator/fault", command="press_stop_button")
         wait_for(lambda: bench.link.of(EmergencyStopChanged)[-1].latched, "the console learns of the robot's button")
         bench.client.call("/simulator/fault", command="release_stop_button")

@@ -1,4 +1,4 @@
-"""A thousand hostile rosbridge messages through the real links: none crashes, none stalls, and the wizard is told."""
+"""A thousand malformed rosbridge messages through the real links: no crash, no stall, and a notification."""
 
 import asyncio
 import json
@@ -120,7 +120,7 @@ JUNK = st.one_of(
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Every place in a message where something may be put."""
+    """All places in a message that may be replaced."""
     yield path
     if isinstance(value, dict):
         for key, item in value.items():
@@ -141,19 +141,19 @@ def changed(value: Any, path: tuple[Any, ...], junk: Any, *, remove: bool) -> An
     return [changed(item, rest, junk, remove=remove) if index == key else item for index, item in enumerate(value)]
 
 
-# The whole message as often as any of its parts.
+# The complete message as often as one of its parts.
 PLACES = {topic: (*((),) * 3, *places(message)) for topic, message in GOOD.items()}
 
 
 @st.composite
 def published(draw: st.DrawFn) -> dict[str, Any]:
-    """A message of the right form with one or two things wrong in it."""
+    """A valid message with one or two mistakes."""
     topic = draw(st.sampled_from(sorted(GOOD)))
     message = changed(GOOD[topic], draw(st.sampled_from(PLACES[topic])), draw(JUNK), remove=draw(st.booleans()))
     return {"op": "publish", "topic": topic, "msg": message}
 
 
-# These two become the names of what is really under way.
+# Replaced by the identifiers of a goal and a call in progress.
 IDS = st.sampled_from(["goal", "call"]) | st.text(max_size=4)
 OPERATIONS = st.one_of(
     published(),
@@ -175,7 +175,7 @@ OPERATIONS = st.one_of(
 
 
 def as_json(operation: dict[str, Any]) -> str | bytes:
-    # As Python writes it: with NaN and Infinity, which are no JSON.
+    # As written by Python: with NaN and Infinity, which are not valid JSON.
     return json.dumps(json.loads(encode_json(operation)) if _has_arrays(operation) else operation, default=str)
 
 
@@ -204,7 +204,7 @@ PAYLOADS = st.one_of(
 
 
 class Alarm(logging.Handler):
-    """Everything that a log would show as a traceback, or as an error of ours."""
+    """Collects log records with a traceback or of level error."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -216,7 +216,7 @@ class Alarm(logging.Handler):
 
 
 class Target:
-    """One link with its bridge on a loop of its own, which lives over many examples."""
+    """Link and bridge on a separate loop, shared by many examples."""
 
     def __init__(self, *, media: bool) -> None:
         self.media = media
@@ -244,11 +244,11 @@ class Target:
         self.loop.run_until_complete(self._hit(payload))
 
     async def _hit(self, payload: str | bytes) -> None:
-        """Send it, and see that what comes after it is still taken."""
+        """Send the payload, and check that the next message is still processed."""
         bench, kept = self.bench, [value for value in self.bench.outbox.values if isinstance(value, Problem)]
         bench.outbox.values[:] = [*bench.of(LinkChanged)[-1:], *kept]
         if not self.media and self.count % 50 == 0:
-            # So that there is something under way that can be disturbed.
+            # Keep a goal and a call in progress for the payload to disturb.
             at_ns = now_ns()
             bench.send(
                 GoTo(at_ns, "goal", AT), Say(at_ns, "u", "Hello"), UseControl(at_ns, "r", "wave", True),

@@ -1,4 +1,4 @@
-"""The obstacle guard on scans made by hand, in time made by hand."""
+"""Obstacle guard on synthetic scans in simulated time."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ def scan(
     at_s: float = T,
     field_rad: float = 2.0 * math.pi,
 ) -> LaserScan:
-    """720 beams; ``sees`` gives their ranges by angle, or single readings by degree; nothing else returns."""
+    """Scan of 720 beams; ``sees`` gives ranges by angle, or single readings by degree; other beams return nothing."""
     count = 720
     increment = field_rad / count
     angles = -field_rad / 2.0 + increment * np.arange(count)
@@ -51,12 +51,12 @@ def scan(
 
 
 def wall_ahead(distance_m: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """An endless wall across the way, so far from the LIDAR."""
+    """Infinite wall across the path, at this distance from the LIDAR."""
     return lambda angles: np.where(np.cos(angles) > 0.05, distance_m / np.maximum(np.cos(angles), 0.05), np.inf)
 
 
 def wall_beside(distance_m: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """An endless wall along the left side."""
+    """Infinite wall along the left side."""
     return lambda angles: np.where(np.sin(angles) > 0.05, distance_m / np.maximum(np.sin(angles), 0.05), np.inf)
 
 
@@ -71,7 +71,7 @@ def odometry(at_s: float, pose: Pose2D, twist: Twist2D = ZERO_TWIST) -> Odometry
     return Odometry(round(at_s * 1e9), None, pose, twist)
 
 
-# The swept footprint
+# Swept footprint
 
 
 def _first_touch_s(
@@ -106,7 +106,7 @@ def test_the_moment_of_contact_is_that_of_driving_in_small_steps() -> None:
         stepped_s = _first_touch_s(footprint, points, twist, margin_m)
         met = np.isfinite(stepped_s)
         np.testing.assert_allclose(contact_s[met], stepped_s[met], atol=0.01)
-        # What is only grazed, small steps may miss.
+        # Small steps may miss a grazing contact.
         grazed = np.isfinite(_first_touch_s(footprint, points, twist, margin_m + 0.003))
         assert (contact_s[~met & ~grazed] > 5.99).all()
         compared += int(met.sum())
@@ -116,7 +116,7 @@ def test_the_moment_of_contact_is_that_of_driving_in_small_steps() -> None:
 def test_a_box_touches_with_its_corner_when_it_turns_on_the_spot() -> None:
     box = Footprint(radius_m=0.3, corners_m=BOX)
     [contact_s] = box.contact_s(np.array([[0.0, 0.3]]), TURN)
-    # The corner (0.3, 0.2) is farther out than 0.3 m; the side that leads to it arrives where x = sqrt(0.3^2 - 0.2^2).
+    # The corner (0.3, 0.2) is farther out than 0.3 m; the side before it arrives where x = sqrt(0.3^2 - 0.2^2).
     assert contact_s == pytest.approx(math.pi / 2 - math.acos(math.sqrt(0.3**2 - 0.2**2) / 0.3))
     assert math.isinf(Footprint(radius_m=0.25).contact_s(np.array([[0.0, 0.26]]), TURN)[0])
 
@@ -125,7 +125,7 @@ def test_the_hull_of_an_outline_with_a_dent_is_used() -> None:
     assert convex_hull([(0, 0), (1, 0), (0.5, 0.2), (1, 1), (0, 1)]) == ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
-# How much is allowed
+# Permitted speed
 
 
 def test_nothing_near_allows_everything() -> None:
@@ -201,7 +201,7 @@ def test_the_way_of_a_late_network_is_added() -> None:
     assert guard.limit(AHEAD, T).fraction < 0.7 * before
 
 
-# What is known, and what not
+# Known and unknown areas
 
 
 def test_without_a_lidar_in_the_profile_there_is_no_guard() -> None:
@@ -281,7 +281,7 @@ def test_a_late_scan_is_placed_where_the_robot_was_when_it_was_taken() -> None:
 
 
 def _front_scan(at_s: float, **wall: float) -> LaserScan:
-    """A LIDAR that sees half of the surroundings."""
+    """Scan of a LIDAR with a 180 degree field of view."""
     sees = wall_ahead(wall["wall_m"]) if "wall_m" in wall else None
     return scan(sees, at_s=at_s, field_rad=math.pi)
 
@@ -315,7 +315,7 @@ def test_beams_that_never_look_are_no_sight() -> None:
 
 
 def _turned_about(*, wall_m: float) -> tuple[ObstacleGuard, float]:
-    """A robot with a LIDAR that looks ahead only has turned its back to a wall, in three seconds."""
+    """Guard of a robot with a front LIDAR after it turned its back to a wall within three seconds."""
     guard = ObstacleGuard(PROFILE)
     for step in range(31):
         at_s, heading = T + 0.1 * step, math.pi * step / 30
@@ -377,7 +377,7 @@ def test_a_robot_that_was_set_elsewhere_knows_nothing_of_the_old_place() -> None
     assert guard.limit(AHEAD, T + 0.1).state != "blocked"
 
 
-# The robot's own body
+# Returns from the robot's body
 
 
 def test_the_robots_own_parts_are_known_after_a_second_or_some_way() -> None:
@@ -405,7 +405,7 @@ def test_something_that_is_pushed_into_the_robot_is_not_its_own() -> None:
     assert guard.limit(AHEAD, T + 2.9).fraction == 0.0
 
 
-# What is told
+# Reports
 
 
 def test_changes_for_the_worse_are_told_at_once_and_noise_is_not_told() -> None:

@@ -1,4 +1,4 @@
-"""The guarded lease drives the simulator's base by the simulator's LIDAR, in simulated time."""
+"""The guarded lease drives the simulator's base with the simulator's LIDAR, in simulated time."""
 
 import math
 from collections import deque
@@ -42,9 +42,9 @@ Circles = NDArray[np.float64]
 
 @dataclass
 class GuardedRobot:
-    """One robot somewhere in the building: 50 Hz base, 10 Hz LIDAR, 25 Hz odometry that drifts, 20 Hz commands.
+    """Robot in the building: 50 Hz base, 10 Hz LIDAR, 25 Hz odometry with drift, 20 Hz commands.
 
-    What the sensors tell arrives 40 ms late and a command takes 20 ms, both ``delay_s`` of the network longer.
+    Sensor data arrive after 40 ms and commands after 20 ms, both plus ``delay_s`` of the network.
     """
 
     pose: Pose2D
@@ -75,7 +75,7 @@ class GuardedRobot:
         return limit.fraction
 
     def push(self, twist: Twist2D, duration_s: float, *, until_still: bool = False) -> "GuardedRobot":
-        """Hold a key. ``until_still``: or less long, once the robot has stood still for half a second."""
+        """Hold a key for ``duration_s``; ``until_still`` ends it once the robot has stood for half a second."""
         still_steps = 0
         for _ in range(round(duration_s / STEP_S)):
             self.lease.drive(twist, "keyboard", self.now_s)
@@ -87,7 +87,7 @@ class GuardedRobot:
         return self
 
     def wait(self, duration_s: float) -> "GuardedRobot":
-        """Hold nothing."""
+        """Hold no key."""
         self.lease.release(self.now_s)
         for _ in range(round(duration_s / STEP_S)):
             self._step()
@@ -135,7 +135,7 @@ class GuardedRobot:
 
 
 def free_poses(count: int, seed: int, *, gap_m: float = 0.15) -> list[Pose2D]:
-    """Random poses in the building, with some room around the robot."""
+    """Random poses in the building with clearance around the robot."""
     chance = np.random.default_rng(seed)
     poses: list[Pose2D] = []
     while len(poses) < count:
@@ -152,7 +152,7 @@ SIDEWAYS = replace(PROFILE, limits=MotionLimits(forward_mps=0.5, backward_mps=0.
 @pytest.mark.parametrize("poses", [24, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.long("24")
 def test_pushed_at_walls_from_many_poses_it_touches_nothing(poses: int) -> None:
-    """The full speed of the profile: ahead, back, and in curves to both sides."""
+    """At full speed of the profile: ahead, back, and in curves to both sides."""
     pushes = (Twist2D(0.5), Twist2D(-0.3), Twist2D(0.5, 0.0, 0.6), Twist2D(0.5, 0.0, -1.0))
     gaps_m, blocked = [], 0
     for number, pose in enumerate(free_poses(poses, seed=1)):
@@ -189,7 +189,7 @@ def test_neither_does_a_faster_or_a_holonomic_base(
 
 
 class _BoxRobot(GuardedRobot):
-    """Longer behind than before; its own corners are looked at, and the simulator's base is but its middle."""
+    """Rectangular robot that is longer at the back; checks the corners, as the simulated base is only a point."""
 
     CORNERS_M = ((-0.45, -0.25), (0.3, -0.25), (0.35, 0.0), (0.3, 0.25), (-0.45, 0.25))
 
@@ -248,7 +248,7 @@ def test_from_where_it_stopped_it_drives_away_and_turns() -> None:
 
 @pytest.mark.long
 def test_a_door_of_0_9_m_is_passed_from_both_sides_also_when_not_met_exactly() -> None:
-    """The counselling room's: its posts stand 0.2 m beside a robot in the middle."""
+    """Door of the counselling room: its posts are 0.2 m from a centred robot."""
     slowest = 1.0
     for aside_m, askew_rad in ((0.0, 0.0), (0.08, 0.0), (-0.08, 0.0), (0.03, -0.04), (-0.03, 0.04)):
         for y_m, heading_rad in ((4.9, math.pi / 2), (6.9, -math.pi / 2)):
@@ -262,7 +262,7 @@ def test_a_door_of_0_9_m_is_passed_from_both_sides_also_when_not_met_exactly() -
 
 
 def _person(x_m: float, y_m: float, heading_rad: float) -> tuple[Circles, Circles]:
-    """The body and the two legs."""
+    """Body and legs of a person."""
     dx, dy = 0.11 * math.cos(heading_rad), 0.11 * math.sin(heading_rad)
     legs = [[x_m + dx, y_m + dy, 0.06], [x_m - dx, y_m - dy, 0.06]]
     return np.array([[x_m, y_m, BODY_M]]), np.array(legs)
@@ -320,7 +320,7 @@ MOUNTED = {
 def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
     model: LidarModel, post: tuple[float, float], twist: Twist2D, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lidar, "NOISE_M", 0.0)  # noise alone makes 2 cm from run to run
+    monkeypatch.setattr(lidar, "NOISE_M", 0.0)  # noise alone varies the result by 2 cm
     profile = replace(PROFILE, footprint=FloorOutline(polygon_m=((0.4, 0.2), (-0.4, 0.2), (-0.4, -0.2), (0.4, -0.2))))
     legs = np.array([[*post, 0.05]])
 
@@ -337,7 +337,7 @@ def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
 
 
 def test_somebody_who_steps_into_the_way_is_not_run_into() -> None:
-    """They come from the side and stop a metre ahead of a robot at full speed."""
+    """A person enters from the side and stops a metre ahead of a robot at full speed."""
 
     def where(now_s: float) -> tuple[Circles, Circles]:
         return _person(7.6, 5.0 - min(0.0, 1.1 * (now_s - 2.9)), math.pi / 2)
@@ -370,7 +370,7 @@ def test_overridden_it_pushes_on() -> None:
 
 
 def test_over_rosbridge_the_robot_stops_before_the_wall_until_the_guard_is_overridden() -> None:
-    """The real link and the real simulator, each in its own process."""
+    """Real link and real simulator, each in a separate process."""
     with SimulatedRobot("--empty") as simulator:
         link = LinkProcess(simulator.address)
         try:
@@ -383,7 +383,7 @@ def test_over_rosbridge_the_robot_stops_before_the_wall_until_the_guard_is_overr
                 told = len(link.of(GuardChanged))
 
                 def blocked(told: int = told, forward_mps: float = forward_mps) -> bool:
-                    link.drive(forward_mps)  # anew, as a busy computer is late to renew the lease
+                    link.drive(forward_mps)  # again, in case a busy computer renewed the lease too late
                     return "blocked" in [guard.state for guard in link.of(GuardChanged)[told:]]
 
                 wait_for(blocked, "the guard", every_s=0.05)

@@ -1,4 +1,4 @@
-"""Turning the head: what goes to the robot, and what it tells."""
+"""Head control: commands to the robot, and its reported position."""
 
 import pytest
 
@@ -94,7 +94,7 @@ def test_the_emergency_stop_holds_the_head_where_it_is() -> None:
 
 def test_without_a_link_nothing_is_kept_for_later() -> None:
     async def test(bench: LoopBench) -> None:
-        # Lost before it was told, it would be told only once.
+        # Close only after the link has advertised its topics.
         await bench.until(lambda: bench.bridge.operations("advertise", TRAJECTORY.topic), "advertised")
         await bench.bridge.close()
         await bench.until(lambda: bench.state == "lost", "the loss")

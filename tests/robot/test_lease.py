@@ -1,4 +1,4 @@
-"""The motion lease on injected time."""
+"""Motion lease with an injected clock."""
 
 import math
 from itertools import pairwise
@@ -17,7 +17,7 @@ FORWARD = Twist2D(0.5, 0.0, 0.0)
 
 
 class Bench:
-    """Runs a lease as the link's timer would, and notes what it sends."""
+    """Runs a lease as the link's timer does, and records its commands."""
 
     def __init__(self, limits: MotionLimits = LIMITS) -> None:
         self.allowed = 1.0
@@ -26,7 +26,7 @@ class Bench:
         self.sent: list[tuple[float, LeasedTwist]] = []
 
     def pump(self) -> list[LeasedTwist]:
-        """What is due at this very moment."""
+        """Commands due now."""
         due = []
         while (leased := self.lease.next_twist(self.now_s)) is not None:
             due.append(leased)
@@ -34,7 +34,7 @@ class Bench:
         return due
 
     def run(self, duration_s: float, *, renew: bool = True) -> list[tuple[float, LeasedTwist]]:
-        """Let time pass; renew every 50 ms as the console does."""
+        """Advance the time; renew every 50 ms as the console does."""
         first, end_s, renew_s = len(self.sent), self.now_s + duration_s, self.now_s + 0.05
         while True:
             self.now_s = min(self.lease.due_s(), renew_s, end_s)

@@ -1,4 +1,4 @@
-"""The control link against a rosbridge double: what goes over the wire, and what does not."""
+"""Control link against a rosbridge double: operations sent and not sent."""
 
 import itertools
 import json
@@ -46,7 +46,7 @@ pytestmark = pytest.mark.alone
 
 @pytest.fixture
 def own_bridge() -> Iterator[BridgeDouble]:
-    """For tests that end or disturb it."""
+    """Bridge for tests that stop or disturb it."""
     double = BridgeDouble()
     yield double
     double.kill()
@@ -77,12 +77,12 @@ def shared_link(shared_bridge: BridgeDouble) -> Iterator[LinkProcess]:
 
 @pytest.fixture
 def bridge(shared_bridge: BridgeDouble, shared_link: LinkProcess) -> BridgeDouble:
-    """The shared one, when the zeros of the test before have ended, and those that a new connection begins with."""
+    """The shared bridge, after the zero commands of the previous test and of the new connection."""
     wait_for(
         lambda: (
             time.monotonic() - shared_bridge.connected_s > ZERO_AGAIN_S[-1] + 0.1
             and (not shared_bridge.twists() or time.monotonic() - shared_bridge.twists()[-1][0] > 0.3)
-            # On a busy machine what the link reports of them is still on its way.
+            # On a busy machine the link may report them later.
             and len(shared_link.of(CommandSent)) >= len(shared_bridge.twists())
         ),
         "silence, and a report of all that was sent",
@@ -115,7 +115,7 @@ def test_a_drive_moves_a_release_stops_and_every_twist_is_reported_exactly(
     assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
     zeros = bridge.twists()[len(moving(bridge)) :]
     assert 0.4 <= zeros[-1][0] - zeros[0][0] <= 0.7
-    # Then silence.
+    # No further command.
     with pytest.raises(AssertionError):
         wait_for(lambda: len(bridge.twists()) > len(reported), "more", timeout_s=0.3)
 
@@ -126,7 +126,7 @@ def test_without_renewal_the_robot_is_stopped(bridge: BridgeDouble, link: LinkPr
     twists = bridge.twists()
     first_zero_s = next(at_s for at_s, forward, _ in twists if not forward)
     assert first_zero_s - twists[0][0] <= 0.3
-    # Told by another way than the zero, and perhaps later.
+    # Reported on another path than the zero command, and possibly later.
     wait_for(lambda: link.of(DriveEnded), "why it ended")
     assert [ended.reason for ended in link.of(DriveEnded)] == ["The console stopped responding for a moment"]
 
@@ -142,10 +142,10 @@ def test_a_console_that_has_stopped_reading_cannot_keep_the_robot_moving(
         "range_max": 10.0,
         "ranges": [1.0] * 50_000,
     }
-    # Far more than the pipe to the console holds.
+    # More than the pipe to the console holds.
     for _ in range(12):
         own_bridge.publish("/scan", scan)
-    # Reading so much, a slow machine may be too late for the first presses of the key.
+    # A slow machine may read too slowly for the first key presses.
     wait_for(lambda: own_link.drive() or len(moving(own_bridge)) >= 5, "some velocity commands")
     wait_for(lambda: own_bridge.twists()[-1][1] == 0.0, "zero")
     last_s = moving(own_bridge)[-1][0]
@@ -193,7 +193,7 @@ def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_a
     assert time.monotonic() - killed_s < 1.0
     ended = len(own_link.of(DriveEnded))
     assert ended == 1
-    # The wizard still holds the key, and presses it anew, while there is no robot.
+    # The wizard keeps holding the key and presses it again while the robot is gone.
     own_link.hold(lambda: time.monotonic() - killed_s > 1.5, "a while without the robot")
     own_link.drive()
     wait_for(lambda: len(own_link.of(DriveEnded)) == ended + 1, "the refusal")
@@ -206,7 +206,7 @@ def test_a_killed_robot_is_reported_and_found_again_with_everything_subscribed_a
     own_link.hold(lambda: len(own_link.of(LaserScan)) > scans + 5, "scans again")
     assert {line["topic"] for line in own_bridge.operations("subscribe")} == subscribed
     assert moving(own_bridge) == []
-    # The first words, before anything is subscribed: the robot that is back may move as it was told last.
+    # Zero comes before any subscription: the robot may still execute the last command.
     first = [line for line in own_bridge.lines if line.get("op")][:2]
     assert [(line["op"], line["topic"]) for line in first] == [("advertise", "/cmd_vel"), ("publish", "/cmd_vel")]
     own_link.drive()
@@ -270,16 +270,16 @@ def test_a_stop_of_a_moment_leaves_four_velocities_and_a_zero_and_the_drive_goes
     def after_it() -> list[float]:
         return [twist[1] for twist in own_bridge.twists() if twist[0] > continued_s - 0.005]
 
-    # What it reads first may still be of the time before.
+    # The first commands read may be older.
     own_link.hold(lambda: 0.0 in (read := after_it()) and read[-1] == 0.3, "full speed again, after a zero")
     read = after_it()
     zero = read.index(0.0)
     assert zero <= MOST_UNREAD
     assert set(read[:zero]) <= {0.3}
-    # From a stand, as after a new key press.
+    # Acceleration from standstill, as after a new key press.
     after = [forward for forward in read[zero:] if forward]
     assert after[0] < 0.1
-    # Rounding of floats aside, it only grows.
+    # Monotonic apart from rounding errors.
     assert all(later > earlier - 1e-9 for earlier, later in itertools.pairwise(after))
     assert "trouble" not in own_link.states()
     assert own_link.of(DriveEnded) == []
@@ -392,7 +392,7 @@ def test_a_goal_is_followed_and_taking_the_wheel_cancels_it(bridge: BridgeDouble
     feedback = {"base_position": {"header": {}, "pose": position}}
 
     def distance_is_told() -> bool:
-        # Progress is told twice a second, however often the robot tells it.
+        # Progress is reported twice a second, independently of the robot's rate.
         bridge.publish("/move_base/feedback", {"status": goal_status(goal_id, 1), "feedback": feedback})
         return bool(link.of(GoalChanged)[-1].distance_left_m == 5.0)
 
@@ -549,7 +549,7 @@ def test_a_console_that_is_stopped_in_the_middle_of_a_long_message_cannot_keep_t
     wait_for(lambda: own_link.drive() or len(moving(own_bridge)) >= 5, "some velocity commands")
     own_link.send_bytes(message[:30_000])
     wait_for(lambda: own_bridge.twists()[-1][1] == 0.0, "zero")
-    # It goes on where it was stopped.
+    # Continue the interrupted message.
     own_link.send_bytes(message[30_000:])
     wait_for(lambda: own_link.of(UtteranceChanged), "the message")
     wait_for(lambda: own_link.drive() or own_bridge.twists()[-1][1] > 0.0, "driving again")

@@ -1,4 +1,4 @@
-"""Both links against the simulated robot, in both dialects of ROS."""
+"""Both links against the simulated robot, in ROS 1 and ROS 2."""
 
 import math
 import time
@@ -107,7 +107,7 @@ def test_driving_moves_it_and_an_independent_client_sees_exactly_what_is_reporte
     simulator: SimulatedRobot, link: LinkProcess
 ) -> None:
     listener = TwistListener(simulator.address)
-    # Its subscription is in force once it hears a zero.
+    # The subscription is active once it receives a zero command.
     link.send(StopMotion(now_ns()))
     wait_for(lambda: listener.seen, "the listener listens")
     wait_for(lambda: link.of(Odometry), "odometry")
@@ -236,7 +236,7 @@ def test_the_robots_controls_are_used_and_read(simulator: SimulatedRobot, link: 
 
 
 def test_a_killed_robot_is_found_again_and_gets_nothing_old() -> None:
-    # The double shows the same in ROS 1.
+    # The bridge double covers ROS 1.
     simulator = SimulatedRobot(ros=2)
     link = LinkProcess(simulator.address, PROFILES[2])
     listener = None
@@ -297,7 +297,7 @@ def test_a_goal_in_the_guise_of_a_lamp_moves_nothing_under_a_stop_or_without_the
                     link.send(UseControl(now_ns(), f"{control.id} {why}", control.id, True))
                 wait_for(lambda: sum(used.state == "failed" for used in link.of(ControlUsed)[before:]) == 3, why)
 
-            # By the base that is read behind what a control would have sent.
+            # Measured at the base, independently of the command path.
             def way_m() -> float:
                 here = robot.state()["pose"]
                 return math.hypot(here["x_m"] - begin["x_m"], here["y_m"] - begin["y_m"])
@@ -315,7 +315,7 @@ def test_a_goal_in_the_guise_of_a_lamp_moves_nothing_under_a_stop_or_without_the
             odometries = len(link.of(Odometry))
             wait_for(lambda: len(link.of(Odometry)) > odometries + 40, "two seconds of odometry")
             assert (robot.state()["goal_id"], way_m()) == ("", 0.0)
-            # And with both it drives, as a control that moves may.
+            # With both settings it drives, as a moving control may.
             link.send(OfferControls(now_ns(), DISGUISES))
             link.send(UseControl(now_ns(), "drive", "lamp", True))
             wait_for(lambda: way_m() > 0.3, "it drives")

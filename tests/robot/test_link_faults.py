@@ -1,7 +1,6 @@
-"""What a network and a robot can do to a link: both link processes, the simulated robot, and a proxy between them.
+"""Network and robot faults: both link processes, the simulated robot, and a proxy between them.
 
-Each test watches the robot's velocity topic with an independent client on a connection of its own that the proxy does
-not touch.
+An independent client with a direct connection observes the robot's velocity topic.
 """
 
 import os
@@ -36,7 +35,7 @@ RESTORED_WITHIN_S = 8.0
 
 
 class Bench:
-    """The robot, the proxy before it, the link behind that, and the independent listener."""
+    """Robot, proxy, links and independent listener."""
 
     def __init__(self) -> None:
         self.robot = SimulatedRobot()
@@ -59,11 +58,11 @@ class Bench:
         self.link.hold(lambda: len(self.moving()) > before + 4, "velocity commands reach the robot")
 
     def moving(self, *, since_s: float = 0.0) -> list[float]:
-        """When velocity commands that move reached the robot, on the monotonic clock."""
+        """Arrival times of moving velocity commands at the robot, on the monotonic clock."""
         return [seen.at_ns / 1e9 for seen in list(self.listener.seen) if seen.moving and seen.at_ns / 1e9 >= since_s]
 
     def state_is_shown(self, *states: str, since_s: float, after: int) -> None:
-        """One of ``states`` is told within two seconds of ``since_s``, while the key stays held."""
+        """Assert that one of ``states`` is reported within two seconds of ``since_s``, while the key stays held."""
         self.link.hold(
             lambda: any(state in states for state in self.link.states()[after:]),
             f"{states}, have {self.link.states()[after:]}",
@@ -74,7 +73,7 @@ class Bench:
         self.link.hold(lambda: time.monotonic() >= at_s, "that moment")
 
     def is_restored(self, *, after: int) -> float:
-        """Connected again, streams again, the held key moves nothing, and a new key press does; when that came."""
+        """Assert that link and streams are back, the held key moves nothing and a new press does; returns its time."""
         restored_from_s = time.monotonic()
         self.link.hold(lambda: self.link.states()[after:][-1:] == ["connected"], "connected again")
         scans, poses = len(self.link.of(LaserScan)), len(self.link.of(Odometry))
@@ -119,14 +118,14 @@ def test_a_robot_that_stands_still_for_five_seconds(bench: Bench) -> None:
     bench.state_is_shown("trouble", "lost", since_s=stopped_s, after=after)
     bench.link.hold(lambda: "lost" in bench.link.states()[after:], "lost")
     assert len(bench.link.of(DriveEnded)) == 1
-    # The wizard presses the key anew meanwhile.
+    # The wizard presses the key again meanwhile.
     bench.link.drive(0.0, -0.3)
     bench.hold_until(stopped_s + 5.0)
     sent = len(bench.link.of(CommandSent))
     os.kill(bench.robot.pid, signal.SIGCONT)
     continued_s = time.monotonic()
     pressed_s = bench.is_restored(after=after)
-    # What was under way when it stopped may still be read by it, and nothing of later.
+    # Only commands sent before the stop may still be executed.
     late = [seen for seen in bench.listener.seen if seen.moving and seen.turn_radps < 0]
     assert late == []
     assert len([at_s for at_s in bench.moving(since_s=continued_s) if at_s < pressed_s]) <= 2 * MOST_UNREAD
@@ -169,7 +168,7 @@ def test_a_connection_that_is_only_half_there(bench: Bench, direction: str) -> N
 def test_a_network_that_takes_three_hundred_milliseconds(bench: Bench) -> None:
     after = len(bench.link.states())
     bench.proxy.delay(0.3)
-    # The moment in which it becomes slow is one of silence, which ends a drive: the key is pressed anew.
+    # The change to a slow network causes a pause, which ends the drive: press the key again.
     before = len(bench.moving())
     bench.link.drive_until(
         lambda: len(bench.moving()) > before + 4, "velocity commands reach the robot", turn_radps=0.3
@@ -183,7 +182,7 @@ def test_a_network_that_takes_three_hundred_milliseconds(bench: Bench) -> None:
     bench.link.send(Release(now_ns()))
     wait_for(lambda: bench.listener.seen[-1].at_ns / 1e9 > released_s and not bench.listener.seen[-1].moving, "zero")
     assert bench.moving()[-1] - released_s < 0.3 + 0.25
-    # The network breaks, with commands on their way.
+    # The network fails with commands on their way.
     bench.drive()
     after = len(bench.link.states())
     bench.proxy.cut()
@@ -200,7 +199,7 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
     state = LiveState()
     try:
         wait_for(lambda: media.of(FrameRef) and bench.link.of(LinkQuality), "pictures and the clock")
-        # All of it is one machine here, so the robot's clock is known exactly.
+        # All processes share one machine, so the robot's clock is known exactly.
         wall_minus_session_ns = time.time_ns() - time.monotonic_ns()
         bench.proxy.limit(1e6 / 8)
         bench.drive()
@@ -219,7 +218,7 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
             assert told_s is not None
             stated_s = (known[-1].clock_uncertainty_ms or 0.0) / 1e3
             assert told_s >= age_s - 2.0 * stated_s - 0.01
-        # Whatever happened to the link meanwhile, what arrived last is the end of it.
+        # The last received command is zero in every case.
         bench.link.send(Release(now_ns()))
         wait_for(lambda: not bench.listener.seen[-1].moving, "zero")
         bench.proxy.limit(None)
@@ -260,7 +259,7 @@ def test_faults_of_every_kind_one_after_the_other(bench: Bench) -> None:
 
 @pytest.mark.long
 def test_packets_that_are_lost() -> None:
-    """In a network of its own, where one packet in ten of the link's connection is dropped in each direction."""
+    """A separate network namespace that drops one packet in ten of the connection in each direction."""
     if shutil.which("unshare") is None or shutil.which("iptables") is None or os.geteuid() != 0:
         pytest.skip("dropping packets takes root, unshare and iptables")
     probe = ["unshare", "-n", "sh", "-c", "ip link set lo up && iptables -m statistic -h"]
@@ -280,7 +279,7 @@ def test_packets_that_are_lost() -> None:
 
 
 def lossy_network(bench: Bench) -> None:
-    """The body of the test above; on its own it would disturb the whole machine."""
+    """Body of the test above; run outside the namespace it would disturb the whole machine."""
     for direction in ("--dport", "--sport"):
         rule = ["iptables", "-A", "INPUT", "-i", "lo", "-p", "tcp", direction, str(bench.proxy.port)]
         subprocess.run([*rule, "-m", "statistic", "--mode", "random", "--probability", "0.1", "-j", "DROP"], check=True)
@@ -294,7 +293,7 @@ def lossy_network(bench: Bench) -> None:
     assert len(bench.link.of(CommandSent)) > sent_before + 10
     released_s = time.monotonic()
     wait_for(lambda: time.monotonic() > released_s + 2.5, "whatever is still under way")
-    # A lost command is repeated by the system for as long as the link lives, and not a moment longer.
+    # TCP repeats a lost command as long as the connection lives, and no longer.
     assert not bench.moving(since_s=released_s + 1.7)
     assert not bench.listener.seen[-1].moving
     subprocess.run(["iptables", "-F", "INPUT"], check=True)

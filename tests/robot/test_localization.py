@@ -1,4 +1,4 @@
-"""From transforms, poses and odometry to the robot's place in the map."""
+"""Position of the robot in the map from transforms, poses and odometry."""
 
 import math
 
@@ -76,7 +76,7 @@ def moving(stamps_and_headings: dict[int, float], *, child: str = "base_link") -
 
 def test_between_two_samples_a_frame_is_where_tf2_puts_it() -> None:
     tree = TransformTree()
-    tree.add(moving({1: 3.0, 3: -3.0, 2: 3.1}))  # out of order, and over the jump from pi to -pi
+    tree.add(moving({1: 3.0, 3: -3.0, 2: 3.1}))  # out of order, and across the wrap from pi to -pi
     between = tree.lookup("odom", "base_link", 2 * STEP_NS + STEP_NS // 2)
     assert between is not None
     assert between.x_m == pytest.approx(2.5)
@@ -119,7 +119,7 @@ def test_a_clock_that_is_set_back_begins_anew() -> None:
     tree.add(moving({1000: 0.0}))
     tree.add(moving({1: 0.0}))
     assert tree.lookup("odom", "base_link", STEP_NS) == Pose2D(1.0, 0.0, 0.0)
-    # A stamp of the far future does not make everything after it worthless.
+    # A stamp far in the future must not invalidate all later ones.
     tree.add(moving({10**8: 0.0}))
     tree.add(moving({2: 0.0, 3: 0.0}))
     assert tree.lookup("odom", "base_link", 2 * STEP_NS) == Pose2D(2.0, 0.0, 0.0)
@@ -138,7 +138,7 @@ def test_a_slow_localizer_is_joined_with_the_odometry_of_its_own_moment() -> Non
     tracker = PoseTracker(TransformFrames())
     for at in range(1, 11):
         tracker.take_odometry(Odometry(at * STEP_NS, at * STEP_NS, Pose2D(float(at), 0.0, 0.0), Twist2D()))
-    # Told now, of where the robot was half a second ago.
+    # Received now, with a stamp of half a second ago.
     tracker.take_pose(RobotPose(10 * STEP_NS, 5 * STEP_NS, Pose2D(0.0, 50.0, 0.0)))
     carried = tracker.take_odometry(Odometry(11 * STEP_NS, 11 * STEP_NS, Pose2D(11.0, 0.0, 0.0), Twist2D()))
     assert carried is not None
@@ -160,7 +160,7 @@ def test_names_of_frames_may_have_an_old_leading_slash() -> None:
 
 @pytest.mark.parametrize("step_s", [0.3, 1.0, 9.0, 11.0, 3600.0])
 def test_the_pose_goes_on_when_the_robot_s_clock_is_set_back(step_s: float) -> None:
-    """As ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
+    """As in ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
     tracker = PoseTracker(TransformFrames("map", "odom", "base_link"))
     shown_m: dict[int, float] = {}
     scanned_m: dict[int, float] = {}

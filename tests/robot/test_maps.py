@@ -1,4 +1,4 @@
-"""Maps: saved, loaded, switched; and the place that the wizard tells the localization."""
+"""Maps: saving, loading and switching, and the initial pose for the localization."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ ROBOT = RobotProfile(
 
 
 class SlamToolbox:
-    """Toggles, and keeps what it has done in a parameter, as slam_toolbox does."""
+    """Toggles, and exposes its state as a parameter, as slam_toolbox does."""
 
     def __init__(self, *, paused: bool = False, tells: bool = True) -> None:
         self.paused = paused
@@ -84,7 +84,7 @@ def test_a_map_is_saved_as_pose_graph_and_as_picture() -> None:
     async def test(bench: LoopBench) -> None:
         offered = await first_mapping(bench)
         assert (offered.mapping, offered.can_save, offered.can_load, offered.can_switch) == (True, True, True, True)
-        # After a spell of trouble the console has forgotten it.
+        # The console has discarded the state during the trouble.
         bench.link.link_heard()
         assert [replace(change, stamp_ns=0) for change in bench.of(MappingChanged)] == [
             replace(offered, stamp_ns=0)

@@ -1,4 +1,4 @@
-"""The media link against a rosbridge double: pictures into the ring, maps to the console."""
+"""Media link against a rosbridge double: images into the ring, maps to the console."""
 
 import base64
 import pickle
@@ -134,7 +134,7 @@ def test_updates_are_written_into_the_map_and_a_new_map_replaces_all() -> None:
         def update(x: int, y: int, cells: list[list[int]]) -> dict[str, object]:
             return encode_occupancy_grid_update(Dialect.ROS1, np.array(cells, np.int8), x=x, y=y, stamp_ns=7)
 
-        # Before its map an update means nothing.
+        # An update before its map is ignored.
         await bench.bridge.publish("/map_updates", update(0, 0, [[5]]))
         await bench.bridge.publish("/map", grid_message(3, 2, 0))
         await bench.bridge.publish("/map_updates", update(1, 0, [[100, 100]]), cbor=True)
@@ -196,7 +196,7 @@ def test_a_camera_tells_its_own_lens_and_the_profile_where_it_is() -> None:
 
 
 class Kept:
-    """Takes what would go to the ring."""
+    """Receives frames in place of the ring."""
 
     def __init__(self) -> None:
         self.images: list[np.ndarray] = []
@@ -280,13 +280,13 @@ def test_a_picture_tells_when_it_was_taken_by_the_robots_clock() -> None:
             return refs[0]
 
         while (await publish()).taken_ns is None:
-            pass  # until the robot's time has been asked for
+            pass  # until the robot's time is known
         taken_ns, ref = taken[-1]
         assert ref.taken_ns is not None
         assert ref.taken_uncertainty_ns is not None
         assert abs(ref.taken_ns - taken_ns) <= ref.taken_uncertainty_ns
         assert ref.stamp_ns - ref.taken_ns >= 150_000_000 - ref.taken_uncertainty_ns
-        # A stamp of another clock says nothing.
+        # A stamp of another clock is ignored.
         await bench.bridge.publish("/camera/image_raw", image, cbor=True)
         await bench.until(lambda: bench.of(FrameRef)[-1].robot_stamp_ns == 3_000_000_004, "that picture")
         assert bench.of(FrameRef)[-1].taken_ns is None

@@ -1,4 +1,4 @@
-"""What the wizard's controls send is checked against the type of the message first."""
+"""Check of control messages against their message type."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What is commanded against what the odometry tells: states, and what the link does about them."""
+"""Comparison of commanded motion with the odometry: states, and reactions of the link."""
 
 import asyncio
 import math
@@ -24,7 +24,7 @@ Told = Callable[[float], Twist2D]
 
 
 class Base:
-    """A base in simulated time that does what ``moves`` says, tells it 20 times a second and is commanded as often."""
+    """Base in simulated time that moves as ``moves`` specifies, with commands and odometry at 20 Hz."""
 
     def __init__(self, profile: RobotProfile = ROBOT) -> None:
         self.check = MovementCheck(profile)
@@ -37,7 +37,7 @@ class Base:
         self, duration_s: float, *, sent: Twist2D | None = None, moves: Told | Twist2D = ZERO_TWIST,
         others: Twist2D | None = None, odometry: bool = True, speeds: bool = True, poses: bool = True,
     ) -> list[str]:  # fmt: skip
-        """The states in this time, without repetition."""
+        """States in this period, without repetitions."""
         begin_s, self.states = self.now_s, []
         for _ in range(round(duration_s * 20)):
             self.now_s += 0.05
@@ -61,7 +61,7 @@ class Base:
 
 
 def ramp(twist: Twist2D, *, after_s: float = 0.2, to: Twist2D = ZERO_TWIST, braking_s: float = 0.6) -> Told:
-    """A base that goes on for a moment and then brakes."""
+    """Base that continues for a moment and then brakes."""
 
     def at(at_s: float) -> Twist2D:
         share = min(max((at_s - after_s) / braking_s, 0.0), 1.0)
@@ -197,7 +197,7 @@ async def tell(bench: LoopBench, twist: Twist2D) -> None:
 
 
 async def tell_until(bench: LoopBench, twist: Twist2D, observe: Callable[[], Any], what: str) -> None:
-    """Odometry 20 times a second until ``observe`` is true."""
+    """Send odometry at 20 Hz until ``observe`` is true."""
 
     async def told() -> None:
         while True:
@@ -216,7 +216,7 @@ def state(bench: LoopBench) -> MovementChanged:
 
 
 def zeros(bench: LoopBench) -> int:
-    """Those of a stop; a new connection says some of its own."""
+    """Number of zero commands of a stop, without those of a new connection."""
     return sum(sent.source == "stop" and not sent.twist.moving for sent in bench.of(CommandSent))
 
 
@@ -295,8 +295,8 @@ def test_a_drive_that_is_not_followed_is_told_and_one_that_is_not_is_quiet() -> 
 
 
 class TwistMux:
-    """A base behind twist_mux: of the inputs that are not older than half a second, the one with the highest priority
-    passes, unless a lock of at least its priority masks it.
+    """Base behind twist_mux: the input with the highest priority that is at most half a second old passes, unless a
+    lock of at least its priority masks it.
     """
 
     _EXPIRES_S, _PRIORITIES, _LOCK = 0.5, {"/key_vel": 10, "/joy_vel": 100}, 255
@@ -347,7 +347,7 @@ def test_a_twist_mux_that_lets_others_pass_is_told_and_never_called_still(held_b
             mux.locked, mux.joystick = held_by == "lock", Twist2D(-0.3) if held_by == "joystick" else ZERO_TWIST
             await bench.until(lambda: driven() == "not_following", "it is told")
             bench.send(StopMotion(now_ns()))
-            # Zero does not help against a higher priority: the wizard is told that it moves though it was stopped here.
+            # Zero does not override a higher priority: the wizard is informed of the motion in spite of the stop.
             wanted = ("standing", False) if held_by == "lock" else ("uncommanded", True)
             await bench.until(lambda: (state(bench).state, state(bench).stopped) == wanted, f"it is {wanted}")
             mux.locked, mux.joystick = False, ZERO_TWIST

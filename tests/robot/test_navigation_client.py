@@ -1,4 +1,4 @@
-"""What becomes of a navigation goal when the link is lost: it is cancelled, and the robot tells how it ended."""
+"""Navigation goals on a lost link: cancelled, with the result reported by the robot."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ ROBOT = RobotProfile("test", "Test", navigation=NavigationServer("move_base", "/
 
 
 async def under_way_when_the_link_is_lost(bench: LoopBench) -> str:
-    """The goal's name on the robot. The link is back when this returns."""
+    """Lose the link while driving to a goal; returns the goal's identifier after the reconnect."""
     bench.send(GoTo(now_ns(), "g", Pose2D(3.0, 4.0, 0.0)))
     [goal] = await bench.until(lambda: bench.bridge.published("/move_base/goal"), "the goal")
     goal_id: str = goal["goal_id"]["id"]

@@ -1,4 +1,4 @@
-"""Goals are driven no faster than Drive says, where the navigation can be told; where it cannot, that is told."""
+"""Speed limit of navigation goals: set on planners that support it, reported otherwise."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ ROS2 = RobotProfile(
 
 
 def asked_for(bench: LoopBench) -> list[dict[str, float]]:
-    """What the planner was asked to drive at most, of each parameter."""
+    """Maximum speeds requested from the planner, by parameter."""
     calls = [call["args"]["config"]["doubles"] for call in bench.bridge.operations("call_service", SET)]
     return [{double["name"]: double["value"] for double in doubles} for doubles in calls]
 

@@ -1,4 +1,4 @@
-"""Robot profiles: what loads, what a mistake in one is answered with, and that what is written reads back."""
+"""Robot profiles: loading, error messages for mistakes, and round trips of written profiles."""
 
 import math
 import pickle
@@ -63,7 +63,7 @@ def test_an_address_is_a_profile_with_the_usual_names_and_nothing_of_one_robot_a
     assert (
         replace(load_profile("generic-ros1"), name="address", title=profile.title, address=profile.address) == profile
     )
-    # What the simulated robot alone has would be looked for in vain, and told as missing.
+    # Features that only the simulated robot has would be reported as missing.
     assert (profile.controls, profile.head, profile.speech, profile.emergency_stop) == ((), None, None, None)
     assert profile.cameras[0].model is None
     profile = load_profile("ws://192.168.1.20:9090?ros=2")
@@ -162,7 +162,7 @@ def test_a_camera_is_described_as_its_data_sheet_does() -> None:
     assert model is not None
     assert model.fx_px == pytest.approx(320.0)
     assert (model.cx_px, model.cy_px, model.x_m, model.heading_rad) == (320.0, 240.0, 0.1, 0.0)
-    # looking down at 45 degrees from 1.2 m, the middle of the picture is 1.2 m ahead
+    # looking down at 45 degrees from 1.2 m, the image centre is 1.2 m ahead
     assert model.floor_point(320.0, 240.0) == pytest.approx((1.3, 0.0))
     lens = "model: {width_px: 640, height_px: 480, fx_px: 500, cy_px: 200}"
     model = parsed(GOOD + f"cameras:\n  - {{name: a, topic: /c, {lens}}}\n").cameras[0].model
@@ -435,7 +435,7 @@ SOURCES = st.fixed_dictionaries(
     {"topic": NAMES}, optional={"throttle_ms": st.integers(0, 9999), "latched": st.booleans()}
 )
 PUBLISHES = st.fixed_dictionaries(
-    # Never on the velocity topic, which would be refused.
+    # Never on the velocity topic, which is refused.
     {"topic": NAMES.map(lambda name: f"{name}_said"), "type": st.just("std_msgs/String")},
     optional={"message": st.just({"data": "at $value %"})},
 )
@@ -601,7 +601,7 @@ def test_any_data_is_the_same_data_after_writing_and_reading(data: dict[str, Any
 
 
 def test_every_key_is_read_and_written(tmp_path: Path) -> None:
-    """A key that is declared and not tried here could get lost without a word."""
+    """A declared key without a test could get lost silently."""
     (tmp_path / "lab.pem").write_text("not checked here")
     tried: set[str] = set()
     for text in EVERY_KEY:
@@ -610,7 +610,7 @@ def test_every_key_is_read_and_written(tmp_path: Path) -> None:
         profile = parsed(text, str(tmp_path / "robot.yaml"))
         written = profile_data(profile, tmp_path)
         assert parsed(profile_yaml(written), str(tmp_path / "robot.yaml")) == profile
-        # Alternatives are written in one way, and what has no default is written.
+        # Alternatives are written in one form, and keys without a default are always written.
         assert set(written) >= set(data) - {"namespace", "footprint_radius_m"}
     assert tried == set(declared_keys(ProfileFile))
 

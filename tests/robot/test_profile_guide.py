@@ -1,4 +1,4 @@
-"""The guide of robot profiles: its examples work, and it explains every key that there is."""
+"""Guide of robot profiles: its examples work, and it explains every key."""
 
 import json
 import re
@@ -41,7 +41,7 @@ def test_an_example_is_a_profile_or_a_part_of_one(example: str, tmp_path: Any) -
     head = "".join(line + "\n" for line in WHOLE.splitlines() if line.split(":")[0] not in given)
     profile = parse_profile(head + example, file_name=str(tmp_path / "robot.yaml"), name="robot")
     assert profile.velocity.topic.startswith("/")
-    # An ordinary YAML reader, as in editors, must not understand it otherwise; in its older version 'on' is no word.
+    # An ordinary YAML reader, as in editors, must read it alike; YAML 1.1 reads 'on' as a boolean.
     ordinary = yaml.safe_load(example)
     assert set(ordinary) == set(given)
 

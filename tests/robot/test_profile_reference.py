@@ -1,4 +1,4 @@
-"""What editors and the guide are told of robot profiles is what their declaration says."""
+"""The JSON Schema and the reference of robot profiles agree with the declaration."""
 
 import random
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator
 
 PATHS = sorted((resources_dir() / "robots").glob("*.yaml"))
-# Of keys that depend on one another, and of one that nobody knows.
+# Keys that depend on one another, and an unknown one.
 MORE = (
     "unknown", "action", "call", "choices", "clear_service", "command_topic", "cx_px", "footprint_radius_m", "fx_px",
     "heading_rad", "inverted", "parameters", "polygon_m", "publish", "range", "reconfigure", "service_type",
@@ -35,7 +35,7 @@ def with_data() -> Iterator[tuple[str, Group, dict[str, Any]]]:
 
 @pytest.mark.long
 def test_editors_and_the_program_refuse_the_same() -> None:
-    chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
+    chance = random.Random(9)  # noqa: S311 - a test, not cryptography
     tried = refused = 0
     for schema, declaration, data in with_data():
         validator = schema_validator(schema)

@@ -1,8 +1,8 @@
-"""Stops, emergency stops and key releases at random moments, whatever the robot is busy with, through the real console.
+"""Stops, emergency stops and key releases at random times in all robot states, through the real console.
 
-Judged by the robot's own log: from the key on, or from the return of the bridge, the last velocity is zero within
-0.2 s, at most four older velocities are obeyed, and the robot's own emergency stop is called as soon. What is on show
-never says that the robot stands while its odometry says that it moves, nor the other way round.
+Assertions on the robot's own log: after the key, or the return of the bridge, the last velocity is zero within 0.2 s,
+at most four older velocities are executed, and the emergency stop is called as soon. The displayed state never
+contradicts the odometry.
 """
 
 import json
@@ -36,34 +36,34 @@ WITHIN_MS, SHOWN_WRONG_MS = 200, 300
 
 @dataclass(frozen=True, slots=True)
 class Obeyed:
-    """What the robot did: a velocity, or (``moving`` is None) its emergency stop."""
+    """Executed velocity, or emergency stop if ``moving`` is None."""
 
     at_ns: int
     moving: bool | None
 
 
 class Robot(Protocol):
-    """The robot of the trials, whose bridge may be stopped and killed."""
+    """Robot of the trials, whose bridge may be stopped and killed."""
 
     @property
     def bridge_pid(self) -> int: ...
 
     def obeyed(self) -> list[Obeyed]:
-        """All so far."""
+        """All executed commands so far."""
 
     def make_ready(self) -> None:
-        """Before a round."""
+        """Prepare the robot for a round."""
 
     def restart_bridge(self) -> None:
-        """After it was killed."""
+        """Restart the bridge after a kill."""
 
     def came_back_ns(self, since_ns: int) -> int | None:
-        """When a client was first let in since then, or obeyed where that is not known."""
+        """Time of the first client connection since then, or of the first command where that is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one round; times count from the key, or from the return of the bridge, in milliseconds."""
+    """Result of a round; times count from the key, or the return of the bridge, in milliseconds."""
 
     number: int
     situation: str
@@ -85,12 +85,12 @@ class Outcome:
 
 
 class Rounds:
-    """The console that a wizard would sit at, and one robot."""
+    """Console of a wizard and one robot."""
 
     def __init__(self, robot: Robot, profile: Path, folder: Path, *, seed: int) -> None:
         self.robot = robot
         self._chance = random.Random(seed)  # noqa: S311 (moments, not secrets)
-        # Nobody is to be found here, and looking for people would slow down everything else.
+        # Without person detection, which would slow down all else.
         (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
         environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
         environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
@@ -139,7 +139,7 @@ class Rounds:
         return replace(outcome, shown_wrong=self.console.shown["contradictions"][wrong:])
 
     def _release(self) -> None:
-        """Until it may be driven; what was said while a full machine lost the link is said again."""
+        """Release the emergency stop until driving is possible; repeat a release lost with an overloaded link."""
 
         def released() -> bool:
             self.console.say("clear")
@@ -150,7 +150,7 @@ class Rounds:
         wait_for(released, "the emergency stop is released", timeout_s=60.0)
 
     def _drive(self) -> None:
-        """Until the robot obeys; a busy machine may stall the window, which ends a drive."""
+        """Drive until the robot moves; a busy machine may stall the window, which ends a drive."""
         for _attempt in range(10):
             before = len(self.robot.obeyed())
             self.console.say("press A")
@@ -167,7 +167,7 @@ class Rounds:
         act, drove = outcome.act, outcome.drove
 
         def zero_ns() -> int | None:
-            """When the first zero came behind the last velocity."""
+            """Time of the first zero after the last velocity."""
             velocities = [each for each in self.robot.obeyed()[before:] if each.moving is not None]
             last = max((at for at, each in enumerate(velocities) if each.moving), default=-1)
             zeros = [each.at_ns for each in velocities[last + 1 :] if last >= 0 or each.at_ns >= from_ns]
@@ -181,7 +181,7 @@ class Rounds:
 
         limit_s = time.monotonic() + 15.0
         wait_for(lambda: complete() or time.monotonic() > limit_s, "zero, and the emergency stop")
-        # Whatever comes late would have come by now.
+        # Late commands would have arrived by now.
         self._pass(0.7)
         zero, estop = zero_ns(), estop_ns()
         old = sum(bool(each.moving) and each.at_ns >= from_ns for each in self.robot.obeyed()[before:])
@@ -203,7 +203,7 @@ class Rounds:
 
 
 class Simulated:
-    """The simulated robot, which queues as rosbridge of its ROS does; a client of it offers a service that hangs."""
+    """Simulated robot with the operation queue of its rosbridge version; another client offers a service that hangs."""
 
     def __init__(self, ros: int, folder: Path) -> None:
         self._log = folder / "obeyed.jsonl"
@@ -276,7 +276,7 @@ TARGETS = {
 }  # fmt: skip
 
 
-# Both with --long; app/test_stops_and_kills has the other one in each run.
+# Both with --long; app/test_stops_and_kills covers the other one in each run.
 @pytest.fixture(params=[pytest.param(1, marks=pytest.mark.long), 2], ids=["ROS 1", "ROS 2"])
 def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
     robot = Simulated(request.param, tmp_path)
@@ -287,7 +287,7 @@ def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
 
 
 def test_a_stop_at_any_moment_is_the_last_word(rounds: Rounds) -> None:
-    """Without limits of time, which a busy machine breaks by itself."""
+    """Without time limits, which a busy machine may exceed."""
     outcomes = rounds.run(len(SITUATIONS), TARGETS)
     assert not [outcome for outcome in outcomes if outcome.misses(math.inf, math.inf)]
 

@@ -1,4 +1,4 @@
-"""The control link before all other programs: by its own leave, by RealtimeKit's, and back in the line when it must."""
+"""Real-time priority of the control link: with the user's permission, through RealtimeKit, and given up if required."""
 
 import json
 import os
@@ -63,7 +63,7 @@ def tried(user: str, *, bus: str = "unix:path=/nobody/there") -> tuple[dict[str,
 
 
 def may_come_first() -> bool:
-    """Whether this user has leave for it."""
+    """True if this user may use real-time scheduling."""
     asked = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))"
     return subprocess.run([sys.executable, "-c", asked], capture_output=True, check=False).returncode == 0
 
@@ -121,7 +121,7 @@ def test_no_message_that_a_robot_sends_all_the_time_is_as_large() -> None:
 
 
 def scheduled(pid: int | None) -> set[int]:
-    """How the threads of a process are scheduled."""
+    """Scheduling policies of the threads of a process."""
     return {os.sched_getscheduler(int(thread.name)) for thread in Path(f"/proc/{pid}/task").iterdir()}
 
 
@@ -133,7 +133,7 @@ def kit(tmp_path: Path) -> Iterator["RealtimeKitDouble"]:
 
 
 class RealtimeKitDouble:
-    """A system bus with RealtimeKit on it, which refuses as the real one does whoever has not limited itself first."""
+    """System bus with RealtimeKit, which refuses callers without their own resource limit, as the real one does."""
 
     def __init__(self, path: Path) -> None:
         self.address = f"unix:path={path}"
@@ -156,7 +156,7 @@ class RealtimeKitDouble:
                 said = b""
             said += client.recv(4096)
         parser, number = Parser(), 0
-        # What is said right behind the greeting may have come with it.
+        # The first message may come in the same packet as the greeting.
         content = said.partition(b"BEGIN\r\n")[2] or client.recv(4096)
         while content:
             for message in parser.feed(content):

@@ -1,4 +1,4 @@
-"""A real laser recording, served over rosbridge, comes out of the control link as it was recorded."""
+"""A real laser recording, served over rosbridge, passes unchanged through the control link."""
 
 import math
 from itertools import pairwise
@@ -46,7 +46,7 @@ def test_each_scan_of_a_recording_arrives_as_it_was_recorded() -> None:
         assert scan.range_max_m == pytest.approx(original.range_max)
     assert any(np.isinf(scan.ranges_m).any() for scan in scans)
     assert any(math.isfinite(distance) and distance < 5.0 for distance in scans[0].ranges_m)
-    # at the pace of the recording: ten in a second, none twice, the order kept
+    # at the rate of the recording: ten a second, no duplicates, in order
     stamps = [scan.robot_stamp_ns or 0 for scan in scans]
     assert stamps == sorted(set(stamps))
     between_s = [(b.stamp_ns - a.stamp_ns) * 1e-9 for a, b in pairwise(scans)]

@@ -1,4 +1,4 @@
-"""A robot that speaks by a service or over HTTP, and one that speaks by itself."""
+"""Robot speech by a service or over HTTP, and unprompted robot speech."""
 
 import asyncio
 import json
@@ -80,7 +80,7 @@ def test_by_its_speaking_topic_the_times_are_the_robots_own(monkeypatch: pytest.
 def test_a_link_that_is_lost_in_mid_sentence_does_not_hold_the_voice(
     monkeypatch: pytest.MonkeyPatch, *, answers_at_end: bool, told_again: bool
 ) -> None:
-    # Long enough to come back where the robot tells, short where it does not.
+    # Long enough for a reconnect where the robot reports the end, short otherwise.
     monkeypatch.setattr(robot_speech_choice, "FATE_TOLD_WITHIN_S", 20.0 if told_again else 0.05)
 
     async def test(bench: LoopBench) -> None:
@@ -195,7 +195,7 @@ def test_a_service_that_cannot_be_silenced_says_so() -> None:
 
 
 class Web:
-    """An HTTP server of a robot: what it was asked, answered with ``status``, or with nothing where that is 0."""
+    """HTTP server of a robot: records requests and answers with ``status``, or not at all if that is 0."""
 
     def __init__(self, status: int = 200) -> None:
         self.asked: list[tuple[str, str, Any]] = []
@@ -226,7 +226,7 @@ def with_web(
     test: Callable[[robot_speech_choice.RequestSpeech, list[UtteranceChanged], str], Awaitable[None]],
     **told: Any,
 ) -> None:
-    """A voice by HTTP without a link, as it needs none."""
+    """HTTP speech, which needs no link."""
 
     async def run(address: str) -> None:
         spoken = SpeechWeb(
@@ -253,7 +253,7 @@ def with_web(
 
 async def until(observe: Callable[[], Any]) -> None:
     async with asyncio.timeout(20.0):
-        while not observe():  # noqa: ASYNC110 - other tasks of this loop make it true
+        while not observe():  # noqa: ASYNC110 - changed by other tasks of this loop
             await asyncio.sleep(0.002)
 
 

@@ -1,4 +1,4 @@
-"""The robot's microphone and loudspeaker over the media link: both encodings, gaps, stamps, mp3, and what is broken."""
+"""Robot microphone and loudspeaker over the media link: both encodings, gaps, stamps, mp3 and invalid data."""
 
 import base64
 from typing import Any
@@ -152,7 +152,7 @@ def test_a_console_that_sleeps_misses_no_sound_of_some_seconds() -> None:
 
     pipe = Pipe()
     outbox = ConsoleSender(pipe)  # type: ignore[arg-type]
-    with outbox._changed:  # the writer waits, as behind a full pipe
+    with outbox._changed:  # blocks the writer, as a full pipe does
         for number in range(100):
             outbox.put(AudioChunk(number, "robot microphone", 16000, TONE[:, None]))
     outbox.close(5.0)

@@ -1,4 +1,4 @@
-"""What a profile names, compared with what a robot has."""
+"""Comparison of the interfaces in a profile with those of a robot."""
 
 import asyncio
 import json

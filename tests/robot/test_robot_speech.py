@@ -1,4 +1,4 @@
-"""A voice that is an action: its own result is the end of an utterance."""
+"""Robot speech as an action: its result is the end of the utterance."""
 
 import json
 from typing import Any
@@ -116,7 +116,7 @@ def test_what_became_of_a_sentence_while_the_link_was_lost_is_told_by_its_status
         await bench.bridge.publish("/tts/status", {"status_list": [status(first, 1)]})
         await bench.until(lambda: states(bench) == [("u1", "started")], "started")
         await bench.bridge.drop()
-        # What the robot was never asked to say is not said later.
+        # An utterance that was never sent is not sent later.
         await bench.until(lambda: states(bench)[1:] == [("u2", "failed")], "the other failed")
         await bench.until(lambda: bench.state == "connected", "the link")
         await bench.bridge.publish("/tts/status", {"status_list": [status(first, 1)]})

@@ -1,4 +1,4 @@
-"""What the robot tells of itself over rosbridge: scans, transforms with their time, paths, the simulated clock."""
+"""Sensor data over rosbridge: scans, timed transforms, paths and the simulated clock."""
 
 import asyncio
 import math
@@ -68,14 +68,14 @@ def test_a_scan_of_a_turning_robot_lies_where_it_was_taken() -> None:
         mounted = Pose2D(0.2, 0.0, math.pi)
         await tell_transforms(bench, ("base_footprint", "base_link", Pose2D(0, 0, 0)), at_ns=0, static=True)
         await tell_transforms(bench, ("base_link", "/laser", mounted), at_ns=0, static=True)
-        # A localizer tells its transform ahead of time.
+        # A localizer publishes its transform ahead of time.
         for step in range(11):
             at_ns = START_NS + step * 50 * MS
             await tell_transforms(bench, ("map", "odom", Pose2D(1.0, 0.0, 0.0)), at_ns=at_ns + 100 * MS)
             await tell_transforms(bench, ("odom", "base_footprint", Pose2D(2.0, 0.0, 0.05 * step)), at_ns=at_ns)
         # Taken 75 ms before the newest transform: at a heading of 0.425 between two samples.
         await bench.bridge.publish("/scan", scan_message(START_NS + 425 * MS), cbor=True)
-        # And one that is ahead of the transforms by 50 ms.
+        # And a scan 50 ms ahead of the transforms.
         await scans(bench, 1)
         await bench.bridge.publish("/scan", scan_message(START_NS + 550 * MS), cbor=True)
         past, ahead = await scans(bench, 2)
@@ -93,7 +93,7 @@ def test_a_scan_of_a_turning_robot_lies_where_it_was_taken() -> None:
 
 
 def turned(*, roll: float = 0.0, pitch: float = 0.0, heading: float = 0.0, x_m: float = 0.0) -> Pose3D:
-    """A frame as URDF writes it: heading, then pitch, then roll."""
+    """Frame with rotations in the order of URDF: heading, pitch, roll."""
     frame = Pose3D(x_m, 0.0, 0.3, 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
     frame = frame @ Pose3D(0.0, 0.0, 0.0, 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
     return frame @ Pose3D(0.0, 0.0, 0.0, math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2))
@@ -148,7 +148,7 @@ def test_the_scan_of_a_lidar_upside_down_lies_where_its_beams_went(
         points = scan.points(scan.robot_from_laser)
         assert np.sort(points, axis=0) == pytest.approx(np.sort(np.array(went), axis=0), abs=0.01)
         assert scan.intensities.tolist() == [4, 3, 2, 1, 0]
-        # The guard reads the same scan in a way of its own.
+        # The guard reads the same scan with other code.
         guard = bench.link._guard
         assert np.sort(guard._points_in_odom, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-5)
         assert bench.of(Problem) == []
@@ -322,7 +322,7 @@ def test_goals_of_ros2_are_in_the_profiles_map_frame_and_known_by_their_uuid() -
         entry = {"goal_info": {"goal_id": {"uuid": list(range(16))}, "stamp": {"sec": 1, "nanosec": 0}}, "status": 2}
         await bench.bridge.publish("/robot1/navigate_to_pose/_action/status", {"status_list": [entry]})
         await bench.until(lambda: bench.of(GoalChanged)[-1].state == "active", "active before any feedback")
-        # It proves that the goal of this name is the one that was sent.
+        # Proof that the goal of this name is the one that was sent.
         feedback = {"op": "action_feedback", "id": goal["id"], "action": goal["action"], "values": {}}
         await bench.bridge.send(encode_json(feedback))
         await bench.until(lambda: bench.link._navigator._server._with_feedback == goal["id"], "feedback")
@@ -356,7 +356,7 @@ def test_stamps_follow_the_simulated_clock() -> None:
         bench.send(Drive(now_ns(), Twist2D(0.2), "keyboard"))
 
         def moving() -> list[dict[str, Any]]:
-            # A new link says zero before it has heard the clock.
+            # A new link sends zero before it knows the clock.
             return [each for each in bench.bridge.published("/cmd_vel") if each["twist"]["linear"]["x"]]
 
         [first, *_] = await bench.until(moving, "a velocity")
@@ -410,7 +410,7 @@ def test_a_transform_that_is_none_is_named_and_the_others_are_used(bad: dict[str
     ("late_s", "stale"), [(0.1, False), (3.0, True), (10.0, False), (3600.0, False), (-3600.0, False)]
 )
 def test_the_guard_counts_what_is_known_of_a_scan_s_age(late_s: float, stale: bool) -> None:
-    """The robot's clock is known. What is beyond belief is of another clock, and counts from its arrival."""
+    """With a known robot clock. An implausible stamp belongs to another clock, and the age counts from arrival."""
 
     def prepare(bridge: Bridge) -> None:
         def robot_time(_arguments: Any) -> dict[str, Any]:

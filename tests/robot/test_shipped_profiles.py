@@ -1,4 +1,4 @@
-"""The shipped profiles: complete, documented, within reason; test_every_profile drives them."""
+"""Shipped profiles: complete, documented and plausible; test_every_profile drives them."""
 
 import re
 
@@ -27,7 +27,7 @@ def test_a_shipped_profile_tells_where_its_names_are_from_and_can_be_driven(name
     assert profile.odometry is not None
     assert profile.guard.on
     assert 0.05 <= profile.limits.forward_mps <= 0.7
-    # Whoever is stopped from 0.7 m/s at most must come to rest within the guard's sight.
+    # Stopping distance from 0.7 m/s must be within the range of the guard.
     assert profile.limits.forward_mps**2 / (2 * profile.limits.deceleration_mps2) < 0.5
 
 

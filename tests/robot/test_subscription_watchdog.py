@@ -1,4 +1,4 @@
-"""Topics that should not stay silent: the encoding they are asked for in, and what happens when nothing comes."""
+"""Silent topics: the requested encoding, and the reaction to missing messages."""
 
 from dataclasses import replace
 from typing import Any
@@ -94,7 +94,7 @@ def test_a_silent_topic_is_asked_for_in_the_other_encoding_and_that_is_told_when
         bridge.answers.update(PUBLISHED)
 
         async def react(operation: dict[str, Any]) -> None:
-            # A server that cannot write scans as CBOR, and says nothing of it.
+            # Server that cannot encode scans as CBOR, and reports no error.
             if operation["op"] == "subscribe" and operation["topic"] == "/scan" and operation["compression"] == "none":
                 await bridge.publish("/scan", scan_message(START_NS))
 
@@ -106,13 +106,13 @@ def test_a_silent_topic_is_asked_for_in_the_other_encoding_and_that_is_told_when
         )
         await bench.until(lambda: len(bench.of(LaserScan)) == 2, "a scan again")
         asked = bench.bridge.operations("subscribe", "/scan")
-        # Once more as before, to know what it was that helped.
+        # The first encoding is tried again, to find the cause.
         assert [line["compression"] for line in asked] == ["cbor", "none", "cbor", "none"]
-        # A server of ROS 1 changes a subscription as it stands, and nothing is missed in between.
+        # A ROS 1 server changes the subscription in place, without a gap.
         assert len({line["id"] for line in asked}) == 1
         assert bench.bridge.operations("unsubscribe") == []
         assert (problem.severity, "it does in plain text (JSON)" in problem.what) == ("info", True)
-        # Whoever publishes nothing is not asked for anew.
+        # No new request for a topic without a publisher.
         assert len(bench.bridge.operations("subscribe", "/tf")) == 1
         await bench.bridge.drop()
         await bench.until(lambda: len(bench.bridge.operations("subscribe", "/scan")) == 5, "the next connection")
@@ -128,7 +128,7 @@ def test_a_robot_that_was_only_slow_keeps_the_encoding_that_is_usual(monkeypatch
         bridge.answers.update(PUBLISHED)
 
         async def react(operation: dict[str, Any]) -> None:
-            # Nothing when it was asked first. What was under way in JSON when CBOR is asked for again proves nothing.
+            # Silent at first. A late JSON message after the second request for CBOR proves nothing.
             asked = len(bridge.operations("subscribe", "/scan"))
             if operation["op"] == "subscribe" and operation["topic"] == "/scan" and asked > 1:
                 await bridge.publish("/scan", scan_message(START_NS))
@@ -178,7 +178,7 @@ def test_in_ros2_a_silent_topic_is_first_asked_for_anew_as_it_was(monkeypatch: p
         bridge.answers.update(PUBLISHED)
 
         async def react(operation: dict[str, Any]) -> None:
-            # As with rosbridge of ROS 2: the first subscription came before the publisher and is volatile.
+            # As rosbridge of ROS 2: the first subscription was made before the publisher existed and is volatile.
             ended = bridge.operations("unsubscribe", "/tf_static")
             if operation["op"] == "subscribe" and operation["topic"] == "/tf_static" and len(ended) == 1:
                 message = encode_tf_message(Dialect.ROS2, [("base_footprint", "laser", Pose2D(0.4, 0, 0))], stamp_ns=1)
@@ -192,7 +192,7 @@ def test_in_ros2_a_silent_topic_is_first_asked_for_anew_as_it_was(monkeypatch: p
             count = len(bench.of(LaserScan))
             await bench.until(lambda: len(bench.of(LaserScan)) > count, "a scan")
             place = bench.of(LaserScan)[-1].robot_from_laser
-            # It has none until the transforms have come.
+            # None until the transforms arrive.
             return place is not None and place.x_m == 0.4
 
         while not await mounted():

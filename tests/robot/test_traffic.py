@@ -1,4 +1,4 @@
-"""What is told about the traffic of a link."""
+"""Traffic report of a link."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def test_rate_size_age_and_refusals_are_counted_by_topic() -> None:
         TopicTraffic("/scan", "sensor_msgs/LaserScan", 10.0, 10_000.0, 0.1, pytest.approx(50.0), 1, "cbor"),
         TopicTraffic("/silent", "std_msgs/Empty", 0.0, 0.0, None, None, 0),
     )
-    # Nothing came since: it is not as fresh as it was.
+    # Nothing has arrived since, so its age grows.
     assert meter.measure(13 * S).topics[0] == TopicTraffic(
         "/scan", "sensor_msgs/LaserScan", 0.0, 0.0, pytest.approx(1.1), None, 1, "cbor"
     )
@@ -85,7 +85,7 @@ def test_counting_costs_microseconds() -> None:
         meter.arrived("/scan", size_bytes=5000, arrival_ns=1)
         meter.decoded("/scan", message, binary=True)
 
-    # The best of several: what other programs do meanwhile is not counting.
+    # The best of several, without the influence of other programs.
     assert min(timeit.repeat(one_message, number=1000, repeat=5)) / 1000 < 50e-6
 
 
@@ -125,7 +125,7 @@ def test_what_newer_values_replaced_before_it_was_taken_is_told(bridge: BridgeDo
             os.kill(link.process.pid, signal.SIGSTOP)
             for _ in range(30):
                 bridge.publish("/odom", ODOMETRY)
-            time.sleep(0.1)  # on their way meanwhile; else another pause follows
+            time.sleep(0.1)  # received meanwhile; otherwise another pause follows
             os.kill(link.process.pid, signal.SIGCONT)
             return any(gap.stream == "odometry" and gap.reason == OVERTAKEN for gap in link.of(Gap))
 

@@ -1,4 +1,4 @@
-"""roslibpy's API on the safe transport, against a rosbridge double."""
+"""API of roslibpy on the safe transport, against a rosbridge double."""
 
 import asyncio
 import contextlib
@@ -24,7 +24,7 @@ from tests.robot.loop_bench import Bridge
 
 
 class Observer:
-    """Notes what the transport tells."""
+    """Records the reports of the transport."""
 
     def __init__(self) -> None:
         self.told: list[str] = []
@@ -46,7 +46,7 @@ class Observer:
         self.told.append("unreachable")
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        """Not of interest here."""
+        """Not tested here."""
 
     def link_refused(self, detail: str) -> None:
         self.refused.append(detail)
@@ -67,7 +67,7 @@ def bridge(running_bridge: BridgeDouble) -> BridgeDouble:
 
 @pytest.fixture
 def own_bridge() -> Iterator[BridgeDouble]:
-    """For tests that stop it."""
+    """Bridge for tests that stop it."""
     double = BridgeDouble()
     yield double
     double.kill()
@@ -165,7 +165,7 @@ def test_a_service_answers_fails_in_time_and_is_never_waited_for_in_the_loop(bri
             await ros.ask("/nobody", "std_srvs/Empty")
         with pytest.raises(RuntimeError, match="freeze"):
             ros.get_topics()
-        # From another thread roslibpy's blocking calls work.
+        # Blocking calls of roslibpy work from another thread.
         assert "/scan" in await asyncio.to_thread(ros.get_topics)
 
     connected(bridge, use, service_timeout_s=0.3)
@@ -202,7 +202,7 @@ def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
         bridge.lines.clear()
         bridge.start()
         await until(lambda: bridge.operations("subscribe") and bridge.operations("advertise"), "established")
-        await asyncio.sleep(1.2)  # roslibpy repeats itself a second after the loss
+        await asyncio.sleep(1.2)  # roslibpy retries a second after the loss
         assert len(bridge.operations("subscribe")) == len(bridge.operations("advertise")) == 1
         bridge.publish("/a", {"data": "x"})
         await until(lambda: heard, "the message")
@@ -242,7 +242,7 @@ def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> Non
         async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             nonlocal accepted
             accepted += 1
-            # The end of the loop cancels it; a stream server calls that an error.
+            # The end of the loop cancels it; a stream server reports that as an error.
             with contextlib.suppress(asyncio.CancelledError, OSError):
                 await reader.read()
             writer.close()
@@ -297,7 +297,7 @@ def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) 
         for number in range(50):
             for topic in ("/newest", "/every"):
                 text = json.dumps({"op": "publish", "topic": topic, "msg": {"data": number}})
-                # All of it in one turn of the loop, as after a stall.
+                # All in one iteration of the loop, as after a stall.
                 ros.factory.receive(text.encode(), ros.factory.protocol)
             large = json.dumps({"op": "publish", "topic": "/large", "msg": {"data": f"{number:_>40000}"}})
             ros.factory.receive(large.encode(), ros.factory.protocol)
@@ -350,7 +350,7 @@ def test_a_peer_that_is_given_up_may_obey_what_it_has_taken_before_it_learns_of_
         for number in range(5):
             assert velocity.publish({"n": number})
         await until(lambda: "lost" in observer.told, "given up")
-        # Whoever leaves now is forgotten with all that was not obeyed yet.
+        # Disconnecting now would discard the commands that the server has not executed yet.
         assert len(_established(own_bridge.port)) >= 1
         own_bridge.signal(signal.SIGCONT)
         await until(lambda: len(own_bridge.operations("publish")) == 5, "every word of before is obeyed")
@@ -366,7 +366,7 @@ def test_a_peer_that_is_given_up_may_obey_what_it_has_taken_before_it_learns_of_
 
 
 def _established(port: int) -> list[Any]:
-    """This process's connections to a port of this machine."""
+    """Connections of this process to a port of this machine."""
     return [
         connection
         for connection in psutil.Process().net_connections("tcp")
@@ -375,7 +375,7 @@ def _established(port: int) -> list[Any]:
 
 
 def test_a_server_that_is_busy_with_one_websocket_is_not_silent_on_the_other() -> None:
-    """A flood over the main one keeps a server from answering on the one that moves the robot."""
+    """A flood on the main websocket delays answers on the one for motion."""
     timings = Timings(
         ping_every_s=0.02, trouble_after_s=0.1, dead_after_s=0.2,
         unanswered_trouble_after_s=math.inf, unanswered_dead_after_s=math.inf,

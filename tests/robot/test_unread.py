@@ -1,4 +1,4 @@
-"""How many velocity commands may lie unread at the robot."""
+"""Limit of velocity commands that the robot has not read."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from caris_desktop.robot.unread import MOST_UNREAD, READ_WITHIN_S, UnreadCommand
 def answering(
     round_trip_s: float, *, handled_s: float | None = None, seconds: float = 4.0
 ) -> tuple[UnreadCommands, float]:
-    """Pings have been answered so fast for a while, and what was sent handled; and the time now."""
+    """Model after a period with this round-trip time and all commands handled; and the current time."""
     unread, now_s = UnreadCommands(rate_hz=20.0), 100.0
     while now_s < 100.0 + seconds:
         now_s += 0.2
@@ -18,7 +18,7 @@ def answering(
 
 
 def sent_until_full(unread: UnreadCommands, now_s: float, period_s: float) -> int:
-    """Commands sent to a robot that reads nothing."""
+    """Number of commands sent to a robot that reads nothing."""
     count = 0
     while not unread.full(now_s):
         unread.sent(now_s, moving=True)

@@ -1,4 +1,4 @@
-"""What a broken or hostile server can send: refused, counted and told, while the robot goes on being driven."""
+"""Messages of a broken or hostile server: refused, counted and reported, while teleoperation continues."""
 
 import base64
 import json
@@ -77,18 +77,18 @@ def test_deep_nesting_many_fragments_and_numbers_that_are_none_stop_nothing(
     link.hold(lambda: refusals(link), "a refusal is told")
     bridge.tell(text=json.dumps({"op": "publish", "topic": "/battery_state", "msg": {"percentage": 0.5}}))
     wait_for(lambda: [told for told in link.of(TrafficMeasured) if told.refused >= 3], "they are counted")
-    # On a full machine the answers to pings wait behind the flood, which counts as trouble until they are there.
+    # On a busy machine ping answers wait behind the flood, which is reported as trouble meanwhile.
     wait_for(lambda: link.states()[-1] == "connected", "the robot is connected")
     scans = len(link.of(LaserScan))
     wait_for(lambda: len(link.of(LaserScan)) > scans + 3, "scans go on")
-    # The lease runs on the loop that takes all of this: what it sent has no gap in which a robot would run on.
+    # The lease runs on the loop that reads all of this: its commands have no gap that a robot would notice.
     held = [at_s for at_s, forward, _ in bridge.twists() if at_s > begun_s - 0.2]
     assert held
     drives(bridge, link)
 
 
 def png_of(width_px: int, height_px: int) -> bytes:
-    """All black, one bit a pixel: a few kilobytes for any size."""
+    """Black image with one bit per pixel: a few kilobytes for any size."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
