@@ -1,4 +1,4 @@
-"""Process bodies for tests of what starts and ends them."""
+"""Process entry points for tests of process management."""
 
 import contextlib
 import os
@@ -21,7 +21,7 @@ from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipp
 
 
 def echo(connection: Connection) -> None:
-    """Sends back what it gets, and a farewell at the end."""
+    """Echo messages, and send a farewell at the end."""
     while True:
         try:
             connection.send(connection.recv())
@@ -31,7 +31,7 @@ def echo(connection: Connection) -> None:
 
 
 def deaf(connection: Connection) -> None:
-    """Never reads and does not end by itself."""
+    """Never read, and never exit."""
     connection.send(Marked(os.getpid(), "deaf"))
     while True:
         time.sleep(3600)
@@ -43,9 +43,9 @@ def crash(connection: Connection) -> None:
 
 
 def brightness(connection: Connection, frames: FrameReader, marker: str) -> None:
-    """Stands in for a detector: one person where the frame is bright; a frame of 13 kills it, as native code would.
+    """Detector double: one person in a bright frame; a frame of value 13 kills the process, as native code may.
 
-    From 201 on the person is the track of that number, is seen well, and always looks the same.
+    From 201 on the person has the track of that number, a good view and a constant appearance.
     """
     looks = np.eye(1, 512, dtype=np.float32)[0]
     connection.send(InferenceReady(0, f"brightness {marker}", 0.0))
@@ -81,7 +81,7 @@ def write_frames(connection: Connection, count: int, frames: FrameWriter) -> Non
 
 
 def link_with_camera(connection: Connection, camera: str, frames: FrameWriter) -> None:
-    """Stands in for a media link: pictures at 50 Hz, and one more at its very end."""
+    """Media link double: frames at 50 Hz, and one more just before it exits."""
     number = 0
     ended = False
     while not ended:
@@ -92,7 +92,7 @@ def link_with_camera(connection: Connection, camera: str, frames: FrameWriter) -
 
 
 def silent_link(connection: Connection) -> None:
-    """Stands in for a control link that never reaches its robot."""
+    """Control link double that never reaches its robot."""
     while True:
         try:
             connection.recv()
@@ -101,7 +101,7 @@ def silent_link(connection: Connection) -> None:
 
 
 def voice(connection: Connection) -> None:
-    """Stands in for a voice, be it the robot's or this computer's: says at once what it is told to, and tells of it."""
+    """Speech backend double, of the robot or this computer: speaks at once and reports it."""
     while True:
         try:
             asked = connection.recv()
@@ -124,12 +124,12 @@ def voice(connection: Connection) -> None:
 
 
 def deaf_to(connection: Connection, _request: object) -> None:
-    """As :func:`deaf`, whatever was asked of it."""
+    """:func:`deaf` with a request, which is ignored."""
     deaf(connection)
 
 
 def camera_that_notes(connection: Connection, notes: Path, frames: FrameWriter) -> None:
-    """Sends pictures all the time, and writes down what it is told, a line each."""
+    """Send frames all the time, and write received messages to a file, one per line."""
     image = np.full((48, 64, 3), 200, np.uint8)
     while True:
         try:
@@ -143,7 +143,7 @@ def camera_that_notes(connection: Connection, notes: Path, frames: FrameWriter) 
 
 
 def somebody(connection: Connection, _frames: FrameReader) -> None:
-    """Stands in for a detector: one and the same person in each picture."""
+    """Detector double: the same person in each frame."""
     connection.send(InferenceReady(0, "somebody", 0.0))
     while True:
         try:
@@ -155,7 +155,7 @@ def somebody(connection: Connection, _frames: FrameReader) -> None:
 
 
 def quiet_microphone(connection: Connection, *_arguments: Any) -> None:
-    """Says that it is well, and hears nothing."""
+    """Microphone double that reports success and records silence."""
     with contextlib.suppress(EOFError, OSError):
         while True:
             if connection.poll(0.5):

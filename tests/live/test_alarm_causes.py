@@ -1,4 +1,4 @@
-"""One cause is one alarm: what follows from it lies below it, what is over leaves, and what flaps is told once."""
+"""Root causes: one alarm per cause, consequences below it, removal at its end, and one report for a flapping cause."""
 
 import pytest
 
@@ -14,7 +14,7 @@ WELL: frozenset[ProblemEnd] = frozenset(("connected", "picture", "people"))
 
 
 class Desk:
-    """An alarm book with a clock, and what is so now."""
+    """Alarm book with a clock, and the present conditions."""
 
     def __init__(self) -> None:
         self.book = AlarmBook()
@@ -31,7 +31,7 @@ class Desk:
             (self.raised if change.state == "raised" else self.ended).append(change.what)
 
     def wait(self, seconds: float) -> None:
-        """As the service does: whatever is due meanwhile is looked at when it is due."""
+        """Evaluate the alarms at each due time, as the service does."""
         until_ns = self.now_ns + round(seconds * S)
         while (wait_s := self.book.wait_s(self.now_ns)) is not None and self.now_ns + wait_s * S < until_ns:
             self.now_ns += max(1, round(wait_s * S))

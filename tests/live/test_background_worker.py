@@ -1,4 +1,4 @@
-"""What waits on a disk does not hold the GUI thread up, and nothing of it is lost when the program ends."""
+"""Disk access does not block the GUI thread, and pending work is finished when the program exits."""
 
 import threading
 from collections.abc import Callable, Iterator

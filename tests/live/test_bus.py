@@ -1,4 +1,4 @@
-"""What waits for the GUI thread reaches the panels, each at its own rate."""
+"""Values queued for the GUI thread reach the panels, each at its rate."""
 
 from collections.abc import Collection
 from typing import Any

@@ -1,4 +1,4 @@
-"""Child processes: started, heard, ended, and noticed when they die."""
+"""Child processes: start, messages, end, and detection of their death."""
 
 import os
 import queue
@@ -64,7 +64,7 @@ def test_a_child_that_does_not_read_blocks_nobody_and_is_killed_in_the_end() -> 
 
 @pytest.fixture
 def many_open_files() -> Iterator[None]:
-    """So many that whatever is opened next has a descriptor above 1023, where select() ends."""
+    """So many that the next descriptor is above 1023, the limit of select()."""
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), max(limits[1], 2048)))
     with ExitStack() as files:
@@ -116,7 +116,7 @@ def test_a_child_is_called_after_what_it_does(name: str, title: str) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="sessions of processes are a matter of Unix")
 def test_a_child_has_a_session_of_its_own() -> None:
-    """The processor is shared among sessions first: what a child computes is not taken from the window's share."""
+    """The scheduler shares the processor among sessions first, so a child does not reduce the share of the window."""
     child, messages, _exits = _start(ProcessSpec("deaf", bodies.deaf))
     try:
         pid = messages.get(timeout=20)[0].stamp_ns
@@ -128,7 +128,7 @@ def test_a_child_has_a_session_of_its_own() -> None:
 @pytest.mark.logs("ended by itself with exit code")
 @pytest.mark.parametrize("how", ["send_raw", "send_raw_waiting"])
 def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
-    """The next file that is opened would get its number, and then the message."""
+    """Otherwise the next opened file would get its number, and then the message."""
     child, messages, exits = _start(ProcessSpec("deaf", bodies.deaf))
     messages.get(timeout=20)
     sending, closed = threading.Event(), threading.Event()
@@ -141,7 +141,7 @@ def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.M
 
     def slow_send(connection: Any, raw: bytes) -> None:
         sending.set()
-        # The child is dead by then, and its end is being noticed.
+        # The child is dead, and its end is being handled.
         closed_meanwhile.append(closed.wait(1.0))
         send_bytes(connection, raw)
 

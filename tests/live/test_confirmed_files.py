@@ -1,4 +1,4 @@
-"""What a file names is listed once, and nothing of it is used before the user's word."""
+"""References in a file are listed once, and none is used before the user's confirmation."""
 
 import json
 from dataclasses import replace

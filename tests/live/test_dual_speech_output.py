@@ -1,4 +1,4 @@
-"""The robot and this computer at once: whatever order they tell things in, an utterance starts once and ends once."""
+"""Speech on robot and computer at once: an utterance starts once and ends once, in any order of the reports."""
 
 import itertools
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What the record holds of the console's own words is English: ``tr`` stands where they are shown."""
+"""Recorded texts of the console are English: ``tr`` is applied only for display."""
 
 import ast
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from tests.support.parsed_sources import parsed
 
 _ROOT = Path(caris_desktop.__file__).parent
 _AS_READ = ("Problem", "AlarmChanged")
-"""A problem is kept as the wizard read it."""
+"""Recorded in the wizard's language."""
 
 _NOT_RECORDED = ("ExportStatus", "LibraryStatus", "PlaybackStatus")
 _TOLD = ("detail", "reason", "cap_reason", "guard_detail")
@@ -22,7 +22,7 @@ _IN_WIZARDS_LANGUAGE = ("tr", "told_here")
 
 
 def _recorded() -> frozenset[str]:
-    """The names of the types whose values the record gets."""
+    """Names of all recorded types."""
     kinds = [*get_args(events.Event)]
     for kind in STATUS_TYPES.values():
         kinds += get_args(kind) or [kind]
@@ -37,7 +37,7 @@ def test_no_recorded_value_is_made_in_the_wizards_language() -> None:
     found = [
         f"{path.relative_to(_ROOT)}:{line}"
         for path in sorted((_ROOT / "live").rglob("*.py"))
-        if path.name != "session_library.py"  # of exports and lists, which no session has
+        if path.name != "session_library.py"  # texts of exports and lists, which are in no session
         for line in _translated(parsed(path.read_text("utf-8")))
     ]
     assert found == []
@@ -61,7 +61,7 @@ def test_the_check_finds_it(source: str, lines: list[int]) -> None:
 
 
 def _translated(tree: ast.Module) -> Iterator[int]:
-    """The lines of calls that give a recorded value, or anything by the name of a detail, words of ``tr``."""
+    """Lines of calls that pass translated text to a recorded value or to a detail."""
     recorded = _recorded()
     for scope in ast.walk(tree):
         if not isinstance(scope, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef):
@@ -84,7 +84,7 @@ def _translated(tree: ast.Module) -> Iterator[int]:
 
 
 def _own(node: ast.AST) -> Iterator[ast.AST]:
-    """What is in it, but not in a function within."""
+    """Nodes of a scope without those of nested functions."""
     if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
         yield node
         for part in ast.iter_child_nodes(node):

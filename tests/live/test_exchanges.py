@@ -1,4 +1,4 @@
-"""What is recorded of each question to the model, and that nothing of it reaches the next session."""
+"""Recording of each question to the model, without data of the previous session."""
 
 import asyncio
 import threading
@@ -23,7 +23,7 @@ MODEL = ModelEndpoint("ollama", "http://127.0.0.1:11434", "small")
 
 
 class Desk:
-    """The asking with a model that says ``pieces`` and then ends, fails, or waits to be cancelled."""
+    """The service with a model that answers ``pieces`` and then ends, fails, or waits for cancellation."""
 
     def __init__(self, asyncio_thread: AsyncioThread) -> None:
         self.asyncio = asyncio_thread
@@ -78,7 +78,7 @@ class Desk:
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:
-        """Question, state and use of each, the newest first."""
+        """Question, state and use of each exchange, newest first."""
         return [(row.question, row.state, row.use) for row in self.shown.exchanges]
 
     @property
@@ -97,11 +97,11 @@ class Desk:
 
     @property
     def outline(self) -> list[str]:
-        """In the order of publishing."""
+        """Outcomes and uses in the order of publication."""
         return [value.outcome if isinstance(value, LlmExchange) else value.use for value in self.published]
 
     def has_run(self) -> None:
-        """All that can run without waiting has run on the asyncio thread; the GUI thread was told nothing yet."""
+        """Run the ready tasks of the asyncio thread, without delivering their results to the GUI thread."""
         for _ in range(3):
             self.asyncio.submit(asyncio.sleep(0)).result(10.0)
 

@@ -1,4 +1,4 @@
-"""The page with the face, in a real browser."""
+"""The face page in a real browser."""
 
 import queue
 
@@ -16,7 +16,7 @@ from tests.support.chromium import Browser, chromium_or_skip
 from tests.support.polling import wait_for
 
 FACE = Face("A", background="#102030", ink="#ffeecc")
-UNIT = 6  # hundredths of 600 pixels
+UNIT = 6  # a hundredth of 600 pixels
 
 
 @pytest.mark.long
@@ -35,7 +35,7 @@ def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_m
         with Browser(address) as browser:
 
             def ink_at(x: float, y: float) -> str:
-                """The colour at a place in hundredths of the shorter side, from the middle."""
+                """Colour at a place in hundredths of the shorter side, relative to the centre."""
                 at = f"{400 + x * UNIT}, {300 + y * UNIT}, 1, 1"
                 data = browser.value(f"Array.from(pen.getImageData({at}).data)")
                 return "#" + "".join(f"{part:02x}" for part in data[:3])

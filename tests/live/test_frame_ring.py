@@ -1,4 +1,4 @@
-"""Frames in shared memory: what was meant, or nothing."""
+"""Frames in shared memory: the requested frame or none."""
 
 from collections.abc import Iterator
 
@@ -54,7 +54,7 @@ def test_what_does_not_fit_is_refused(ring: FrameRing, image: np.ndarray) -> Non
 
 
 def test_a_writer_that_is_begun_again_goes_on_counting(ring: FrameRing) -> None:
-    """What still refers to a frame of the one before must not be shown another."""
+    """A reference to an old frame must not return a new one."""
     before = [ring.write(_image(value), stamp_ns=value, robot_stamp_ns=None, camera="a") for value in range(1, 31)]
     again = FrameRing.attach(ring.name)
     first = again.write(_image(99), stamp_ns=99, robot_stamp_ns=None, camera="a")
@@ -62,7 +62,7 @@ def test_a_writer_that_is_begun_again_goes_on_counting(ring: FrameRing) -> None:
     read = [(ref.stamp_ns, ring.read(ref)) for ref in before]
     assert all(image is None or int(image[0, 0, 0]) == stamp_ns for stamp_ns, image in read)
     assert ring.read(before[-1]) is not None, "and those that are not overwritten stay"
-    # Killed while it wrote: the number of that frame is used up too.
+    # Killed while writing: the number of that frame is used up too.
     again._set_slot_sequence((first.sequence + 1) % SLOT_COUNT, 2 * (first.sequence + 1) - 1)
     third = FrameRing.attach(ring.name)
     assert third.write(_image(1), stamp_ns=1, robot_stamp_ns=None, camera="a").sequence == first.sequence + 2

@@ -1,4 +1,4 @@
-"""Gamepads through SDL's virtual joystick, and the plain functions that say what its parts mean."""
+"""Gamepads with SDL's virtual joystick, and the functions that map their axes and buttons."""
 
 import math
 import time
@@ -53,7 +53,7 @@ def with_axes(**values: float) -> RawInputs:
     return RawInputs(tuple(axes), REST.buttons, REST.hats)
 
 
-# What the parts mean
+# Mapping
 
 
 def test_the_dead_zone_is_round_and_motion_begins_at_zero() -> None:
@@ -177,7 +177,7 @@ def test_bindings_have_words() -> None:
 
 
 class Heard:
-    """Everything that the gamepads say."""
+    """Records all signals of the gamepads."""
 
     def __init__(self, gamepads: Gamepads) -> None:
         self.moved: list[TeleopCommand] = []
@@ -219,7 +219,7 @@ def plug(qtbot: QtBot, gamepads: Gamepads) -> Iterator[Callable[[], VirtualGamep
 
     def plug_in() -> VirtualGamepad:
         def attached() -> bool:
-            # SDL may still be on its way up in its thread.
+            # SDL may still be starting in its thread.
             try:
                 plugged.append(VirtualGamepad())
             except RuntimeError:
@@ -295,7 +295,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     assert gamepads.mapping.bound("photo") == "b0"
     again.press(0)
     qtbot.waitUntil(lambda: heard.pressed == ["photo"])
-    # And after a restart, from what was kept.
+    # And after a restart, from the saved mapping.
     gamepads.use_mappings_text(kept[-1])
     assert gamepads.mapping.bound("photo") == "b0"
     gamepads.use_mappings_text('{"version": 99}')
@@ -308,7 +308,7 @@ def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard:
     pad = plug()
     pad.push(1, -1.0)
     qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=0.6)])
-    time.sleep(0.4)  # the GUI thread hangs, the stick is held all the while
+    time.sleep(0.4)  # the GUI thread hangs while the stick is held
     qtbot.waitUntil(lambda: heard.lost == ["The program stalled"])
     moves = len(heard.moved)
     pad.push(1, -0.8)

@@ -1,4 +1,4 @@
-"""Garbage that holds Qt objects is destroyed in the GUI thread."""
+"""Destruction of garbage with Qt objects in the GUI thread."""
 
 import gc
 import threading

@@ -1,4 +1,4 @@
-"""Strangers who only hold connections open: what is left for whoever has business with a server."""
+"""Limit of idle foreign connections, so that legitimate clients can still connect."""
 
 import asyncio
 import logging
@@ -59,7 +59,7 @@ def test_strangers_of_a_whole_network_leave_room_for_this_computer(monkeypatch: 
         address = listener.getsockname()
         clients = [socket.create_connection(address) for _ in range(32)]
         taken = [listener.accept()[0] for _ in clients]
-        clients += [socket.create_connection(address) for _ in range(21)]  # 20 of strangers, and our own
+        clients += [socket.create_connection(address) for _ in range(21)]  # 20 foreign ones and a legitimate one
         ours, _ = listener.accept()
         assert ours.getpeername() == clients[-1].getsockname()
         for one in (*clients, *taken, ours):

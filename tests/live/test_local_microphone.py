@@ -1,4 +1,4 @@
-"""A real microphone's process in a real sound server that hangs: it is killed, and another one listens."""
+"""Real microphone process with a sound server that hangs: it is killed and replaced."""
 
 import signal
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""One-slot mailboxes: newest state wins, events never get lost."""
+"""One-slot mailboxes: the newest state wins, events are never lost."""
 
 import threading
 

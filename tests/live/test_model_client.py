@@ -1,4 +1,4 @@
-"""Several exchanges with a language model at a time, each with an end of its own."""
+"""Concurrent exchanges with a language model, each with its own end."""
 
 import asyncio
 import json
@@ -26,7 +26,7 @@ _SERVER = "models.example.org"
 
 
 class Talk:
-    """A model that answers with what it was asked, word by word, and one client that asks it."""
+    """Model that repeats the question word by word, and a client."""
 
     def __init__(self, asyncio_thread: AsyncioThread) -> None:
         self.published: list[LlmExchange] = []
@@ -199,7 +199,7 @@ def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_
 
 def test_what_is_to_be_read_soon_is_read_once_as_it_is_then(talk: Talk, qtbot: QtBot) -> None:
     said = ["Hello."]
-    for _ in range(3):  # another scenario, its model, and what that says of itself
+    for _ in range(3):  # another scenario with another model, and the report of the model
         talk.client.warm_up_soon(lambda: [ChatMessage("user", text) for text in said], "question")
     assert talk.given == [], "the window comes first"
     said[:] = ["Good evening."]

@@ -1,4 +1,4 @@
-"""The perception worker: newest frame in, people out, and a crash costs boxes only."""
+"""Perception worker: newest frame in, people out; a crash loses only boxes."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -98,7 +98,7 @@ def test_who_comes_back_is_known_by_how_they_look_and_their_picture_is_at_hand(q
     _show_until(qtbot, setup, 202, lambda: setup.rows[-1] and setup.rows[-1][0].person_id == person.person_id)
     (row,) = setup.rows[-1]
     assert (row.name, row.known) == ("Mara", True)
-    # Back at once it is the same visit still; later, somebody who was recognised.
+    # A quick return continues the visit; a later one is a new visit of a recognised person.
     found = [(event.person_id, event.is_person_id, event.by) for event in setup.of(PersonIdentified)]
     joined = row.visit_id == person.person_id
     assert found == ([] if joined else [(row.visit_id, person.person_id, "console")])
@@ -121,7 +121,7 @@ def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
     seen = len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 4)
     stamps = [people.stamp_ns for people in setup.people()[-3:]]
-    # A machine that is late looks later, never sooner.
+    # A slow machine detects later, never earlier.
     assert all(later - earlier >= 500_000_000 for earlier, later in pairwise(stamps))
 
 

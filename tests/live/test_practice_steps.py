@@ -1,4 +1,4 @@
-"""Each step of the exercise ticks when the thing has really happened, and the score says how it went."""
+"""Practice steps: each is ticked after its real event, and the score evaluates the run."""
 
 from typing import Any, Literal
 
@@ -62,9 +62,9 @@ DOES: dict[str, list[Any]] = {
     "link": [_link("lost"), _link("connected"), _moves(), _at(0.0), _at(0.4)],
     "emergency": [_stop(True), _stop(False)],
 }
-"""What brings each step about, and nothing of it does but the last."""
+"""Events that complete each step with the last one, and not before."""
 DOES_NOT: dict[str, list[Any]] = {
-    "drive": [_at(0.0), _moves(ZERO_TWIST), _at(2.0)],  # a goal or a hand took it there
+    "drive": [_at(0.0), _moves(ZERO_TWIST), _at(2.0)],  # moved by a goal or by hand
     "type": [_moves(), _moves(ZERO_TWIST), _says("typed", "requested")],
     "phrase": [_says("typed"), _says("phrase", "requested")],
     "name": [PersonRenamed(0, "p-1", "")],
@@ -114,7 +114,7 @@ def test_slow_steps_have_fewer_points_and_skipped_ones_none() -> None:
     usual_s = STEPS[0].usual_s
     for value in DOES["drive"]:
         practice.take(value, 2 * usual_s)
-    assert practice.score == 8  # half way from ten to five, rounded
+    assert practice.score == 8  # midway between ten and five, rounded
     practice.skip(2 * usual_s + 1)
     assert practice.score == 8
     slow = Practice(0.0)

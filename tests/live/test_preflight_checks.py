@@ -1,4 +1,4 @@
-"""What is checked before a recording, from how everything stands."""
+"""Preflight checks computed from the state."""
 
 from dataclasses import replace
 from typing import Any
@@ -158,7 +158,7 @@ def test_a_link_that_is_lost_leaves_nothing_of_the_robot_checked() -> None:
 
 
 def test_the_robots_own_camera_and_microphone_wait_for_it_while_it_is_away() -> None:
-    """Their cables are not to blame."""
+    """No error is reported for their cables."""
     robot = load_profile("simulated")
     away = replace(
         GOOD, robot=robot, link=LinkStatus("lost"), cameras={robot.cameras[0].name: "lost"},

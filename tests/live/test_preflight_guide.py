@@ -1,4 +1,4 @@
-"""The guide's page about the checks names each of them, and its example is a scenario's."""
+"""The guide's page about preflight checks names each of them, and its example is part of a valid scenario."""
 
 import re
 from dataclasses import replace

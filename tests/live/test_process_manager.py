@@ -1,4 +1,4 @@
-"""Children that a scenario has no use for end beside everything else, and none is left when the program ends."""
+"""Process manager: unused processes end in the background, and none remains when the program exits."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The way through a protocol, at moments that the tests choose."""
+"""Protocol run with times set by the tests."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What reaches the recorder's pipe: everything with its moment of arrival, nothing during a pause."""
+"""Messages to the recorder's pipe: everything with its arrival time, nothing during a pause."""
 
 import pickle
 import threading
@@ -12,7 +12,7 @@ from tests.support.polling import wait_for
 
 
 class Pipe:
-    """Takes what the feed writes."""
+    """Records the written data."""
 
     def __init__(self) -> None:
         self.raw: list[bytes] = []
@@ -26,7 +26,7 @@ class Pipe:
 
     @property
     def messages(self) -> list[Any]:
-        return [pickle.loads(raw[9:]) for raw in self.raw]  # noqa: S301 - made here
+        return [pickle.loads(raw[9:]) for raw in self.raw]  # noqa: S301 - written by this test
 
 
 def _fed(**options: int) -> tuple[RecorderFeed, Pipe]:
@@ -218,10 +218,10 @@ def test_the_end_waits_for_what_becomes_of_the_turns_that_were_heard_before() ->
     assert pipe.messages[-3:-1][0] == _turn(4, "echo", "failed")
     finished = pipe.messages[-2]
     assert finished.text == "Where is the lab?"
-    assert before_ns <= finished.stamp_ns <= asked_ns  # a turn ends with the recording at the latest
+    assert before_ns <= finished.stamp_ns <= asked_ns  # the end of the recording ends an open turn
     assert pipe.messages == ["begin", _turn(1, "echo", "started"), _turn(2, "question", "started"),
         _turn(4, "echo", "failed"), finished, "end"]  # fmt: skip
-    # The session ends when that was asked for, and not when the last word was known.
+    # The session ends at the request, not with the last recognised word.
     assert before_ns <= int.from_bytes(pipe.raw[-1][1:9], "little", signed=True) <= asked_ns
 
 

@@ -1,4 +1,4 @@
-"""A recorded session in the place of the console: what is on show at each moment is what had arrived by then."""
+"""Replay of a recorded session: the displayed state at each time is what had arrived by then."""
 
 import functools
 import json
@@ -48,7 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
 
 
 class Hands:
-    """A clock that the test moves."""
+    """Clock controlled by the test."""
 
     def __init__(self) -> None:
         self.now_ns = 1
@@ -179,7 +179,7 @@ def test_playing_brings_every_event_once_in_order_and_in_time(
     wanted = [value for value in expected if by_key[(type(value), value.stamp_ns)] > began_ns]
     assert [event for _, event in heard if event in wanted] == wanted
     assert len(late_ms) > 15
-    # 20 ms is what is promised; two shared processors now and then hold everything up for longer.
+    # The limit is 20 ms; on two shared cores single steps take longer.
     assert np.percentile(late_ms, 80) < 20.0, late_ms
     assert min(late_ms) >= 0.0, "nothing is shown before it arrived"
 
@@ -203,7 +203,7 @@ def test_stepping_goes_frame_by_frame(made: RecordedSession, open_replay: Replay
 
 
 def _newest_of(console: ReplayConsole, camera: str) -> int | None:
-    """The stamp of the camera's frame that can be seen."""
+    """Stamp of the displayed frame of a camera."""
     ref: FrameRef | None = console.state.frame.value
     return ref.stamp_ns if ref is not None and ref.camera == camera else None
 
@@ -229,7 +229,7 @@ def test_nothing_can_be_driven(open_replay: Replay) -> None:
 
 
 class FakeLiveRobots:
-    """The consoles that run beside the replay; ``asked`` is all that reaches them."""
+    """Consoles that run at the same time as the replay; ``asked`` are the requests they get."""
 
     def __init__(self) -> None:
         self.asked: list[str] = []
@@ -326,7 +326,7 @@ def test_annotations_of_a_file_are_taken_over_without_waiting_for_the_disk(
 
 
 def _coded(console: ReplayConsole, qtbot: QtBot) -> None:
-    """Kim codes something, and hears that it could not be saved."""
+    """Add a tier that cannot be saved, and return the reports."""
     told: list[Any] = []
     console.noticed.connect(told.append)
     assert console.edit(lambda document: annotation_editing.add_tier(document, "Engagement", coder="Kim")) == ""
@@ -408,7 +408,7 @@ def test_every_camera_of_the_session_is_seen_while_one_is_large(
 ) -> None:
     console = open_replay()
     state = console.state
-    console.state.cameras.set(("front", "rear"))  # as the session's videos are, whatever it says was on show
+    console.state.cameras.set(("front", "rear"))  # the session's videos, whatever the recorded state is
     at_ns = made.plan.started_ns + 5 * SECOND_NS
     console.seek(at_ns)
     other = {"front": "rear", "rear": "front"}[state.camera.value]
@@ -427,7 +427,7 @@ def test_every_camera_of_the_session_is_seen_while_one_is_large(
     behind = times.index(wanted_ns) - number_in(image_bgr)
     assert 0 <= behind <= 15, "the key frame before it, half a second at most: it is decoded alone"
     assert state.frame_of(other).freshness == "fresh"
-    qtbot.waitUntil(lambda: state.frame.value is not None)  # each camera is decoded for itself, in no order
+    qtbot.waitUntil(lambda: state.frame.value is not None)  # cameras are decoded independently, in any order
     assert state.frame.value.camera != other
     console.play()
     qtbot.waitUntil(lambda: small() is not None and small().stamp_ns > wanted_ns, timeout=10_000)
@@ -438,7 +438,7 @@ def test_every_camera_of_the_session_is_seen_while_one_is_large(
 
 @dataclass(frozen=True, slots=True)
 class MoodAsked:
-    """An event type that nobody but this test knows."""
+    """Event type that only this test declares."""
 
     stamp_ns: int
     mood: str
@@ -457,7 +457,7 @@ def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
     console.set_rate(16.0)
     console.play()
     qtbot.waitUntil(lambda: MoodAsked(begin_ns + 2 * SECOND_NS, "calm") in heard, timeout=10_000)
-    tiers = build_overview(console.session).tiers  # here, as other processes do not know what only this test declares
+    tiers = build_overview(console.session).tiers  # in this process, as others do not know the type
     assert "Mood asked" in [tier.name for tier in tiers.tiers]
     assert any("calm" in annotation.value for annotation in tiers.annotations)
 
@@ -466,7 +466,7 @@ def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
 def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
     open_replay: Replay, tmp_path: Path, qtbot: QtBot
 ) -> None:
-    """A picture of before may have been looked through only then: by its arrival the window showed it."""
+    """The window shows detections by arrival, even of a frame taken before the loss."""
     late = PeopleInMap(at(2.0), (), "front")
     values = [
         PeopleInMap(at(1.0), (), "front"),
@@ -484,7 +484,7 @@ def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
 
 @pytest.mark.logs("of the session is not shown")
 def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
-    """As the console told it, at any moment and with the time that the step had taken by then."""
+    """At any time, with the step and its elapsed time as in the live console."""
     steps = find_scenario("tour-guide").protocol.steps
     walk = ProtocolRun(steps)
     values: list[Any] = []

@@ -1,4 +1,4 @@
-"""The photos of a recorded session: those that were there at the moment on show, and none from elsewhere."""
+"""Photos in a replay: those that existed at the displayed time, and none of other sessions."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The transcript of a recorded session: every turn of it, as corrected, whatever wrote the session."""
+"""Transcript of a recorded session: every turn, with corrections, in each format version."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A replay stops the robot of the console that runs beside it, and says so where it cannot."""
+"""A replay stops the robot of a console on the same machine, or reports that it cannot."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ from tests.ui.fake_console import FakeConsole
 
 
 class Replay:
-    """The replay's end, and what it tells the wizard."""
+    """The replay's end of the connection, and its reports to the wizard."""
 
     def __init__(self, folder: Path) -> None:
         self.told: list[str] = []
@@ -37,7 +37,7 @@ class Replay:
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
-    """With a path as short as a user's is."""
+    """With a short path, as of a user's home."""
     with tempfile.TemporaryDirectory(prefix="live-") as state:
         yield Path(state) / "live"
 

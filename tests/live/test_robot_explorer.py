@@ -1,4 +1,4 @@
-"""Looking at the simulated robot from the GUI thread: explored, checked, saved; refusals in words."""
+"""Exploration of the simulated robot from the GUI thread: exploring, checking, saving, and error messages."""
 
 import threading
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def explorer(qtbot: QtBot) -> Iterator[LiveRobotExplorer]:
 
 
 class Answers:
-    """What came back, and in which thread."""
+    """Records results with their thread."""
 
     def __init__(self) -> None:
         self.steps: list[Any] = []

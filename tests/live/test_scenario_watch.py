@@ -1,4 +1,4 @@
-"""A scenario's file that somebody else changes: heard of once, when it is whole, however it is written."""
+"""Watch on a scenario file: one report per complete change, for each way of writing."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from caris_desktop.live.services.scenario_service import ScenarioWatch
 
 
 class AtOnce:
-    """Does slow work at once."""
+    """Executes background work immediately."""
 
     def do(self, work: Callable[[], Any], done: Callable[[Any], None], _failed: object) -> None:
         done(work())

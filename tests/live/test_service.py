@@ -1,4 +1,4 @@
-"""What ends by itself is begun again, told to the wizard, and given up where it ends again and again."""
+"""Restart policy of services: restart, report, and giving up after repeated failures."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +13,7 @@ from caris_desktop.live.state import LiveState
 
 
 class Voice(Service):
-    """Ends as often as it is told to."""
+    """Service whose end is controlled by the test."""
 
     def __init__(self, parent: QObject | None = None, *, after_ms: int | None = None) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""The sessions of a study: what goes wrong beside the running session is told, and the window never waits for it."""
+"""Sessions of a study: errors are reported, and the window never waits for the disk."""
 
 import shutil
 import sys

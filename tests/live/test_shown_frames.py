@@ -1,4 +1,4 @@
-"""The pictures in the window: as they are, or with people covered where the scenario says so."""
+"""Displayed frames: unchanged, or with blurred people if the scenario requires it."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def frame(at_s: float, sequence: int = 1) -> FrameRef:
 
 
 def kept(image: NDArray[np.uint8] | None, box: PersonBox) -> float:
-    """Which share of what is in the box is as it was."""
+    """Share of unchanged pixels in the box."""
     part = np.s_[int(box.top_px) : int(box.top_px + box.height_px), int(box.left_px) : int(box.left_px + box.width_px)]
     assert image is not None
     return float((image[part] == PICTURE[part]).all(axis=2).mean())

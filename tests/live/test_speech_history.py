@@ -1,4 +1,4 @@
-"""Typed sentences over the sessions of a study."""
+"""Speech history over the sessions of a study."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def settle(slow_work: BackgroundWorker, qtbot: QtBot) -> None:
 def run(
     path: Path, slow_work: BackgroundWorker, qtbot: QtBot, *sentences: str, names: tuple[str, ...] = ()
 ) -> list[str]:
-    """One run of the program that says these; what it has at its end."""
+    """Say the sentences in one run of the program, and return its history."""
     state = LiveState()
     said = SaidBefore(state, path, slow_work, lambda: names)
     said.read()
@@ -94,7 +94,7 @@ def test_a_forgotten_name_is_not_written_by_the_next_sentence(
     assert path.read_text(encoding="utf-8").splitlines() == ['"Fine."', '"And now the arm."']
     said.forget()
     assert state.said_before.value == ("Fine.", "And now the arm.")
-    # Typed once more in the same run.
+    # The same sentence again in the same run.
     said.add("Quillfeather was here.")
     settle(slow_work, qtbot)
     assert "Quillfeather" not in path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""One queue in front of the voices."""
+"""Speech queue in front of the speech backends."""
 
 import random
 from collections import Counter
@@ -50,7 +50,7 @@ def _setup() -> tuple[SpeechQueue, TestVoice, list[UtteranceChanged], LiveState]
 
 
 def _report(queue: SpeechQueue, utterance: UtteranceChanged, what: Any, actor: Actor = "wizard") -> None:
-    """The voice tells, and what is published of it reaches the GUI thread."""
+    """Report of the speech backend, received by the GUI thread."""
     told = replace(utterance, stamp_ns=clock.now_ns(), state=what, actor=actor)
     queue.report(told)
     queue.on_utterance(told)
@@ -175,7 +175,7 @@ def _row(person_id: str, distance_m: float | None = None, *, here: bool = True) 
 
 
 def test_what_is_said_names_to_whom(qtbot: QtBot) -> None:
-    """Who was asked for, or else who is meant and here, or else who is nearest or the only one; and nobody in doubt."""
+    """Addressee: the requested person, else the selected one if present, else the nearest or only one, else nobody."""
     queue, voice, published, state = _setup()
 
     def addressed(person_id: str = "") -> str:
@@ -276,9 +276,9 @@ def test_when_it_ends_is_reckoned_and_then_told_to_the_sample(qtbot: QtBot) -> N
 
 @pytest.mark.parametrize("seed", range(5))
 def test_however_it_is_changed_each_is_said_once_or_taken_back_once(qtbot: QtBot, seed: int) -> None:
-    """500 sentences in all, queued, moved, changed, taken back, interrupted and lost at random."""
+    """500 utterances that are queued, moved, edited, cancelled, interrupted and lost at random."""
     queue, voice, published, state = _setup()
-    chance = random.Random(seed)  # noqa: S311 - a test that can be repeated
+    chance = random.Random(seed)  # noqa: S311 - a test, not cryptography
     asked: list[str] = []
 
     def over(what: str) -> None:

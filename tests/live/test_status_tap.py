@@ -1,4 +1,4 @@
-"""What panels showed is recorded whole, and put back as it was; names of people stay out of the recording."""
+"""Displayed states are recorded completely and restored unchanged, without names of people."""
 
 import dataclasses
 import json
@@ -68,7 +68,7 @@ def test_what_was_given_up_on_a_busy_machine_is_in_the_record_and_shown_again() 
 
 
 def _with_reason(kind: Any, why: str) -> Any:
-    """A value of the type in which each reason is ``why``; None where it has none."""
+    """Value of the type with ``why`` as each reason; None if it has none."""
     if not dataclasses.is_dataclass(kind):
         return None
     reasons = {"detail", "reason", "cap_reason", "guard_detail"}.intersection(each.name for each in fields(kind))

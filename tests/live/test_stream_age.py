@@ -1,4 +1,4 @@
-"""How old a value is shown to be: what a slow network delivers late is old when it arrives."""
+"""Displayed age of values: late delivery counts as age."""
 
 import pytest
 
@@ -16,7 +16,7 @@ OFFSET_NS = 1_700_000_000 * S
 
 
 def odometry(*, late_s: float, offset_ns: int = OFFSET_NS) -> Odometry:
-    """Arrived now, and measured that much before."""
+    """Odometry that arrives now and was measured ``late_s`` before."""
     now_ns = clock.now_ns()
     return Odometry(now_ns, now_ns + offset_ns - int(late_s * 1e9), Pose2D(0, 0, 0), Twist2D())
 
@@ -78,7 +78,7 @@ def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
 
 
 def test_without_a_clock_what_comes_later_than_usual_is_known_to_be_old(state: LiveState) -> None:
-    """The sensor's clock is an hour off, and then the network holds what it sends."""
+    """The sensor's clock is an hour off, and then the network delays its data."""
     knows_the_clock(state)
     for _ in range(3):
         state.take(odometry(late_s=3600.0))

@@ -1,4 +1,4 @@
-"""What child processes tell in English is told in the wizard's language, as far as its sentences are known."""
+"""English messages of child processes are translated into the wizard's language if a translation exists."""
 
 from collections.abc import Iterator
 

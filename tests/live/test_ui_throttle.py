@@ -1,4 +1,4 @@
-"""How often the panels get new state."""
+"""Rate of panel updates."""
 
 import time
 
@@ -18,7 +18,7 @@ def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) 
     pace, order = UiThrottle(), []
     pace.due.connect(lambda: order.append("due"))
     assert pace.may_begin()
-    time.sleep(0.06)  # a pass that was slow
+    time.sleep(0.06)  # a slow pass
     assert not pace.may_begin()
     QTimer.singleShot(40, lambda: order.append("timer"))
     qtbot.waitUntil(lambda: "due" in order, timeout=5000)

@@ -1,4 +1,4 @@
-"""Suggestions and proposals as the console makes them, on a clock and with a model that do what the test tells them."""
+"""Suggestion and proposal services with a simulated clock and a scripted model."""
 
 import json
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ class Question:
 
 
 class FakeModel(QObject):
-    """Takes questions, and answers none by itself. ``read`` is what it was to read ahead."""
+    """Model double that records questions and leaves the answers to the test. ``read`` are the prompts to preload."""
 
     model_changed = Signal()
     model = "small"
@@ -106,7 +106,7 @@ class FakeVoice:
 
 @dataclass
 class Desk:
-    """The two services with what they stand on. ``done`` is what they had the console do, once its gate let it."""
+    """The two services with their environment. ``done`` are the intents executed after passing the gate."""
 
     now_ns: int
     state: LiveState
@@ -137,7 +137,7 @@ class Desk:
         return [card.text for card in self.state.suggestions.value.cards]
 
     def do(self, intent: Intent) -> str:
-        """As the console does it."""
+        """Execute an intent if the gate permits it, as the console does."""
         refusal = self.gate.refusal(intent)
         if refusal is not None:
             return refusal.what
@@ -161,7 +161,7 @@ class Desk:
         self.bus.take_in()
 
     def wait(self, milliseconds: float) -> None:
-        """Time passes, and both services' timers ring as they were set."""
+        """Advance the clock and fire the timers of both services when due."""
         end_ns = self.now_ns + round(milliseconds * MS)
         while self.now_ns < end_ns:
             self.now_ns = min(end_ns, self.now_ns + 50 * MS)
@@ -177,7 +177,7 @@ class Desk:
         self.hear(Hearing(self.now_ns, ROBOT_MICROPHONE, True, "participant", f"t-{self.turns}", revision=self.turns))
 
     def finish(self, text: str = "Can it hurt people?", person_id: str = "") -> None:
-        """A participant's turn is over, with its last word now."""
+        """End a participant's turn whose last word is spoken now."""
         self.turns += 1
         self.hear(Hearing(self.now_ns, ROBOT_MICROPHONE, False))
         self.publish(
@@ -191,7 +191,7 @@ class Desk:
         self.bus.take_in()
 
     def question(self, text: str = "Can it hurt people?") -> Question:
-        """The question for replies to a turn that has just ended."""
+        """Question for replies to a turn that has just ended."""
         before = len(self.model.asked)
         self.finish(text)
         self.wait(250)

@@ -1,4 +1,4 @@
-"""Alarms from what the state shows, told or not, with the time in the test's hand."""
+"""Alarms from the state and from events, with a simulated clock."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -84,7 +84,9 @@ def test_a_picture_of_which_nothing_is_kept_is_an_alarm_as_long_as_it_is_so(desk
     assert desk.alarms == ["covered_whole"]
     desk.wait(600)
     assert desk.alarms == ["covered_whole"]
-    desk.state.recording.set(RecordingStatus("recording"))  # another scenario, which covers nobody, or they are found
+    desk.state.recording.set(
+        RecordingStatus("recording")
+    )  # another scenario without blurring, or the people were detected
     assert desk.alarms == []
     desk.state.recording.set(RecordingStatus("recording", covered_whole=("front",)))
     desk.state.recording.set(RecordingStatus("stopping", covered_whole=("front",)))
@@ -133,7 +135,7 @@ def test_a_robot_that_is_being_started_is_no_alarm(desk: Desk) -> None:
     assert desk.alarms == ["link"]
     desk.state.link.set(LinkStatus("connecting", "Simulated robot", starts=True))
     assert desk.alarms == []
-    desk.happens(Problem(1, "error", why, "", "Start one.", until="connected"))  # the link before, on its way out
+    desk.happens(Problem(1, "error", why, "", "Start one.", until="connected"))  # the previous link, which is closing
     desk.state.link.set(LinkStatus("lost", "Simulated robot", starts=True))
     desk.wait(3)
     assert desk.alarms == []

@@ -1,4 +1,4 @@
-"""What the assistant is asked with: model, words, pictures and what goes along."""
+"""Requests to the assistant: model, text, images and context."""
 
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ NOBODY: Any = None
 
 
 class Desk:
-    """The service with a model that answers at once and says what it was asked."""
+    """The service with a model that answers at once and records the questions."""
 
     def __init__(self, asyncio_thread: AsyncioThread, settings: AssistantSettings, **permissions: bool) -> None:
         self.owner = QObject()
@@ -82,7 +82,7 @@ class Desk:
 
     @property
     def prompt(self) -> str:
-        """All that the model was told last."""
+        """The complete last prompt."""
         return "\n".join(f"{message.role}: {message.content}" for message in self.asked[-1][1])
 
 

@@ -1,4 +1,4 @@
-"""The cameras of this computer: which run, what happens when one ends, and what another scenario changes."""
+"""Cameras of this computer: processes, their failures, and a change of scenario."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -30,7 +30,7 @@ SCENARIO = Scenario("Test", PanelLeaf("video"))
 
 
 class Child:
-    """Stands for a camera's process."""
+    """Double of a camera process."""
 
     def __init__(self, body: ProcessSpec, ended: Callable[[ChildProcess], None]) -> None:
         self.body = body
@@ -51,7 +51,7 @@ class Child:
 
 
 class Bench:
-    """The service with children that only listen."""
+    """The service with process doubles that only record messages."""
 
     def __init__(self) -> None:
         self.owner = QObject()
@@ -169,7 +169,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
     bench.use(DOOR)
     assert desk.asked_to_end
     assert (bench.state.cameras.value, bench.state.camera.value, bench.state.frame.value) == ((), "", None)
-    bench.bus.publish(FrameRef(2, None, "desk", "ring", 0, 2, 64, 48))  # the last one of a child that ends
+    bench.bus.publish(FrameRef(2, None, "desk", "ring", 0, 2, 64, 48))  # the last one of a process that exits
     qtbot.waitUntil(lambda: bool(bench.service._free_rings))
     assert (desk.stopped, bench.state.cameras.value) == (True, ()), "it does not come back with it"
     assert list(bench.service.processes()) == ["camera door"]

@@ -1,4 +1,4 @@
-"""After an end that nobody wanted the next run offers the trial, holds the robot, and asks everything again."""
+"""After a crash the next run offers to resume the trial, holds the robot, and asks for every confirmation again."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -33,7 +33,7 @@ def _connection(name: str, title: str) -> Any:
 
 
 class Run:
-    """One run of the program, as far as it concerns this service."""
+    """One run of the program, reduced to this service."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -74,7 +74,7 @@ class Run:
         self.service._slow_work = self.slow_work
 
     def crash(self) -> None:
-        """The program is gone; what it wrote is of one that runs no more."""
+        """End the run as a crash; its files belong to a process that has exited."""
         self.settle()
         assign_to_ended_process(self.folder / "trials")
 
@@ -86,7 +86,7 @@ class Run:
 
 @pytest.fixture
 def runs(tmp_path: Path, qapp: QApplication) -> Iterator[Callable[[], Run]]:
-    """Each call is another run of the program on the same computer."""
+    """Each call starts another run of the program on the same computer."""
     begun: list[Run] = []
 
     def begin() -> Run:

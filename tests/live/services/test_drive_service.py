@@ -1,4 +1,4 @@
-"""Hold to drive, as commands on the way to the link."""
+"""Hold-to-drive: commands to the link."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -30,7 +30,7 @@ from caris_desktop.scenario.scenario_model import DrivingLimits, PanelLeaf, Perm
 
 
 class RecordingRobot:
-    """Takes commands while ``connected``."""
+    """Records commands while ``connected``."""
 
     def __init__(self) -> None:
         self.sent: list[RobotCommand] = []
@@ -111,7 +111,7 @@ def test_who_holds_it_is_told_and_only_they_this_wizard_or_a_stop_let_go(
     assert robot.of(Release) == [] and state.drive.value.driver == "wizard:b"
     driving.drive(forward=-1, left=0, turn=0, source="keyboard", actor=WIZARD)
     assert state.drive.value.driver == WIZARD
-    driving.let_go("", "wizard:b")  # whose key comes up only now
+    driving.let_go("", "wizard:b")  # its key is released only now
     assert robot.of(Release) == [] and state.drive.value.driver == WIZARD
     driving.halt("wizard:b")
     assert len(robot.of(Release)) == len(robot.of(StopMotion)) == 1 and state.drive.value.driver == ""
@@ -227,7 +227,7 @@ def test_after_a_stall_only_a_new_key_press_drives(
     late_ns = clock.now_ns() + 200_000_000
     monkeypatch.setattr(clock, "now_ns", lambda: late_ns)
     robot.sent.clear()
-    state.scan.clear()  # the first thing that happens after the stall asks for another speed
+    state.scan.clear()  # the first event after the stall requests another speed
     assert [type(command) for command in robot.sent] == [Release]
     driving.drive(forward=1, left=0, turn=0, source="keyboard")
     assert robot.of(Drive)

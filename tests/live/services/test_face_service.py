@@ -1,4 +1,4 @@
-"""What the robot's face shows, and what moves it."""
+"""Content and gaze of the robot's face."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -157,7 +157,7 @@ def test_the_eyes_follow_whom_the_wizard_means_or_who_is_nearest_as_seen_from_th
 
     people = People(clock.now_ns(), "front", 1, 640, 480, (box("p-1", 0, 300), box("p-2", 580, 200)), 5.0)
     bench.bus.publish(people)
-    bench.until(lambda: middle() > 1.5)  # at the left of the picture: right on the robot's screen
+    bench.until(lambda: middle() > 1.5)  # at the left of the image: right on the robot's screen
     bench.state.selected_person.set("p-2")
     bench.bus.publish(people)
     bench.until(lambda: middle() < -1.5)
@@ -231,7 +231,7 @@ def _listens(process: psutil.Process, port: int | None) -> bool:
 
 
 def test_a_face_that_moves_fast_ends_as_the_newest(bench: Bench) -> None:
-    """Each is handed to the page's process in turn, and the last is never left out."""
+    """The page's process gets the updates in order, and always the last one."""
     bench.do(intents.ServeFace(on=True))
     address = bench.until(lambda: bench.state.face_page.value)
     page = bench.service._page

@@ -1,4 +1,4 @@
-"""Forgetting from the window: refused while a session is recorded, done in a child, and told."""
+"""Erasure from the window: refused during a recording, run in a child process, and reported."""
 
 import os
 import time
@@ -57,7 +57,7 @@ def leave_a_photo(connection: Connection, photo: Path) -> None:
 
 
 class Bench:
-    """The service with real children; ``body`` is what the next one does."""
+    """The service with real child processes; ``body`` is the entry point of the next one."""
 
     def __init__(self) -> None:
         self.state = LiveState()

@@ -1,4 +1,4 @@
-"""Turning the head: MoveHead on the way to the link."""
+"""Head control: MoveHead commands to the link."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,7 +27,7 @@ PROFILE = RobotProfile("r", "R", head=HEAD)
 
 
 class RecordingRobot:
-    """A RobotPort that takes everything while it is connected."""
+    """RobotPort that records every command while it is connected."""
 
     def __init__(self) -> None:
         self.sent: list[MoveHead] = []

@@ -1,4 +1,4 @@
-"""The recogniser runs only where it may and where there is something to hear, and nobody waits for it."""
+"""The recogniser runs only if permitted and if a microphone is on, and nothing blocks on it."""
 
 import pickle
 import threading
@@ -37,7 +37,7 @@ _PROBLEM = Problem(1, "warning", "It cannot.", "No text.", "Nothing to do.", unt
 
 
 class FakeChild:
-    """Stands for the recogniser: keeps what it is sent; ``stuck`` while it reads nothing."""
+    """Recogniser double that records messages; ``stuck`` while it reads nothing."""
 
     def __init__(self, body: ProcessSpec) -> None:
         self.body = body
@@ -49,7 +49,7 @@ class FakeChild:
 
     def send_raw_waiting(self, raw: bytes) -> bool:
         self.reads.wait(5)
-        message = pickle.loads(raw)  # noqa: S301 - our own
+        message = pickle.loads(raw)  # noqa: S301 - written by this test
         (self.silences if isinstance(message, UseSilence) else self.got).append(message)
         return not self.asked_to_end
 

@@ -1,4 +1,4 @@
-"""Who pays when the machine is busy: in steps, with patience on the way back."""
+"""Load shedding in levels, with a delay before each recovery."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
@@ -34,7 +34,7 @@ SECOND_NS = 1_000_000_000
 
 
 class Machine:
-    """Looks at the steps ten times a second of a clock of its own."""
+    """Evaluates the levels ten times a second of a simulated clock."""
 
     def __init__(self) -> None:
         self.steps = LoadLevels()
@@ -143,7 +143,7 @@ def test_the_words_say_what_is_given_up(steps: tuple[Step, ...]) -> None:
 
 
 class People:
-    """Takes down how often it may look."""
+    """Records the detection rates."""
 
     every_s = 0.0
 

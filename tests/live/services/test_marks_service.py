@@ -1,4 +1,4 @@
-"""Marks that are made in the midst of something else, and put right afterwards."""
+"""Marks set during another action, and their correction."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The microphone is heard before a recording is called running, and whoever waits for it does not wait forever."""
+"""A recording counts as running only with microphone data, and the wait for them has a timeout."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -37,7 +37,7 @@ HEADSET = MicrophoneOpened("Headset", 16000)
 
 
 class FakeChild:
-    """Stands for the microphone's process: keeps what it is asked."""
+    """Double of the microphone process that records requests."""
 
     def __init__(self, body: ProcessSpec) -> None:
         self.body = body
@@ -109,7 +109,7 @@ class Bench:
         return self.children.started[-1]
 
     def hear(self, message: object) -> None:
-        """The newest process says it."""
+        """Deliver a message of the newest process."""
         self.children.told[-1]["heard"](message)
 
     def begin(self) -> None:

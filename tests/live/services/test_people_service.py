@@ -1,4 +1,4 @@
-"""The service that runs perception: another scenario may want people to be found in another way."""
+"""Perception service: another scenario may require another detector."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The photos at hand: what is listed, tagged, deleted and brought back, and what a language model gets."""
+"""Photos: listing, tagging, deletion and restoring, and images for a language model."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -53,14 +53,14 @@ class Assistant:
 
 
 class Frames:
-    """What the camera shows, for whoever is outside of this window."""
+    """Camera frames as provided to other windows and programs."""
 
     def read_to_give(self, ref: FrameRef) -> NDArray[np.uint8] | None:
         return np.full((ref.height_px, ref.width_px, 3), 90, np.uint8)
 
 
 class Bench:
-    """The service with real files, and what it tells."""
+    """The service with real files, and its reports."""
 
     def __init__(self, study: Path) -> None:
         self.study = study

@@ -1,4 +1,4 @@
-"""The exercise on its stage: robot, scenario and recording first, then step by step to a result."""
+"""Practice: robot, scenario and recording first, then step by step to a result."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,7 +25,7 @@ OTHER: Actor = "wizard:other"
 
 
 class Stage:
-    """The exercise with a robot that is there at once, and what it asks of the console."""
+    """The practice with a robot that is available at once, and its requests to the console."""
 
     def __init__(self) -> None:
         self.state = LiveState()

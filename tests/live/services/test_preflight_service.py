@@ -1,4 +1,4 @@
-"""The checks before a recording are looked at, ticked, reset and told to the recording."""
+"""Preflight checks: evaluated, ticked, reset, and recorded."""
 
 from dataclasses import replace
 from typing import Any

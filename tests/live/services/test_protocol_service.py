@@ -1,4 +1,4 @@
-"""The protocol over a session: when it begins, what heads the record, and what a pause or another scenario leaves."""
+"""The protocol over a session: start, recorded header, pauses, and a change of scenario."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -127,7 +127,7 @@ def test_a_step_that_gets_another_name_meanwhile_is_still_the_present_one(desk: 
     assert (desk.step, desk.status.since_ns, desk.status.ticked) == ("question", since_ns, ("Heard",))
     desk.do(intents.NextStep())
     assert (desk.step, desk.told[-1].left_step_id) == ("close", "question")
-    # What is somewhere else now is another step.
+    # A step at another position is another step.
     desk.protocol.use_scenario(replace(STUDY, protocol=ProtocolSettings((ProtocolStep("Wait"), *STEPS[:2]))))
     assert desk.step == ""
 

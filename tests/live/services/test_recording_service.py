@@ -1,4 +1,4 @@
-"""What the recorder is told of a scenario: whom to cover, who agreed to be filmed, and who is in a photo."""
+"""Scenario data for the recorder: blurring, consent, and people in photos."""
 
 import json
 import pickle
@@ -32,7 +32,7 @@ from tests.support.polling import wait_for
 
 
 class Recorder:
-    """Takes down what a recorder would be told; as the children that make it, too."""
+    """Double of the recorder, and of the process manager that starts it; records messages."""
 
     def __init__(self) -> None:
         self.messages: list[Any] = []
@@ -41,14 +41,14 @@ class Recorder:
         return self
 
     def start(self) -> None:
-        """It runs all the while."""
+        """Nothing to start."""
 
     def send_raw_waiting(self, raw: bytes) -> bool:
-        self.messages.append(pickle.loads(raw[9:]))  # noqa: S301 - made here
+        self.messages.append(pickle.loads(raw[9:]))  # noqa: S301 - written by this test
         return True
 
     def stop(self, *, grace_s: float) -> None:
-        """Nothing to end."""
+        """Nothing to stop."""
 
     def of(self, kind: type[Any], count: int = 1) -> list[Any]:
         def told() -> list[Any]:
@@ -127,7 +127,7 @@ def test_without_a_recording_the_recorder_hears_of_people_only_where_a_photo_has
 
 @pytest.fixture
 def details(bench: Bench) -> Iterator[list[str]]:
-    """Why nothing, or not all, is recorded, as a file has it."""
+    """Reasons for missing recordings, as written in a file."""
     kept: list[str] = []
 
     def record(shown: StatusShown) -> None:

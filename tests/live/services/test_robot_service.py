@@ -1,4 +1,4 @@
-"""The robot director: what it asks of the link, what it shows, and what it refuses, with children that only listen."""
+"""Robot service: requests to the link, displayed state and refusals, with process doubles."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -44,7 +44,7 @@ STOPS_BY_ITSELF = VelocityTopic(timeout_s=0.5, timeout_source="its manual")
 
 
 class Child:
-    """Stands for a link process: takes down what it is sent."""
+    """Double of a link process that records messages."""
 
     def __init__(self, body: ProcessSpec) -> None:
         self.body = body
@@ -240,7 +240,7 @@ def test_the_emergency_stop_outlives_the_link_process_and_the_robot(bench: Bench
     qtbot.waitUntil(lambda: len(bench.children) > children)
     bench.robot.on_event(LinkChanged(4, "control", "connected", "ws://r:9090"))
     assert [command.latched for command in bench.asked(link_commands.SetEmergencyStop)] == [True]
-    # The same process remembers by itself whose latch it is.
+    # The process itself remembers the origin of the latch.
     bench.robot.on_event(LinkChanged(5, "control", "lost", "ws://r:9090"))
     bench.robot.on_event(LinkChanged(6, "control", "connected", "ws://r:9090"))
     assert len(bench.asked(link_commands.SetEmergencyStop)) == 1
@@ -333,7 +333,7 @@ def test_a_goal_under_way_ends_with_its_link_process_and_the_next_one_cancels_it
 
 
 def _told_of_the_robot(bench: Bench) -> None:
-    """Values of both links, as the window has them while all is well."""
+    """Values of both links in normal operation."""
     now = now_ns()
     bench.state.take(OccupancyGrid(now, None, 0.05, Pose2D(0.0, 0.0, 0.0), np.zeros((2, 3), np.int8)))
     bench.state.take(RobotPose(now, None, Pose2D(1.0, 2.0, 0.0)))
@@ -347,7 +347,7 @@ def test_neither_connecting_nor_trouble_takes_anything_away_and_loss_only_what_c
     bench.connect()
     _told_of_the_robot(bench)
     state = bench.state
-    # The media link may be there first: what the control link begins with is no news of the map.
+    # The media link may connect first: the connection of the control link must not clear the map.
     for link, state_ in (("control", "connecting"), ("control", "connected"), ("media", "connecting")):
         bench.robot.on_event(LinkChanged(1, link, state_, "ws://r:9090"))  # type: ignore[arg-type]
     for link in ("control", "media"):

@@ -1,4 +1,4 @@
-"""Another robot: the last one asked for counts, and nothing of the one before stands for it."""
+"""Switch of the robot: the last request wins, and no state of the previous robot remains."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from caris_desktop.live.services.robot_switch_service import AnotherRobotService
 
 
 class Told:
-    """Any collaborator: its calls stand in one list, in their order."""
+    """Records the calls of all collaborators in one list."""
 
     def __init__(self, name: str, calls: list[str]) -> None:
         self._name, self._calls = name, calls
@@ -28,7 +28,7 @@ class Told:
 
 
 class LaterWork:
-    """Slow work, done one after the other when the test says so."""
+    """Background work, executed in order on request of the test."""
 
     def __init__(self) -> None:
         self.waiting: deque[tuple[Callable[[], Any], Callable[[Any], None], Callable[[UserFacingError], None]]] = (
@@ -99,7 +99,7 @@ def test_of_two_that_are_looked_for_the_last_counts(
     service.use(lambda: first, WIZARD)
     service.use(lambda: second, WIZARD)
     work.run(2)
-    service.connect_to(first)  # meanwhile the second is being left for
+    service.connect_to(first)  # requested while the switch to the second one is in progress
     work.run(2)
     assert [call for call in calls if call.startswith("robot.connect_robot")] == ["robot.connect_robot tiago"]
 

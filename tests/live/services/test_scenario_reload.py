@@ -1,4 +1,4 @@
-"""A scenario whose file is changed while it is open: what it says now holds, unless that cannot be."""
+"""Change of an open scenario file: applied unless that is impossible."""
 
 import hashlib
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ layout:
 
 
 class Bench:
-    """The service over a real file, and what was told of it."""
+    """The service with a real file, and its reports."""
 
     def __init__(self, path: Path, parent: QObject) -> None:
         self.path = path

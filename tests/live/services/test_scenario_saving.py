@@ -1,4 +1,4 @@
-"""Saving an edited scenario: whose file is in force then, and what the window hears of it."""
+"""Saving of an edited scenario: the file in use afterwards, and the reports to the window."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ OPEN = Scenario("Open", PanelLeaf("map"), path=Path("/scenarios/open.yaml"))
 
 
 class Bench:
-    """The service over files in memory."""
+    """The service with files in memory."""
 
     def __init__(self, parent: QObject) -> None:
         self.files = {OPEN.path: "Open"}
@@ -125,7 +125,7 @@ def test_a_recording_goes_on_with_the_scenario_that_it_has(bench: Bench, qtbot: 
     bench.save(qtbot, "Copy", copy, OPEN.path)
     assert bench.files[copy] == "Copy"
     assert bench.applied == [] and bench.state.scenario.value is OPEN
-    # What is changed in its own file holds at once, as ever.
+    # An edit of its own file is applied at once, as always.
     bench.save(qtbot, "Edited", OPEN.path, OPEN.path)
     assert bench.applied == ["Edited"]
 

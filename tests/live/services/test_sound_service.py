@@ -1,4 +1,4 @@
-"""Push-to-talk and hearing along: who is heard where, what is on record of it, and how it ends."""
+"""Push-to-talk and robot microphone: playback, recording, and the end of both."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -78,7 +78,7 @@ class FakeChildren:
 
 
 class FakeMicrophones:
-    """Stands for the service: takes down when the wizard's microphone is heard."""
+    """Double of the service that records the activity of the wizard's microphone."""
 
     def __init__(self) -> None:
         self.wizards_choice: str | None = "Headset"
@@ -149,7 +149,7 @@ class Bench:
         self.bus.publish(AudioChunk(clock.now_ns(), "robot microphone", 16000, PIECE))
 
     def told(self, name: str, message: Any) -> None:
-        """A process says it."""
+        """Deliver a message of a process."""
         self.children.told[name]["reads"](message, b"")
 
     def utterances(self) -> list[UtteranceChanged]:

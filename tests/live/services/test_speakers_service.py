@@ -1,4 +1,4 @@
-"""Who of the people here is taken for the speaker, from what the services tell one another."""
+"""Attribution of speech to a detected person, from the events of other services."""
 
 from dataclasses import replace
 from typing import Any
@@ -33,7 +33,7 @@ class Desk:
         self.state.persons.set(rows)
 
     def said(self, text: str = "Where is the kitchen?", **changes: Any) -> tuple[str, str]:
-        """By a participant, just now. Gives for whom it was taken as it began, and its id."""
+        """An utterance of a participant, just now. Returns the person it was attributed to at its start, and its id."""
         self.turns += 1
         now_ns = clock.now_ns()
         utterance = UtteranceChanged(

@@ -1,4 +1,4 @@
-"""What the wizard has the robot say: gaps, the queue, gestures, fillers."""
+"""Robot speech of the wizard: gaps, queue, gestures and fillers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ NAMELESS = PersonRow("p-2", 2, "Person 2", True, 0, 0, distance_m=1.0)
 
 
 class Voice:
-    """Speaks when it is told to."""
+    """Speech backend controlled by the test."""
 
     held_up = False
 
@@ -50,7 +50,7 @@ class Voice:
 
 @dataclass
 class Desk:
-    """The service with what is around it."""
+    """The service with its environment."""
 
     state: LiveState
     service: SpeakingService
@@ -71,7 +71,7 @@ class Desk:
         return [spoken for _, spoken in self.voice.said]
 
     def tell(self, utterance: UtteranceChanged, what: Any) -> None:
-        """The voice tells, and everybody hears of it."""
+        """Report of the speech backend to all receivers."""
         event = replace(utterance, stamp_ns=clock.now_ns(), state=what, gesture="")
         self.queue.report(event)
         self.queue.on_utterance(event)

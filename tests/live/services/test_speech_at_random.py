@@ -1,6 +1,6 @@
-"""Sentences that are queued, cancelled, interrupted and killed at random, through the real voice processes.
+"""Utterances that are queued, cancelled, interrupted and killed at random, with the real speech processes.
 
-Whatever happens: nothing hangs, every utterance has exactly one end, no two are heard at once, no process is left.
+Invariants: nothing hangs, every utterance ends exactly once, no two overlap, no process remains.
 """
 
 import itertools
@@ -37,7 +37,7 @@ WITHIN_MS = 60_000
 
 
 class Bench:
-    """The speech service with this computer's voice, and everything that was told of it."""
+    """The speech service with speech of this computer, and all its reports."""
 
     def __init__(self) -> None:
         self.owner = QObject()
@@ -108,7 +108,7 @@ def lives(process: psutil.Process) -> bool:
 
 
 def act(bench: Bench, choices: random.Random) -> int:
-    """Something that a wizard, or bad luck, does; how many sentences it has added."""
+    """A random action of the wizard or a fault; returns the number of added utterances."""
     bench.engines()
     waiting = bench.state.speech.value.waiting
     match choices.choices(
@@ -140,7 +140,7 @@ def act(bench: Bench, choices: random.Random) -> int:
 @pytest.mark.logs(r"live\.(bus|child_process): ")
 @pytest.mark.parametrize("sentences", [10, pytest.param(500, marks=pytest.mark.long)])
 def test_each_has_one_end_and_nothing_hangs_overlaps_or_is_left(bench: Bench, qtbot: QtBot, sentences: int) -> None:
-    choices = random.Random(sentences)  # noqa: S311 - sentences
+    choices = random.Random(sentences)  # noqa: S311 - a test, not cryptography
     qtbot.waitUntil(lambda: bench.state.speech.value.ready, timeout=WITHIN_MS)
     since, said = len(bench.told), 0
     while said < sentences:

@@ -1,4 +1,4 @@
-"""What became of an utterance is on record with its origin, whatever the GUI thread is doing."""
+"""The result of an utterance is recorded with its origin, even while the GUI thread is busy."""
 
 import os
 import pickle
@@ -44,7 +44,7 @@ WITHIN_S = 30.0
 
 
 class Recorder:
-    """Stands for the recorder's pipe: keeps what is written, in whatever thread that is."""
+    """Double of the recorder's pipe, written from any thread."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -52,7 +52,7 @@ class Recorder:
 
     def send_raw_waiting(self, raw: bytes) -> bool:
         assert raw[:1] == ARRIVED
-        value = pickle.loads(raw[9:])  # noqa: S301 - made here
+        value = pickle.loads(raw[9:])  # noqa: S301 - written by this test
         if isinstance(value, UtteranceChanged):
             with self._changed:
                 self.utterances.append(value)
@@ -60,7 +60,7 @@ class Recorder:
         return True
 
     def wait_for(self, found: Callable[[], bool]) -> bool:
-        """Without a turn of the event loop."""
+        """Wait without running the event loop."""
         with self._changed:
             return self._changed.wait_for(found, WITHIN_S)
 
@@ -70,7 +70,7 @@ class Recorder:
 
 
 class Bench:
-    """The speech service between two real voices and a recorder."""
+    """The speech service with two real speech processes and a recorder."""
 
     def __init__(self) -> None:
         self.owner = QObject()
@@ -133,7 +133,7 @@ def test_while_the_gui_thread_is_held_a_voice_comes_to_its_end_on_record(
 ) -> None:
     bench.speech.queue.use_voice(kind)
     bench.speech.queue.say("Hello", "phrase")
-    # From here to the end the event loop does not turn.
+    # The event loop does not run from here on.
     assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 3)
     assert bench.recorder.told == [
         ("Hello", "requested", "phrase"),
@@ -171,7 +171,7 @@ def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot
     before = bench.link
     mute = ChildProcess(ProcessSpec("control", voice), on_message=lambda _value, _raw: None)
     mute.start()
-    bench.link = mute  # a link that takes the sentence and dies
+    bench.link = mute  # a link that receives the sentence and dies
     bench.speech.queue.say("Hello", "typed")
     assert bench.state.speech.value.now is not None
     late = bench.state.speech.value.now

@@ -1,4 +1,4 @@
-"""Replies are suggested as they are written, said by a key or in sight of the wizard, and told in the record once."""
+"""Suggested replies: displayed while they are generated, spoken by a key or a visible countdown, recorded once."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -131,7 +131,7 @@ def test_a_pause_that_is_over_before_the_clock_is_looked_at_again_is_one(
     desk: Desk, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
     def now_ns() -> int:
-        """On a busy computer."""
+        """Clock of a busy computer."""
         desk.now_ns += 30 * MS
         return desk.now_ns
 

@@ -1,4 +1,4 @@
-"""What was said reaches the panels with what was corrected of it, and each answer is timed."""
+"""Transcript with corrections in the panels, and the response time of each answer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Desk:
     def say(self, *events: Any) -> None:
         for event in events:
             self.bus.publish(replace(event, stamp_ns=event.stamp_ns or clock.now_ns()))
-        # What followed from it waits for its own turn.
+        # Events caused by the first ones are drained in the second pass.
         self.bus.take_in()
         self.bus.take_in()
 
@@ -70,7 +70,7 @@ def test_what_is_corrected_is_recorded_and_shown(desk: Desk) -> None:
 
 
 def test_a_sentence_whose_end_is_not_known_stays_in_the_conversation(desk: Desk) -> None:
-    """rosbridge was killed while the robot said it; what was only heard and made nothing of was not said."""
+    """rosbridge was killed during the utterance. A turn that was heard, but not recognised, is omitted."""
     asked = UtteranceChanged(0, "r", "robot", "Follow me.", "typed", "requested")
     desk.say(asked, replace(asked, state="started"), replace(asked, state="failed", detail="the connection was lost"))
     desk.say(replace(HEARD, state="started"), replace(HEARD, state="failed"))
