@@ -1,4 +1,4 @@
-"""A window on a fake console."""
+"""Fixtures: a window with a fake console."""
 
 import dataclasses
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ from tests.ui.fake_console import FakeConsole
 
 
 class MemorySettings:
-    """What the window needs of QSettings, in memory."""
+    """In-memory double of QSettings."""
 
     def __init__(self) -> None:
         self.values: dict[str, object] = {}
@@ -38,10 +38,10 @@ _shown_without_parent: list[QWidget] = []
 
 
 def _watch_for_windows() -> None:
-    """Keeps each widget that is shown as a window of its own while it has no parent.
+    """Record each widget that is shown as a window while it has no parent.
 
-    Whoever shows one calls it in Python, and is heard there: to look at each of the ten thousand events of a new window
-    costs a fifth of it.
+    The patched Python methods catch every such call; an event filter for the ten thousand events of a new window would
+    take a fifth of its time.
     """
 
     def noting(shows: Callable[..., None]) -> Callable[..., None]:
@@ -69,14 +69,14 @@ _watch_for_windows()
 
 @pytest.fixture(autouse=True)
 def no_part_is_shown_before_it_has_a_parent() -> Iterator[None]:
-    """For a moment it is a window of its own then, which takes the keys from driving."""
+    """Fail if a part is shown before it has a parent: it is a window for a moment and takes the focus from driving."""
     _shown_without_parent.clear()
     yield
     assert take_parts_shown_early() == []
 
 
 def take_parts_shown_early() -> list[str]:
-    """Those that have a parent by now, and by which they are told."""
+    """Recorded widgets that have a parent by now."""
     parts = [widget for widget in _shown_without_parent if shiboken6.isValid(widget) and widget.parent() is not None]
     _shown_without_parent.clear()
     return list(dict.fromkeys(f"{type(widget).__name__} {widget.objectName()!r}" for widget in parts))
@@ -89,15 +89,17 @@ def settings() -> MemorySettings:
 
 @pytest.fixture
 def console(request: pytest.FixtureRequest) -> FakeConsole:
-    """Its scenario is the tour; with ``@pytest.mark.panels("map")`` only those panels of it. To build the others costs
-    twice as much as the window itself. A test of a marked file that needs them all has the mark without a name.
+    """Fake console with the tour scenario, limited to the panels of ``@pytest.mark.panels("map")``.
+
+    Building the other panels takes twice as long as the window itself. A test that needs them all in a marked file has
+    the mark without a name.
     """
     tour = with_marked_panels(request, samples.TOUR)
     return FakeConsole(tour, {samples.MENTAL.path: samples.MENTAL, tour.path: tour})
 
 
 def with_marked_panels(request: pytest.FixtureRequest, scenario: Scenario) -> Scenario:
-    """``scenario`` as the test's mark wants it, for a console of a file's own as well."""
+    """``scenario`` limited to the panels of the mark, also for the console of a single file."""
     mark = request.node.get_closest_marker("panels")
     return scenario if mark is None or not mark.args else with_panels(scenario, *mark.args)
 
@@ -110,7 +112,7 @@ def with_panels(scenario: Scenario, *names: str) -> Scenario:
 
 @pytest.fixture(scope="session")
 def theme(qapp: QApplication) -> Theme:
-    """One for all tests: a style sheet costs a third of a second to put on."""
+    """One theme for all tests: applying a style sheet takes a third of a second."""
     return Theme(qapp, "dark")
 
 
@@ -122,7 +124,7 @@ def window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: 
 
 @pytest.fixture
 def screen_reader() -> Iterator[None]:
-    """As if one asked: what is only told to a screen reader is kept up to date."""
+    """Active accessibility, so that texts for screen readers are kept up to date."""
     before = QAccessible.isActive()
     QAccessible.setActive(True)
     yield
@@ -134,7 +136,7 @@ def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
         return [ScenarioChoice(scenario.title, scenario.path or Path()) for scenario in (samples.TOUR, samples.MENTAL)]
 
     samples.fill_console(console)
-    # The tests look for panels where the samples have them, whatever the size of the window.
+    # The tests expect panels where the samples place them, whatever the size of the window.
     settings.setValue("wizards/*/layout/adapts", "no")
     window = MainWindow(console, settings=settings, scenarios=choices, theme=theme)
     qtbot.addWidget(window)
@@ -142,7 +144,7 @@ def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
     window.show()
     window.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is window)
-    # Freshness is a matter of the clock; the tests say themselves when time has passed.
+    # Freshness depends on the clock; the tests advance the time themselves.
     console.state.close()
     freshen(console)
     console.calls.clear()
@@ -150,14 +152,14 @@ def open_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
 
 
 def freshen(console: FakeConsole) -> None:
-    """New values on every fast stream."""
+    """Send new values on every fast stream."""
     image_bgr, boxes = samples.first_frames()[0]
     samples.show_frame(console, image_bgr, boxes)
     samples.refresh_streams(console, Pose2D(6.6, 3.4, 0.55))
 
 
 def find(window: QWidget, name: str) -> QWidget:
-    """The visible widget of that object name."""
+    """The visible widget with that object name."""
     found = [widget for widget in window.findChildren(QWidget, name) if widget.isVisible()]
     assert found, f"nothing visible is called {name}"
     return found[0]

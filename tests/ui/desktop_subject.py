@@ -1,6 +1,6 @@
-"""The window on a virtual screen, for ``test_desktop``: ``python -m tests.ui.desktop_subject``.
+"""Window on a virtual screen for ``test_desktop``: ``python -m tests.ui.desktop_subject``.
 
-Prints each intent and each change of what is on show; does what the lines on stdin say.
+It prints each intent and each change of the displayed state, and executes commands from stdin.
 """
 
 import sys
@@ -21,12 +21,12 @@ from tests.support.virtual_gamepad import VirtualGamepad
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
-# How near to each other two Esc have to be is tried in test_drive_keys by a clock of its own; this machine may be slow.
+# test_drive_keys covers the limit for a double Esc with a simulated clock; this machine may be slow.
 drive_input_filter.DOUBLE_STOP_S = 60.0
 
 
 class Subject(StdinCommands):
-    """The window, and what the test can ask of it."""
+    """The window, with commands for the test."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -85,7 +85,7 @@ class Subject(StdinCommands):
         return self.field.toPlainText(), self.field.textCursor().position()
 
     def _layout(self) -> str:
-        """Groups from left and top, tabs joined by +, windows of their own behind a ~."""
+        """Groups from left and top, tabs joined by +, floating panels after a ~."""
         arrangement = self.window.dock_host.arrangement
         if arrangement is None:
             return ""
@@ -105,7 +105,7 @@ class Subject(StdinCommands):
         QApplication.quit()
 
     def do_reset(self, number: str) -> None:
-        """As at the start: nothing open, nothing held, the video in focus."""
+        """Restore the initial state: nothing open, no key held, the video in focus."""
         for widget in QApplication.topLevelWidgets():
             if widget is not self.window and (
                 isinstance(widget, QDialog) or widget.windowType() == Qt.WindowType.Popup
@@ -127,7 +127,7 @@ class Subject(StdinCommands):
         self._begin(number, time.monotonic() + 15.0)
 
     def _begin(self, number: str, deadline_s: float) -> None:
-        """Only once the window manager has given the window the keys: what follows is then told as a change."""
+        """Start once the window has the focus, so that later states are reported as changes."""
         if self.window.hold.key_owner != "driving" and time.monotonic() < deadline_s:
             QTimer.singleShot(10, self, lambda: self._begin(number, deadline_s))
             return
@@ -181,7 +181,7 @@ class Subject(StdinCommands):
         print("WHERE", name, center.x(), center.y(), flush=True)
 
     def do_title(self, name: str) -> None:
-        """Where the panel can be taken by its title: that of its dock, or of its tab."""
+        """Print where the panel can be dragged: the title of its dock or its tab."""
         host = self.window.dock_host
         bar = next((bar for bar in host.bars if name in bar.panels), None)
         if bar is None:

@@ -1,4 +1,4 @@
-"""Each dialog, card and secondary window of the program, opened as the wizard opens it, to be looked over."""
+"""Each dialog, card and secondary window of the program, opened as by the wizard, for checks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ from tests.ui.preflight.test_preflight import CHECKS
 from tests.ui.test_robot_dialog import ADDRESS, OFFER, MemoryExplorer
 
 SMALLEST, SMALL, USUAL = QSize(683, 384), QSize(911, 512), QSize(1366, 768)
-"""What a screen of 1366x768 has room for at 200, 150 and 100 %."""
+"""Logical sizes of a screen of 1366x768 at 200, 150 and 100 %."""
 
 SCENARIO = "tour-guide"
 _COMES_ROUND_MS = 400
@@ -51,14 +51,14 @@ _COMES_ROUND_MS = 400
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A part that was opened: an overlay of the main window, or a window of its own."""
+    """An opened part: an overlay of the main window, or a window."""
 
     name: str
     part: QWidget
 
 
 class EveryWindow:
-    """The windows of a session, and of a replay, in one language."""
+    """The windows of a session and of a replay in one language."""
 
     def __init__(self, theme: Theme, language: str) -> None:
         self.language = Language()
@@ -88,7 +88,7 @@ class EveryWindow:
         self.window.deleteLater()
 
     def seen(self, *, with_what_is_beside: bool = False) -> Iterator[Seen]:
-        """Each part in turn; the one before is closed."""
+        """Each part in turn; the previous one is closed."""
         yield from self._cards()
         yield from self._of_sessions()
         yield from self._of_the_robot()
@@ -195,7 +195,7 @@ class EveryWindow:
         state.import_question.reset_value(None)
 
     def _next_to(self) -> Iterator[Seen]:
-        """What asks about a file, cards and bands in the window, panels in windows of their own, and Qt's dialogs."""
+        """File dialogs, cards and banners in the window, floating panels, and dialogs of Qt."""
         yield from self._of_files()
         yield from self._in_the_window()
         files = self.window.menus._parts.scenario_files
@@ -206,7 +206,7 @@ class EveryWindow:
             _close(seen)
 
     def _in_the_window(self) -> Iterator[Seen]:
-        """Cards that lie beside what they are about, bands and strips, and a panel in a window of its own."""
+        """Cards at their subject, banners and strips, and a floating panel."""
         window, console = self.window, self.console
         window.activateWindow()
         window.open_panel("people")
@@ -256,7 +256,7 @@ class EveryWindow:
             window.dock_host.toggle_floating(panel)
 
     def _in_the_picture(self) -> Iterator[Seen]:
-        """The card of a point on the floor, for which the robot needs a camera whose place is known."""
+        """The card of a point on the floor, which requires a camera with known position."""
         state, panel = self.console.state, self.window.panels["video"]
         before = state.robot.value
         state.robot.set(test_video.ROBOT)
@@ -282,7 +282,7 @@ class EveryWindow:
         face.set(replace(face.value, window=False))
 
     def of_the_replay(self, *, with_cards: bool = False) -> Iterator[Seen]:
-        """The window of a replay as it is opened, with its timeline open, and beside a robot; then its dialogs."""
+        """The replay window with its timeline, next to a robot, and then its dialogs."""
         console = FakeConsole(self.console.scenario)
         console.state = LiveState(present=PresentClock(live=False))
         samples.fill_console(console)
@@ -330,7 +330,7 @@ class EveryWindow:
         return Seen(name, found[0])
 
     def flaws_in(self, seen: Seen, screen: QSize) -> list[str]:
-        """What can be found wrong with it on a screen of that size."""
+        """Text flaws on a screen of that size."""
         part, room = seen.part, screen - WINDOW_FRAME
         if part.isWindow() and part.objectName() != "main_window":
             opened = self._opened.setdefault(id(part), part.size().expandedTo(part.sizeHint()))

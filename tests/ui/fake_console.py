@@ -1,4 +1,4 @@
-"""A console without robot, threads or files: takes down every intent and moves a real LiveState accordingly."""
+"""Console double without robot, threads and files: records every intent and updates a real LiveState."""
 
 import dataclasses
 import json
@@ -98,9 +98,9 @@ class FakeFrames:
 
 
 class FakeConsole:
-    """Implements WizardConsole; ``calls`` holds (name, arguments) of every intent in order, else (type's name, intent).
+    """Implements WizardConsole; ``calls`` holds (name, arguments) of every intent in order, else (type name, intent).
 
-    Its methods do what the services of the console do; tests may call them for what happens without the window.
+    Its methods have the effects of the services; tests may call them for events from outside the window.
     """
 
     def __init__(self, scenario: Scenario, other_scenarios: dict[Path, Scenario] | None = None) -> None:
@@ -130,7 +130,7 @@ class FakeConsole:
         self.asked_with: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
         self._others = other_scenarios or {}
         self.is_replay = False
-        self.ahead_ns = 0  # how much later it is than the clock says, for alarms
+        self.ahead_ns = 0  # time added to the clock, for alarms
         self.alarms = AlarmsService(
             self.state, self.state.event_happened.emit, now_ns=lambda: clock.now_ns() + self.ahead_ns
         )
@@ -159,7 +159,7 @@ class FakeConsole:
                 return failure.what
             return ""
         name = _METHODS.get(type(intent))
-        if name is None:  # nothing in the window follows from it but through the state
+        if name is None:  # it affects the window only through the state
             self.calls.append((type(intent).__name__, intent))
             return ""
         return "refused" if getattr(self, name)(**values) is False else ""
@@ -321,7 +321,7 @@ class FakeConsole:
         self.say_turn(UtteranceCorrected(clock.now_ns(), utterance_id, **corrected))
 
     def say_turn(self, *events: UtteranceReport) -> None:
-        """Something is said, or turns out otherwise: what the transcript is then."""
+        """Add speech events to the transcript and the state."""
         for event in events:
             self.transcript.take(event)
             self.state.take(event)
@@ -526,7 +526,7 @@ class FakeConsole:
         done: Callable[[Any], None],
         failed: Callable[[UserFacingError], None] | None = None,
     ) -> None:
-        """At once, as from a disk that is quick; while ``disk_is_slow`` when ``answer_of_disk`` is called."""
+        """Run at once, as with a fast disk; while ``disk_is_slow`` at ``answer_of_disk``."""
         self._asked_of_disk.append((read, done, failed))
         if not self.disk_is_slow:
             self.answer_of_disk()
@@ -733,7 +733,7 @@ _METHODS: dict[type[Intent], str] = {
 
 
 class FakeLibrary:
-    """Implements SessionLibrary over ``sessions`` and ``hits``; ``calls`` holds what was asked for."""
+    """Implements SessionLibrary with ``sessions`` and ``hits``; ``calls`` holds the requests."""
 
     def __init__(self, sessions: Sequence[SessionEntry] = (), hits: Sequence[SearchHit] = ()) -> None:
         self.found = LiveValue(LibraryStatus())
@@ -769,7 +769,7 @@ class FakeLibrary:
     def choose_export_folder(
         self, sessions: Sequence[Path], told: Callable[[Path], None], *, chosen: Path | None = None
     ) -> None:
-        """At once, as from a disk that is quick."""
+        """Answer at once, as with a fast disk."""
         name = sessions[0].name if len(sessions) == 1 else "several"
         told(Path("/exports") / name if chosen is None else chosen / name if any(chosen.iterdir()) else chosen)
 

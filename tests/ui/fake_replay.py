@@ -1,4 +1,4 @@
-"""A replay without files or threads: the bar and the timeline ask it for things, and it moves as a real one does."""
+"""Replay double without files and threads, with the seeking of a real one."""
 
 import math
 from collections.abc import Callable
@@ -83,7 +83,7 @@ class FakeReplay(QObject):
         self.playback.set(PlaybackStatus(**{**fields, **changes}))
 
     def at_ms(self, at_ms: float) -> None:
-        """The replay is there now."""
+        """Move the replay to this time."""
         self.set_playback(position_ns=STARTED_NS + round(at_ms * 1e6))
 
     @property
@@ -152,7 +152,7 @@ class FakeReplay(QObject):
 
 
 def sample_picture(at_ns: int) -> NDArray[np.uint8]:
-    """A corridor whose light tells the time."""
+    """A corridor whose brightness depends on the time."""
     shade = int(60 + 50 * math.sin(at_ns / 7e9))
     image = np.full((90, 160, 3), (shade + 30, shade + 20, shade), np.uint8)
     image[60:, :] = (70, 80, 90)
@@ -162,7 +162,7 @@ def sample_picture(at_ns: int) -> NDArray[np.uint8]:
 
 
 class ReplayScene(QWidget):
-    """The parts that a replay adds, one above the other, with room for panels above."""
+    """The widgets that a replay adds, stacked, with space for panels above."""
 
     def __init__(self, theme: Theme, replay: FakeReplay, *, height_px: int = 620) -> None:
         super().__init__()
@@ -186,7 +186,7 @@ class ReplayScene(QWidget):
 
 
 def open_scene(qtbot: QtBot, theme: Theme, replay: FakeReplay) -> ReplayScene:
-    """In front, with the keys at the timeline."""
+    """Open the scene as active window with the focus on the timeline."""
     scene = ReplayScene(theme, replay)
     qtbot.addWidget(scene, before_close_func=lambda _scene: scene.state.close())
     scene.show()
@@ -208,7 +208,7 @@ STANCE = Vocabulary(
 
 
 def sample_coding(duration_ms: int) -> AnnotationDocument:
-    """Two coders with a tier of the same vocabulary each, and one of free text."""
+    """Two coders with one tier each of the same vocabulary, and one of free text."""
     tiers = (
         Tier("c-Ana-tier-1", "Stance", "Ana", "stance"),
         Tier("c-Ana-tier-2", "Remarks", "Ana"),
@@ -232,7 +232,7 @@ def sample_coding(duration_ms: int) -> AnnotationDocument:
 def sample_overview(
     duration_s: float = 120.0, *, video: bool = True, sound: bool = True, more_tiers: int = 0
 ) -> SessionOverview:
-    """A session in which robot and participant take turns."""
+    """A session in which robot and participant alternate."""
     rng = np.random.default_rng(4)
     end_ms = round(duration_s * 1000)
     names = ("Robot speech", "Participant", "Motion", "People", "Marks", "Problems")

@@ -1,4 +1,4 @@
-"""People as a study has them: some here, one who could be somebody, some gone, many known."""
+"""Sample people of a study: present, possibly recognised, departed, and many known ones."""
 
 import io
 import math
@@ -14,7 +14,7 @@ MINUTE_NS = 60_000_000_000
 
 
 def portrait(shade: int) -> bytes:
-    """A JPEG of one colour."""
+    """JPEG of one colour."""
     picture = np.full((160, 80, 3), (shade, 90, 200 - shade), np.uint8)
     held = io.BytesIO()
     Image.fromarray(picture).save(held, "JPEG")
@@ -49,13 +49,13 @@ def people_of_a_tour(now_ns: int = 0) -> tuple[PersonRow, ...]:
 
 
 def show_people(console: FakeConsole, rows: tuple[PersonRow, ...]) -> None:
-    """As the console tells it: who is here apart from everybody."""
+    """Set the state as the console does: present people separately from all."""
     console.state.everybody.set(rows)
     console.state.persons.set(tuple(row for row in rows if row.here))
 
 
 def many(count: int) -> tuple[PersonRow, ...]:
-    """Somebody here, and so many known."""
+    """One present person, and ``count`` known ones."""
     now_ns = clock.now_ns()
     return (
         PersonRow("p-here", 1, "Luis", True, now_ns, now_ns, number=1, known=True, bearing_rad=math.pi / 3),

@@ -1,7 +1,7 @@
-"""Takes pictures of the window for every scenario, screen, scale, theme and language, to be looked at:
-``python -m tests.ui.pictures OUT [--all]``, without ``--all`` a few in which every pair of values comes up.
+"""Screenshots of the window for every scenario, screen, scale, theme and language.
 
-Each scale is drawn by a process of its own, as Qt reads it when it starts.
+``python -m tests.ui.pictures OUT [--all]``; without ``--all`` a few that cover every pair of values. Each scale needs a
+separate process, as Qt reads it at the start.
 """
 
 import argparse

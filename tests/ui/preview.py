@@ -1,6 +1,6 @@
-"""Shows the window filled with plausible values and saves pictures of it: ``python -m tests.ui.preview OUT``.
+"""Window filled with plausible values, saved as screenshots: ``python -m tests.ui.preview OUT``.
 
-Run it under a display (a virtual one with a window manager will do) or with QT_QPA_PLATFORM=offscreen.
+It needs a display, for example a virtual one with a window manager, or QT_QPA_PLATFORM=offscreen.
 """
 
 import argparse
@@ -38,7 +38,7 @@ def spin(milliseconds: int) -> None:
 
 
 class Scene:
-    """One filled window whose fast streams keep coming."""
+    """Filled window with continuous fast streams."""
 
     def __init__(self, scenario: samples.Scenario) -> None:
         self.console = FakeConsole(scenario)
@@ -155,7 +155,7 @@ def states(scene: Scene, out: Path) -> None:
 
 
 def map_on_show(map_panel: MapPanel, video: VideoPanel) -> None:
-    """A goal with heading half said on the map, and a point of the floor in the video."""
+    """A goal with a partly set heading on the map, and a point on the floor in the video."""
     view, picture = map_panel.view, video.view.picture_rect()
     map_panel.view.set_tool("goal")
     start = view.to_view(9.0, 3.0).toPoint()

@@ -1,4 +1,4 @@
-"""Shows the bar and the timeline of a replay and saves pictures of them: ``python -m tests.ui.preview_replay OUT``."""
+"""Bar and timeline of a replay, saved as screenshots: ``python -m tests.ui.preview_replay OUT``."""
 
 import argparse
 import sys
@@ -57,7 +57,7 @@ def scenes() -> dict[str, FakeReplay]:
 
 
 def coding(scene: ReplayScene, out: Path, choice: str) -> None:
-    """What a coder sees while working."""
+    """The timeline during annotation."""
     canvas, timeline = scene.timeline.canvas, scene.timeline
     canvas.setFocus()
     canvas.zoom(4.0)

@@ -1,4 +1,4 @@
-"""Two scenarios as the shipped ones arrange them, and values that look like a running session."""
+"""Two scenarios similar to the shipped ones, and values of a running session."""
 
 import dataclasses
 import functools
@@ -139,7 +139,7 @@ def floor_plan(*, resolution_m: float = 0.05) -> OccupancyGrid:
 
 
 def scan_at(pose: Pose2D, *, beams: int = 720) -> LaserScan:
-    """Rays cast against the floor plan, with a little noise."""
+    """Scan by ray casting in the floor plan, with some noise."""
     increment = 2 * math.pi / beams
     angles = -math.pi + increment * np.arange(beams) + pose.heading_rad
     best = np.full(beams, np.inf)
@@ -158,7 +158,7 @@ def scan_at(pose: Pose2D, *, beams: int = 720) -> LaserScan:
 
 
 def corridor(width_px: int = 640, height_px: int = 480) -> NDArray[np.uint8]:
-    """A plain room, for where there is no better picture."""
+    """Synthetic room, used without video data."""
     image = np.zeros((height_px, width_px, 3), np.uint8)
     rows = np.linspace(0, 1, height_px)[:, None]
     image[:] = (np.array([150, 150, 145]) - 60 * rows[..., None]).astype(np.uint8)
@@ -167,7 +167,7 @@ def corridor(width_px: int = 640, height_px: int = 480) -> NDArray[np.uint8]:
 
 
 def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float, float, float]]]]:
-    """A street with its people's boxes where the shared data lies beside the repository, else a plain room."""
+    """A street with its people's boxes if the shared data exists next to the repository, else a synthetic room."""
     data = Path(__file__).resolve().parents[3] / "shared" / "data" / "TUD-Campus"
     video, truth = data / "TUD-Campus.mp4", data / "gt.txt"
     if video.is_file():
@@ -192,12 +192,12 @@ def video_frames() -> Iterator[tuple[NDArray[np.uint8], list[tuple[float, float,
 
 @functools.cache
 def first_frames() -> tuple[tuple[NDArray[np.uint8], list[tuple[float, float, float, float]]], ...]:
-    """Of these every window shows some; read for each of them anew they would cost a tenth of its time."""
+    """Cached frames for every window; reading them again would take a tenth of its time."""
     return tuple(itertools.islice(video_frames(), 4))
 
 
 def fill_console(console: FakeConsole) -> None:
-    """Bring the state to the middle of a session."""
+    """Set the state to the middle of a session."""
     state = console.state
     now_ns = clock.now_ns()
     pose = Pose2D(6.6, 3.4, 0.55)
@@ -255,7 +255,7 @@ def fill_console(console: FakeConsole) -> None:
 
 
 def converse(console: FakeConsole) -> None:
-    """A question, its answer, and what is being said now."""
+    """A question, its answer, and the present utterance."""
     now_ns = clock.now_ns()
 
     def at(seconds_ago: float) -> int:
@@ -275,7 +275,7 @@ def converse(console: FakeConsole) -> None:
 
 
 def suggest(console: FakeConsole) -> None:
-    """Replies to that question, and something to do."""
+    """Suggested replies to the question, and a proposed action."""
     replies = (
         "It stops as soon as it touches something.", "Good question! There is a safety zone around it.",
         "No, and we can watch it from here if you like.",
@@ -315,7 +315,7 @@ def refresh_streams(console: FakeConsole, pose: Pose2D) -> None:
 
 
 def drive_along(console: FakeConsole) -> None:
-    """A trail behind the robot and a path before it."""
+    """A trail behind the robot and a path ahead."""
     state = console.state
     for share in np.linspace(0.0, 1.0, 120):
         state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0 + 4.6 * share, 2.0 + 1.4 * math.sin(1.57 * share), 0.4)))

@@ -1,4 +1,4 @@
-"""The table of keys, and that a permission takes away everything it names."""
+"""Table of key bindings, and the effect of permissions on it."""
 
 import dataclasses
 from pathlib import Path
@@ -162,7 +162,7 @@ def test_phrases_are_named_by_the_scenario() -> None:
 
 
 def asked_by(window: MainWindow) -> dict[str, Intent]:
-    """What each row of the table would ask the console for now."""
+    """The present intent of each row of the table."""
     table = window.actions_table
     return {spec.id: intent for spec in table.all_specs if (intent := table.intent_of(spec)) is not None}
 
@@ -196,7 +196,7 @@ def test_nothing_is_said_of_a_scenario_that_the_window_does_not_show_yet(
     assert asked["emergency_stop"] == intents.EmergencyStop() and asked["stop"] == intents.Stop()
     console.state.scenario.set(console.scenario)
     assert isinstance(asked_by(window)["phrase_2"], intents.Say)
-    console.scenario = dataclasses.replace(console.scenario)  # as a place that is saved where it was
+    console.scenario = dataclasses.replace(console.scenario)  # as when a place is saved
     assert "phrase_2" in asked_by(window)
 
 

@@ -1,4 +1,4 @@
-"""What a screen reader says by itself: it comes up as a notification in the accessibility interface."""
+"""Announcements to screen readers, as accessibility notifications."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,7 +27,7 @@ ALARM = Alarm("camera", "camera", "error", "No picture.", "The camera is silent.
 
 @pytest.fixture
 def window(window: MainWindow) -> MainWindow:
-    """With nothing left of what its beginning announced."""
+    """Remove the announcements of the window's start."""
     for one in window.findChildren(Announcement):
         one.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
@@ -52,7 +52,7 @@ def _shown(node: QAccessibleInterface) -> Iterator[QAccessibleInterface]:
 
 
 class Heard(QObject):
-    """Each announcement that comes up."""
+    """Records each announcement."""
 
     def __init__(self, app: QApplication) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What menus show of files: at once what was read last, and what the disk tells when it has told it."""
+"""Menus with file lists: the cached list at once, and the new one when the disk has been read."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Several cameras in the video panel: one large, the others small beside it, each with an age of its own."""
+"""Several cameras in the video panel: one large, the others in a strip, each with its own age."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The small window that says what is being finished while the program ends."""
+"""Window with the pending work while the program exits."""
 
 import threading
 

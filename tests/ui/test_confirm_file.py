@@ -1,4 +1,4 @@
-"""What a file names is asked before it is used: what the dialog lists, and what each answer asks of the console."""
+"""Confirmation of a file's references: the listed items, and the effect of each answer."""
 
 from pathlib import Path
 

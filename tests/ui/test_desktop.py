@@ -1,4 +1,4 @@
-"""What only a desktop shows: activation, focus and physical keys, on a virtual screen with a window manager."""
+"""Activation, focus and physical keys on a virtual screen with a window manager."""
 
 import itertools
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ def whole_desktop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualD
 
 
 class Desktop:
-    """The desktop from a fresh start on: only what has happened since then is looked at."""
+    """The desktop since the start of a test: earlier output is ignored."""
 
     def __init__(self, desktop: VirtualDesktop) -> None:
         self._desktop = desktop
@@ -48,12 +48,12 @@ class Desktop:
         self.began = self.at
 
     def expect(self, *lines: str, timeout_s: float = 10.0) -> None:
-        """These lines, in this order, from the last expected one on."""
+        """Wait for these lines in this order after the last expected one."""
         for line in lines:
             self.at = self._desktop.wait_for(line, after=self.at, timeout_s=timeout_s)
 
     def expect_all(self, *lines: str) -> None:
-        """These lines in any order."""
+        """Wait for these lines in any order."""
         self.at = max(self._desktop.wait_for(line, after=self.at) for line in lines)
 
     def since(self, start: int | None = None) -> list[str]:
@@ -71,7 +71,7 @@ class Desktop:
         self.do("mousemove", x, y, "click", "1")
 
     def place(self, word: str, name: str) -> tuple[int, int]:
-        """Where on the screen it is."""
+        """Position on the screen."""
         start = len(self._desktop.lines())
         self.say(f"{word} {name}")
         end = self._desktop.wait_for(f"{word.upper()} {name}", after=start)
@@ -114,7 +114,7 @@ def test_a_held_key_repeats_nothing(desktop: Desktop) -> None:
 
 
 def test_driving_and_typing_do_not_get_into_each_other(desktop: Desktop) -> None:
-    desktop.do("key", "Return")  # into the Speak field
+    desktop.do("key", "Return")  # focus to the Speak field
     desktop.expect("KEYS typing")
     desktop.do("type", "--delay", "5", "wads")
     desktop.expect("TEXT ('wads', 4)")
@@ -127,17 +127,17 @@ def test_driving_and_typing_do_not_get_into_each_other(desktop: Desktop) -> None
         desktop.expect(intent)
         desktop.do(*(word for key in reversed(keys) for word in ("keyup", key)))
         desktop.expect("release_drive")
-    # Alt goes up first, and W stays down for longer than the keyboard's repeat delay.
+    # Alt is released first, and W stays pressed longer than the repeat delay.
     desktop.do("keydown", "alt", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.do("keyup", "alt", "sleep", "0.8", "keyup", "w")
     desktop.expect("release_drive")
-    # Plain letters and arrows never drive here; the cursor goes where the arrows take it.
+    # Plain letters and arrows never drive here; arrows move the cursor.
     drives = len(desktop.intents("drive"))
     desktop.do("key", "Left", "key", "Left", "key", "w", "key", "Right")
     desktop.expect("TEXT ('wawds', 4)")
     assert len(desktop.intents("drive")) == drives
-    # Nothing else was typed on the way, and only the arrows moved the cursor.
+    # Nothing else was typed meanwhile, and only the arrows moved the cursor.
     texts = {line.removeprefix("TEXT ") for line in desktop.since() if line.startswith("TEXT ('w")}
     assert texts <= {"('w', 1)", "('wa', 2)", "('wad', 3)"} | {
         "('wads', 4)", "('wads', 3)", "('wads', 2)", "('wawds', 3)", "('wawds', 4)",
@@ -176,17 +176,19 @@ def test_nothing_closes_while_alt_drives(desktop: Desktop) -> None:
     desktop.expect("KEYS typing")
     desktop.do("keydown", "alt", "keydown", "w")
     desktop.expect(FORWARD)
-    desktop.do("key", "F2")  # the window manager lets it through
+    desktop.do("key", "F2")  # not bound by the window manager
     desktop.expect("say ('Please follow me.', 'phrase')")
     assert not desktop.intents("release_drive")
-    desktop.do("keydown", "F4", "sleep", "0.9", "keyup", "F4")  # it keeps this one, again and again, and closes windows
+    desktop.do(
+        "keydown", "F4", "sleep", "0.9", "keyup", "F4"
+    )  # bound by the window manager, which closes windows repeatedly
     desktop.expect("release_drive The window manager took over the keyboard", "say ('Let me think…', 'phrase')")
     desktop.do("keyup", "w", "keydown", "w")
     desktop.expect(FORWARD)
     desktop.do("keyup", "w", "keyup", "alt")
     desktop.expect("release_drive")
     assert len(desktop.intents("say")) == 2
-    # Alone it closes, after a question; Esc stops while that is open.
+    # Alone it closes, after a question; Esc stops while the question is open.
     desktop.do("key", "alt+F4")
     desktop.expect("QUESTION Close the console? The recording will stop and be saved.")
     desktop.do("key", "Escape")
@@ -200,12 +202,12 @@ def test_nothing_closes_while_alt_drives(desktop: Desktop) -> None:
 def test_keys_are_known_by_their_place_on_the_keyboard(desktop: Desktop) -> None:
     desktop.use_layout("fr")
     try:
-        desktop.do("keydown", "25")  # right of the first letter: Z there
+        desktop.do("keydown", "25")  # right of the first letter: Z in this layout
         desktop.expect(FORWARD)
         desktop.do("keyup", "25")
         desktop.expect("release_drive")
         assert "CAP Z" in desktop.since(), "the key cap shows what is printed on the key"
-        desktop.do("keydown", "38", "keyup", "38")  # the first letter of the second row: Q there
+        desktop.do("keydown", "38", "keyup", "38")  # the first letter of the second row: Q in this layout
         desktop.expect(LEFT, "release_drive")
         desktop.do("key", "11")  # the 2 above it, which is é
         desktop.expect("go_to_place Lab bench")
@@ -214,7 +216,9 @@ def test_keys_are_known_by_their_place_on_the_keyboard(desktop: Desktop) -> None
         desktop.do("key", "25", "key", "52")
         desktop.expect("TEXT ('zw', 2)")
         drives = len(desktop.intents("drive"))
-        desktop.do("keydown", "alt", "key", "52", "keydown", "25")  # where W lies now nothing drives forward
+        desktop.do(
+            "keydown", "alt", "key", "52", "keydown", "25"
+        )  # the position of W in this layout does not drive forward
         desktop.expect(FORWARD)
         desktop.do("keyup", "25", "keyup", "alt")
         desktop.expect("release_drive")
@@ -243,7 +247,7 @@ def test_what_altgr_types_is_on_no_key_cap(desktop: Desktop) -> None:
 def test_chords_work_by_position_on_a_keyboard_without_latin_letters(desktop: Desktop) -> None:
     desktop.use_layout("ru")
     try:
-        desktop.do("keydown", "ctrl", "key", "46", "keyup", "ctrl")  # where L lies
+        desktop.do("keydown", "ctrl", "key", "46", "keyup", "ctrl")  # position of L
         desktop.expect("KEYS typing")
         desktop.do("key", "38")
         desktop.expect("TEXT ('ф', 1)")
@@ -331,7 +335,7 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
     desktop.expect("stop")
     assert not desktop.intents("emergency_stop")
     if situation in ("dialog", "combo", "completion"):
-        # What was open is closed by the stop, and the field keeps what was typed.
+        # The stop closes an open popup, and the field keeps the typed text.
         desktop.expect("DIALOG False" if situation == "dialog" else "POPUP False")
     desktop = fresh()
     desktop.do("keydown", "alt", "keydown", "shift", "key", "Escape", "keyup", "shift", "keyup", "alt")
@@ -349,7 +353,7 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
 
 
 def test_an_escape_on_its_way_to_what_the_first_one_closes_is_not_lost(whole_desktop: VirtualDesktop) -> None:
-    for _ in range(5):  # with one in three it went to the window that was gone, or passed for a repeat of the first
+    for _ in range(5):  # one in three was sent to the closed window or treated as a repeat
         desktop = Desktop(whole_desktop)
         _completion(desktop)
         desktop.do("key", "--delay", "0", "Escape", "Escape")
@@ -364,7 +368,7 @@ def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
     _dialog(desktop)
     desktop.say("focus start_dialog_cancel")
     desktop.do("sleep", "0.1")
-    with whole_desktop.busy_manager():  # until it has given the keys to another window, nobody would get them
+    with whole_desktop.busy_manager():  # before it moves the focus, no window would get the keys
         desktop.do("key", closing)
         desktop.expect("DIALOG False")
         desktop.do("key", "Escape")
@@ -376,7 +380,7 @@ def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
     desktop.say("keep_keys 0.6")
 
 
-@pytest.mark.parametrize("delay_ms", [4, 10, 20, 40])  # no finger is quicker
+@pytest.mark.parametrize("delay_ms", [4, 10, 20, 40])  # faster than any person
 def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
     for _ in range(4):
         desktop = Desktop(whole_desktop)
@@ -390,7 +394,7 @@ def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: Vi
 def test_an_escape_for_a_dialog_that_closed_meanwhile_counts(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
     desktop = Desktop(whole_desktop)
     _dialog(desktop)
-    desktop.say("slow_stop 0.4")  # the X server sends the second press to the dialog, and Qt reads it after its end
+    desktop.say("slow_stop 0.4")  # the X server sends the second press to the dialog; Qt reads it after its end
     desktop.do("sleep", "0.1", "key", "--delay", str(delay_ms), "Escape", "Escape")
     desktop.expect("stop", "emergency_stop", "READY True", "KEYS driving")
     desktop.do("sleep", "0.2", "key", "Escape")
@@ -407,7 +411,7 @@ def test_one_escape_that_closes_a_dialog_is_one_and_the_keys_are_the_windows_aga
     other = desktop.start_other_program()
     try:
         desktop.expect("KEYS elsewhere", timeout_s=20.0)
-        desktop.do("sleep", "0.8", "key", "F1")  # not ours any more
+        desktop.do("sleep", "0.8", "key", "F1")  # bound by another program
         other.terminate()
         other.wait(timeout=15)
         desktop.expect("KEYS driving")
@@ -438,7 +442,7 @@ def test_the_gamepad_drives_stops_and_speaks(desktop: Desktop, whole_desktop: Vi
     desktop.say("pad let_go 11")
     assert len(desktop.intents("drive")) == 4, "the stick that was held through a stop does not drive on"
     desktop.say("pad push 1 0.0")
-    # The stops of the gamepad work over everything; its stick drives over nothing.
+    # Gamepad stops work over every window; its stick drives over none.
     for number, situation in enumerate((_dialog, _combo, _completion, _floating)):
         desktop = Desktop(whole_desktop)
         situation(desktop)
@@ -493,12 +497,12 @@ def test_a_completion_does_not_end_driving(desktop: Desktop) -> None:
 
 def test_floating_panels_belong_to_the_window(desktop: Desktop) -> None:
     desktop.say("float speak 700 500")
-    desktop.expect("ACTIVE FloatingWindow", "KEYS typing")  # who gives it a window of its own goes on there
+    desktop.expect("ACTIVE FloatingWindow", "KEYS typing")  # focus stays with a panel that the user floats
     desktop.click("video_view")
     desktop.expect("ACTIVE MainWindow", "KEYS driving")
     desktop.do("sleep", "0.3", "keydown", "alt", "keydown", "w")
     desktop.expect(FORWARD)
-    desktop.click("speak_field")  # the main window is deactivated, the key stays down
+    desktop.click("speak_field")  # the main window is deactivated, the key stays pressed
     desktop.expect("ACTIVE FloatingWindow", "KEYS typing")
     assert not desktop.intents("release_drive")
     desktop.do("keyup", "alt")
@@ -558,7 +562,7 @@ def test_qt_had_nothing_to_complain_about(whole_desktop: VirtualDesktop) -> None
     assert not [line for line in told if any(word in line for word in words)]
 
 
-AS_IT_WAS = "LAYOUT video speak map drive assistant+session people"  # cards may lie over the lower right corner
+AS_IT_WAS = "LAYOUT video speak map drive assistant+session people"  # cards may cover the lower right corner
 
 
 def test_a_tab_that_is_dragged_leaves_its_group_alone_and_goes_where_it_is_dropped(desktop: Desktop) -> None:

@@ -1,4 +1,4 @@
-"""Diagnostics: topic by topic in words, sorted by figures, and as a report to copy."""
+"""Diagnostics: topics in words, sorted by value, and as a report to copy."""
 
 import pytest
 from PySide6.QtCore import QPoint, Qt
@@ -33,14 +33,14 @@ def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link:
 
 
 def tell(panel: DiagnosticsPanel, console: FakeConsole, *topics: TopicTraffic, refused: int = 0) -> None:
-    """What the panel looks at only after a while, as both links tell at about the same time."""
+    """Update the panel, which otherwise waits because both links report at about the same time."""
     measure(console, *topics, refused=refused)
     panel.refresh()
 
 
 @pytest.fixture
 def panel(window: MainWindow, console: FakeConsole) -> DiagnosticsPanel:
-    # Against the anchor that the panel has: the time of day may have been set a little since another was taken.
+    # With the anchor of the panel, as the system time may be adjusted in between.
     clock_offset_ms = text_formatting.session_clock_ms(console.state.present.anchor) + 3.14
     console.state.link.set(LinkStatus("connected", "Lab robot", "ws://lab:9090", "", 12.0, clock_offset_ms, 0.4))
     window.open_panel("diagnostics")

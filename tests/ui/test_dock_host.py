@@ -1,4 +1,4 @@
-"""Docks from a tree, and the same tree back from the docks."""
+"""Docks from a layout tree, and the same tree read back from the docks."""
 
 import dataclasses
 

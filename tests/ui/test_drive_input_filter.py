@@ -55,9 +55,9 @@ def view(window: MainWindow) -> QWidget:
 
 
 class KeysHeldBack(QObject):
-    """As Qt does while a screen reader runs: each key is taken in front of everybody, and posted once that answered.
+    """Key handling of Qt with a screen reader: each key is intercepted and posted again after the answer.
 
-    It does so for the window, before the widget with the focus is known.
+    This happens at the window, before the focus widget is known.
     """
 
     def __init__(self, window: QWidget) -> None:
@@ -97,7 +97,7 @@ def test_keys_that_drive_and_stop_do_not_wait_for_a_screen_reader(
 def test_a_release_that_waited_for_a_screen_reader_was_the_last_that_did(
     window: MainWindow, view: QWidget, console: FakeConsole
 ) -> None:
-    """It began to listen while the key was down, and no press goes before a release."""
+    """The screen reader starts while the key is down, and no press overtakes a release."""
     QTest.keyPress(view, Qt.Key.Key_W)
     QTest.keyPress(view, Qt.Key.Key_A)
     bridge = KeysHeldBack(window)
@@ -167,7 +167,7 @@ def test_alt_drives_while_typing_and_types_nothing(window: MainWindow, console: 
     QTest.keyClicks(field, "hello")
     send(field, QEvent.Type.KeyPress, Qt.Key.Key_W, ALT, text="w")
     QTest.keyClicks(field, " there")
-    # Alt goes up first: W still belongs to driving, its repeats are not typed and its release stops.
+    # Alt is released first: W still drives, its repeats type nothing, and its release stops.
     for _ in range(13):
         send(field, QEvent.Type.KeyPress, Qt.Key.Key_W, BARE, text="w", repeat=True)
     assert drives(console) == [(1, 0)]
@@ -415,7 +415,7 @@ def test_the_pad_shows_what_is_held(window: MainWindow, view: QWidget) -> None:
     assert arrow.grab().toImage() == before
 
 
-# Where keys lie
+# Key positions
 
 
 def send_at(
@@ -424,7 +424,7 @@ def send_at(
     scan_code: int,
     key: int,
 ) -> None:
-    """A key known by its place: what the layout makes of it is ``key``."""
+    """Key event by position; ``key`` is the key of the layout."""
     QApplication.sendEvent(widget, QKeyEvent(kind, key, BARE, scan_code, 0, 0, ""))
 
 
@@ -449,9 +449,9 @@ def test_a_layout_moves_no_drive_key(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
 def test_a_letter_elsewhere_is_no_drive_key(window: MainWindow, view: QWidget, console: FakeConsole) -> None:
-    send_at(view, QEvent.Type.KeyPress, 52, Qt.Key.Key_W)  # AZERTY has its W in the lowest row
+    send_at(view, QEvent.Type.KeyPress, 52, Qt.Key.Key_W)  # W of AZERTY is in the lowest row
     send_at(view, QEvent.Type.KeyRelease, 52, Qt.Key.Key_W)
-    send_at(view, QEvent.Type.KeyPress, 24, Qt.Key.Key_A)  # and its A where Q is: slower
+    send_at(view, QEvent.Type.KeyPress, 24, Qt.Key.Key_A)  # and its A is at the position of Q: slower
     send_at(view, QEvent.Type.KeyRelease, 24, Qt.Key.Key_A)
     assert console.calls == [("set_speed_fraction", 0.3)]
     assert window.actions_table.key_text("slower") == "A", "the cap shows what is printed on the key"
@@ -469,7 +469,7 @@ def test_the_tables_of_key_codes_agree() -> None:
 
 
 def test_a_mac_knows_keys_by_their_virtual_code() -> None:
-    # Option+W types ∑ there, and Option+A types å; the virtual code says which key it was. It has no scan codes.
+    # Option+W types ∑, and Option+A types å; the virtual code identifies the key. There are no scan codes.
     code = key_code("darwin", scan_code=0, virtual_key=13)
     assert position_of("darwin", code) == "W"
     assert position_of("darwin", key_code("darwin", scan_code=0, virtual_key=0)) == "A"
@@ -479,7 +479,7 @@ def test_a_mac_knows_keys_by_their_virtual_code() -> None:
     assert cap_text("Alt+W", {"W": "Z"}, platform="linux") == "Alt Z"
 
 
-# What only some robots have
+# Controls of some robots
 
 
 HEAD = HeadInterface("joint_trajectory", "/head", "pan", "tilt")
@@ -600,7 +600,7 @@ def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the codes are those of Linux")
 def test_a_key_cap_has_what_the_key_types_alone(window: MainWindow, view: QWidget) -> None:
-    """AltGr gives the keys another level, which is no other layout: Drive said "Hold Œ A Ś D"."""
+    """AltGr selects another level, not another layout: the Drive panel once showed "Hold Œ A Ś D"."""
     table = window.actions_table
     field = find(window, "speak_field")
     field.setFocus()
@@ -640,7 +640,7 @@ def test_chords_work_by_position_where_the_layout_has_no_latin_letters(
     assert field.hasFocus()
     press(38, 0x424, BARE, "ф")
     assert field.property("plainText") == "ф", "letters are typed as they are printed"
-    press(38, 0x424, CTRL)  # Ctrl+A, and Ctrl+X: the text field's own
+    press(38, 0x424, CTRL)  # Ctrl+A and Ctrl+X of the text field
     press(53, 0x427, CTRL)
     assert field.property("plainText") == ""
     press(45, 0x41B, CTRL)  # Ctrl+K: Л

@@ -1,4 +1,4 @@
-"""A field keeps its Enter, whatever the window around it does with that key."""
+"""Enter in a field does not trigger the shortcuts of the window."""
 
 import pytest
 from PySide6.QtCore import Qt
@@ -13,7 +13,7 @@ ENTER, RETURN, UP, ESC = Qt.Key.Key_Enter, Qt.Key.Key_Return, Qt.Key.Key_Up, Qt.
 
 
 class Around(QWidget):
-    """What the field lies in: it has both Enter keys as its own, and hears of keys that go on."""
+    """Parent that binds both Enter keys and records propagated keys."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""No text of the window is cut off or lies on another one: every scenario, screen, scale, theme and language.
+"""No cut-off or overlapping text in the window for every scenario, screen, scale, theme and language.
 
-In the suite every pair of values comes up at least once; with ``--long`` all of them together.
+The suite covers every pair of values at least once; ``--long`` all combinations.
 """
 
 import itertools
@@ -36,14 +36,14 @@ def everything() -> list[Case]:
 
 
 def pairwise(cases: Sequence[Case]) -> list[Case]:
-    """A few of ``cases`` in which every two values that come up together in them come up together."""
+    """A subset of ``cases`` that covers every pair of values in them."""
     left = {pair for case in cases for pair in _pairs(case)}
     chosen: list[Case] = []
     while left:
         best = max(cases, key=lambda case: len(left & _pairs(case)))
         chosen.append(best)
         left -= _pairs(best)
-    return sorted(chosen)  # what costs to change changes seldom
+    return sorted(chosen)  # expensive changes last
 
 
 def _pairs(case: Case) -> set[tuple[tuple[int, object], tuple[int, object]]]:
@@ -51,7 +51,7 @@ def _pairs(case: Case) -> set[tuple[tuple[int, object], tuple[int, object]]]:
 
 
 class Shown:
-    """One window for each language, as texts are not drawn anew; scenario, size and theme change in it."""
+    """One window per language, as texts are not translated again; scenario, size and theme change in it."""
 
     def __init__(self, theme: Theme, language: str) -> None:
         self.console = FakeConsole(load_scenario(layouts_dir() / f"{SCENARIOS[0]}.yaml"))
@@ -72,12 +72,12 @@ class Shown:
             self.window.board.complete()
         self.window.theme.set_choice("dark" if theme == "dark" else "light")
         freshen(self.console)
-        # The same in units of the scale; only that it is drawn with more dots differs.
+        # Logical units: scaling changes only the resolution.
         self.window.resize(round(width_px / scale), round(height_px / scale))
         for _ in range(10):
             QApplication.processEvents()
         found = text_flaws(self.window)
-        if found:  # what a part of the window has not come round to yet is no flaw of it
+        if found:  # parts that are not updated yet do not count
             QTest.qWait(_COMES_ROUND_MS)
             found = text_flaws(self.window)
         return found
@@ -112,7 +112,7 @@ def test_everything_can_be_read(shown: Shown, scenario: str, request: pytest.Fix
 
 
 def test_the_check_sees_what_is_cut_off_and_what_lies_on_one_another(window: MainWindow) -> None:
-    """It would find it: the same window with a label squeezed, and one moved over another."""
+    """Negative control: the same window with a squeezed label and an overlapping one."""
     squeezed, over = QLabel("Squeezed out of sight", window), QLabel("Lies over the title", window)
     squeezed.setObjectName("squeezed")
     squeezed.setGeometry(600, 90, 40, 20)

@@ -1,4 +1,4 @@
-"""No text of a dialog, card or secondary window is cut off or lies on another one, on small and usual screens."""
+"""No cut-off or overlapping text in a dialog, card or secondary window, on small and usual screens."""
 
 import pytest
 from PySide6.QtCore import QSize
@@ -13,7 +13,7 @@ from tests.ui.every_window import SMALL, SMALLEST, USUAL, EveryWindow
 
 
 def _found(theme: Theme, language: str, *screens: QSize) -> tuple[list[str], set[str]]:
-    """The flaws, and the names of what was looked at."""
+    """The flaws, and the names of the checked parts."""
     opened, found, names = EveryWindow(theme, language), list[str](), set[str]()
     try:
         for seen in opened.seen():
@@ -62,7 +62,7 @@ def test_every_window_can_be_read_everywhere(theme: Theme, choice: str, language
 
 @pytest.mark.panels("video")
 def test_the_check_sees_what_cannot_be_scrolled_to(window: MainWindow) -> None:
-    """It would find it: something wider than an area that scrolls up and down only."""
+    """Negative control: a widget wider than an area that scrolls only vertically."""
     wide = QLabel("Further than anybody can scroll")
     wide.setMinimumWidth(400)
     area: QScrollArea = Scrolled(wide)

@@ -1,4 +1,4 @@
-"""Items in lines: what Qt asks for again and again is remembered, until something of it changes."""
+"""Flow layout: sizes are cached until an item changes."""
 
 import pytest
 from PySide6.QtCore import QRect, QSize
@@ -9,7 +9,7 @@ from caris_desktop.ui.widgets.flow_layout import FlowLayout, FlowRow
 
 
 class Item(QWidget):
-    """Of a size that can be changed."""
+    """Item of variable size."""
 
     def __init__(self, width_px: int) -> None:
         super().__init__()

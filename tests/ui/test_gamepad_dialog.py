@@ -1,4 +1,4 @@
-"""The gamepad's window: live, and every binding can be changed by pressing what it shall be."""
+"""Gamepad dialog: live values, and each binding changed by pressing the new input."""
 
 from collections.abc import Iterator
 
@@ -36,7 +36,7 @@ def pad(qtbot: QtBot, gamepads: Gamepads) -> Iterator[VirtualGamepad]:
         try:
             plugged.append(VirtualGamepad())
         except RuntimeError:
-            return False  # SDL is still on its way up
+            return False  # SDL is still starting
         return True
 
     qtbot.waitUntil(plug_in)
@@ -115,7 +115,7 @@ def test_a_button_is_learned_by_pressing_it(
 def test_a_stick_is_learned_the_way_it_is_pushed(
     qtbot: QtBot, pad: VirtualGamepad, dialog: GamepadDialog, gamepads: Gamepads
 ) -> None:
-    # A stick is heard of before it is at its end; what is first heard of there is a trigger at rest.
+    # A stick reports values before its end position; a first report at the end is a trigger at rest.
     pad.push(2, 0.2)
     qtbot.waitUntil(lambda: (gamepads.sample.raw.axes[2] or 0.0) > 0.1)
     pad.push(2, 0.0)

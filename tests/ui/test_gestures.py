@@ -1,4 +1,4 @@
-"""Gestures: what the scenario lists is one key, click or line of Find anything away, where the robot can do it."""
+"""Gestures of the scenario by key, click and palette, if the robot supports them."""
 
 import dataclasses
 from pathlib import Path
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.panels("speak", "map")
 
 @pytest.fixture
 def gestured(window: MainWindow, console: FakeConsole) -> MainWindow:
-    """A robot with a head and arms to wave with."""
+    """Robot with a head and with arms to wave."""
     console.state.robot.set(load_profile("simulated"))
     console.state.controls.set((WAVE,))
     use(window, console, Permissions())

@@ -1,4 +1,4 @@
-"""What gives way where there is little room, in which order, and where the rest can be read."""
+"""Elements hidden in narrow spaces: their order, and access to their content."""
 
 import itertools
 

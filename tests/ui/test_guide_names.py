@@ -1,4 +1,4 @@
-"""Names of the window that README, documentation and guides print in bold within a sentence: the window has them."""
+"""Names in bold within a sentence of README, documentation and guides exist in the window."""
 
 import ast
 import re
@@ -20,15 +20,14 @@ PAGES = (
     *sorted((resources_dir() / "guide").glob("*.md")),
 )
 EMPHASISED = {
-    "sessions.md": {"Identities"},  # beside what stands at the start of that line
+    "sessions.md": {"Identities"},  # in addition to the bold start of that line
 }
-"""Bold within a sentence, and no name."""
+"""Bold text within a sentence that is not a name."""
 
 _BOLD = re.compile(r"\*\*([^*]+)\*\*")
 _BLOCK = re.compile(r"^ *```.*?^ *```$", re.DOTALL | re.MULTILINE)
 _AT_THE_START = re.compile(r"(?:\A|\n\n|[.:;]\n|\n *[-*] |\n *\d+\. |\| )$")
-"""Of a paragraph, a line of a list, a cell of a table or a sentence on a line of its own: there, what a paragraph is
-about may be bold."""
+"""Start of a paragraph, list item, table cell or sentence on a separate line, where its subject may be bold."""
 _PLACE = re.compile(r"\\\{\w+\\\}|%n")
 _LEAST_LETTERS = 3
 VERBS = {spec.text.split()[0] for spec in ACTIONS}
@@ -36,7 +35,9 @@ VERBS = {spec.text.split()[0] for spec in ACTIONS}
 
 @cache
 def said_by_the_window() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
-    """Its texts, and patterns of those that are filled in: with a name or a number, which has no small first letter."""
+    """Texts of the window, and patterns of those with placeholders, whose values do not start with a lower-case
+    letter.
+    """
     trees = (ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py"))
     calls = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call) and node.args)
     marked = (
@@ -54,7 +55,7 @@ def said_by_the_window() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
 
 
 def bare(text: str) -> str:
-    """Without dots at its end, in one line."""
+    """Text without dots at its end, in one line."""
     return re.sub(r"[ .…:?]+$", "", " ".join(text.split()))
 
 
@@ -64,7 +65,7 @@ def is_there(name: str) -> bool:
 
 
 def names_in(text: str) -> Iterator[str]:
-    """What is bold within a sentence and begins as names do, and what is bold at a start and begins as acts do."""
+    """Bold texts within a sentence that start as names do, and bold texts at a start that start as commands do."""
     text = _BLOCK.sub("", text)
     for bold in _BOLD.finditer(text):
         words = " ".join(bold[1].split())

@@ -1,4 +1,4 @@
-"""The guide in the program: each panel and window has a page, which is shown without a network."""
+"""Guide in the program: each panel and window has a page, available offline."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A panel that nobody sees costs nothing, and shows what it missed once it is seen."""
+"""A hidden panel does no work, and is up to date once it is shown."""
 
 from collections import Counter
 from dataclasses import replace
@@ -22,7 +22,7 @@ from tests.ui.fake_console import FakeConsole
 
 
 class Work(QObject):
-    """Counts what the widgets of a panel are told to do, and how often its timers fire."""
+    """Counts events of a panel's widgets and timeouts of its timers."""
 
     def __init__(self, app: QApplication, panel: Panel) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ def put_aside(window: MainWindow, name: PanelName) -> Panel:
 
 
 def go_on(console: FakeConsole, number: int) -> None:
-    """A moment of a session: everything that a panel follows becomes another value."""
+    """Change every value that a panel displays."""
     state, now_ns = console.state, clock.now_ns()
     freshen(console)
     samples.refresh_people_in_map(console)
@@ -92,7 +92,7 @@ def test_a_panel_behind_another_tab_does_nothing(
 ) -> None:
     panel = put_aside(window, name)
     go_on(console, 1)
-    # What was to be painted soon when the panel was put aside comes to its end.
+    # Pending paint events of the hidden panel are processed first.
     qtbot.waitUntil(lambda: not any(timer.isActive() for timer in panel.findChildren(QTimer)))
     app = QApplication.instance()
     assert isinstance(app, QApplication)

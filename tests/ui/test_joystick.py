@@ -1,4 +1,4 @@
-"""The stick on the screen, with mouse and touch."""
+"""On-screen stick, with mouse and touch."""
 
 import dataclasses
 
@@ -51,7 +51,7 @@ def test_it_springs_back_at_once(stick: Joystick, heard: list[TeleopCommand]) ->
     assert heard == []
     QTest.mouseMove(stick, QPoint(100, 0))
     assert heard[-1] == TeleopCommand(forward=1.0)
-    QTest.mouseMove(stick, QPoint(100, -500))  # far beyond its edge it goes on
+    QTest.mouseMove(stick, QPoint(100, -500))  # it keeps control far outside its edge
     assert heard[-1] == TeleopCommand(forward=1.0)
     QTest.mouseRelease(stick, LEFT, pos=QPoint(100, -500))
     assert heard[-1] == AT_REST

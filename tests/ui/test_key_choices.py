@@ -1,4 +1,4 @@
-"""Keys that a wizard chose: what is refused and why, what gives way, and that no stored text can do harm."""
+"""Key choices of a wizard: refusals with reasons, replaced bindings, and robustness against stored text."""
 
 import dataclasses
 

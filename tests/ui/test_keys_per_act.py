@@ -1,4 +1,4 @@
-"""How many keys each act costs, counted with real key events into one window, while typing and while driving."""
+"""Number of keys per command, counted with real key events in one window, while typing and while driving."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ NAME = "Maria"
 
 @dataclass(frozen=True)
 class Act:
-    """``keys`` in order, NAME where a name is typed, which is not counted; ``asked`` is what the console is asked."""
+    """``keys`` in order, with NAME for a typed name, which is not counted; ``asked`` is the request to the console."""
 
     keys: tuple[tuple[Qt.Key, Qt.KeyboardModifier] | str, ...]
     asked: tuple[str, Any]
@@ -76,7 +76,7 @@ def press(keys: tuple[tuple[Qt.Key, Qt.KeyboardModifier] | str, ...]) -> None:
 
 
 def asked_of(console: FakeConsole, name: str) -> list[Any]:
-    """The arguments; of what has an id of the moment beside it, only what the wizard gave."""
+    """Arguments of the requests; without generated ids."""
     given = {"rename_person": lambda arguments: arguments[1], "say_suggestion": lambda arguments: arguments[0]}
     return [given.get(name, lambda arguments: arguments)(arguments) for arguments in console.named(name)]
 

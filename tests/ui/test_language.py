@@ -1,4 +1,4 @@
-"""The window speaks what a translation says, and English where there is none."""
+"""The window uses the translation, and English for untranslated texts."""
 
 import subprocess
 import sys

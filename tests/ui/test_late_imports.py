@@ -1,4 +1,4 @@
-"""What is opened later is imported before, and never while somebody drives."""
+"""Background imports of windows opened later, paused while driving."""
 
 import importlib.util
 import sys

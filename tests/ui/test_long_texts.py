@@ -1,4 +1,4 @@
-"""However long the words of a study, a scenario or a robot are: the red button and the recording stay in the window."""
+"""Emergency stop and recording controls stay visible with long texts of a study, scenario or robot."""
 
 import dataclasses
 import itertools
@@ -43,14 +43,14 @@ def console() -> FakeConsole:
 
 
 def whole(window: MainWindow, widget: QWidget) -> None:
-    """The widget lies within the window, in its full width."""
+    """Assert that the widget is in the window in its full width."""
     place = QRect(widget.mapTo(window, QPoint()), widget.size())
     assert window.rect().contains(place), f"{widget.objectName()} at {place} is outside"
     assert widget.width() >= widget.sizeHint().width(), f"{widget.objectName()} is cut short"
 
 
 def apart(parent: QWidget, window: MainWindow) -> None:
-    """No two parts of a bar lie over each other, and none beside the window."""
+    """Assert that parts of a bar neither overlap nor leave the window."""
     parts = [part for part in parent.findChildren(QWidget) if part.parent() is parent and part.isVisible()]
     parts.sort(key=lambda part: part.x())
     for left, right in itertools.pairwise(parts):
@@ -91,9 +91,9 @@ def test_the_red_button_and_the_recording_never_give_way(
         console.begin_mark(label)
     window.status_bar.refresh()
     window.resize(width, 768)
-    bar._clock.stop()  # what it changes in a second is laid out in the next round of events only
+    bar._clock.stop()  # its updates once a second are laid out only in the next event loop pass
     stop = find(window, "emergency_stop")
-    for number in range(20):  # each round lays out what the one before has changed
+    for number in range(20):  # each pass lays out the changes of the previous one
         QApplication.processEvents()
         if number and stop.width() >= stop.sizeHint().width():
             break

@@ -1,4 +1,4 @@
-"""The map: what it shows of what the robot tells, and how the wizard says where."""
+"""Map: display of robot data, and input of positions by the wizard."""
 
 import dataclasses
 import itertools
@@ -68,7 +68,7 @@ def drag(widget: QWidget, start: QPoint, end: QPoint, button: Qt.MouseButton = B
     QTest.mouseRelease(widget, button, pos=end)
 
 
-# The picture of the grid
+# Image of the grid
 
 
 def grid_of(cells: np.ndarray) -> OccupancyGrid:
@@ -128,7 +128,7 @@ def test_points_of_a_turned_map_are_found() -> None:
     cells[10, 20] = 100
     turned = dataclasses.replace(grid_of(cells), origin_in_map=Pose2D(3.0, 1.0, math.pi / 2))
     raster = GridRaster(turned)
-    # Column 20 lies 1.025 m along the grid's x axis, which points up in the map.
+    # Column 20 is at 1.025 m along the grid's x axis, which points up in the map.
     assert raster.value_at(3.0 - 10.5 * 0.05, 1.0 + 20.5 * 0.05) == 100
     assert raster.value_at(3.1, 1.0) is None
 
@@ -158,7 +158,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
         f"\n4000x4000: shown after {whole_s * 1e3:.0f} ms in goes of at most {slowest_whole_ms:.1f} ms; "
         f"a change after {(time.perf_counter() - began) * 1e3:.0f} ms, at most {view.grid.slowest_band_ms:.1f} ms"
     )
-    # A busy machine makes all of it slower; held up would be the window that gets the map in one go.
+    # A busy machine slows down everything; a map rendered in one step would block the window.
     assert slowest_whole_ms < 0.5 * whole_s * 1e3
     assert view.grid.raster is not None
     assert view.grid.raster.rows_changed <= 32
@@ -245,7 +245,7 @@ def test_names_of_people_and_places_never_lie_on_one_another(
 
 
 def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:
-    """As in a bag that tells neither where the robot was nor how its laser is mounted."""
+    """As in a bag with neither the robot's pose nor the position of its laser."""
     view = panel.view
     scan = samples.scan_at(Pose2D(2.0, 4.0, 0.0))
     view.show_scan(None)
@@ -280,7 +280,7 @@ def test_a_stale_layer_says_its_age(panel: MapPanel, console: FakeConsole) -> No
     )
     console.state.check_freshness()
     assert panel.view.chips == [("LIDAR 0.8 s old", "warning"), ("Position 1.2 s old", "warning")]
-    # The pin is hollow: its middle is not blue any more.
+    # The pin is hollow: its centre is not blue any more.
     tip = at(panel, 6.6, 3.4)
     assert panel.view.grab().toImage().pixelColor(tip - QPoint(8, 24)) != panel.theme.color("blue")
 
@@ -307,7 +307,7 @@ def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole)
     assert panel.view.chips == [("Could not reach Kitchen: no way found", "bad")]
 
 
-# Saying where
+# Input of positions
 
 
 def test_clicking_the_ground_asks_before_anything_moves(
@@ -478,7 +478,7 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
     assert console.calls == []
 
 
-# The view
+# View
 
 
 def test_the_wheel_zooms_about_the_pointer(panel: MapPanel) -> None:

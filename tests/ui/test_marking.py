@@ -1,4 +1,4 @@
-"""Marks by keys: moments, stretches, corrections, notes and wizard errors, whoever has the focus."""
+"""Marks by key: moments, intervals, corrections, notes and wizard errors, in every focus."""
 
 import dataclasses
 
@@ -58,7 +58,7 @@ def focused(request: pytest.FixtureRequest, window: MainWindow, console: FakeCon
 
 
 def alt_of(console: FakeConsole, window: MainWindow) -> Qt.KeyboardModifier:
-    """Alt is down in the middle of Alt+W, so that each key comes with it."""
+    """Alt if it is held for Alt+W, so that it modifies each key."""
     return ALT if "drive_forward" in window.hold.held else NONE
 
 
@@ -77,7 +77,7 @@ def present(console: FakeConsole) -> list[Marked]:
 
 
 def hold(qtbot: QtBot, widget: QWidget, key: Qt.Key, modifiers: Qt.KeyboardModifier, console: FakeConsole) -> None:
-    """Hold the key until the stretch has begun, with the repeats of the keyboard, and let go."""
+    """Hold the key with its repeats until the interval has started, and release it."""
     QTest.keyPress(widget, key, modifiers)
     for _ in range(3):
         repeat = QKeyEvent(QEvent.Type.KeyPress, key, modifiers, "", True)
@@ -261,7 +261,7 @@ def test_the_card_shows_the_keys_that_work(window: MainWindow, console: FakeCons
     assert [cap.key for cap in caps] == ["F", "G", "H"]  # type: ignore[attr-defined]
     window.actions_table.use_letters({"F": "Φ"})
     assert caps[0].key == "Φ"  # type: ignore[attr-defined]
-    # Where a layout types another letter with that key, the key answers all the same.
+    # If the layout types another letter with that key, the key still works.
     press = QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_U, NONE, position_codes("linux")["F"], 0, 0, "")
     assert window.hold.eventFilter(view, press)
     assert [label for _, label, *_ in console.named("change_mark")] == ["slip"]

@@ -1,4 +1,4 @@
-"""An observer sees, and nothing that is done in their window reaches the console."""
+"""Observer window: displays everything, and sends nothing to the console."""
 
 import dataclasses
 
@@ -114,7 +114,7 @@ def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(
     observer.setGeometry(40, 50, 900, 700)
 
     def panels() -> set[str]:
-        qtbot.wait(0)  # what is replaced goes with the next turn
+        qtbot.wait(0)  # replaced widgets are deleted in the next pass
         names = ("video_panel", "conversation_panel", "map_panel", "session_panel")
         return {name for name in names if observer.findChild(QWidget, name) is not None}
 

@@ -1,4 +1,4 @@
-"""What is said of the way ahead: of the base, as far as the LIDAR looks, whatever the picture shows."""
+"""Obstacle in the direction of the base, within the LIDAR's field of view, independent of the camera."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ MODEL = CameraModel.from_field_of_view(width_px=320, height_px=240, horizontal_r
 
 
 def scan_from(first_deg: float, last_deg: float, range_m: float, *, mounted_deg: float = 0.0) -> LaserScan:
-    """One beam a degree, all of the same length."""
+    """Scan with one beam per degree, all of the same length."""
     beams = round(last_deg - first_deg) + 1
     return LaserScan(
         1, None, "laser", math.radians(first_deg), math.radians(1.0), 0.1, 10.0,
@@ -105,7 +105,7 @@ def test_a_guard_that_does_not_see_says_why() -> None:
 
 @pytest.mark.parametrize("nothing_m", [0.0, -0.0, 1e-45])
 def test_a_beam_without_an_answer_is_no_obstacle_where_the_driver_writes_zero(nothing_m: float) -> None:
-    """As ``cases/messages``: range_min is 0, and two of three beams read 0."""
+    """As in ``cases/messages``: range_min is 0, and two of three beams read 0."""
     ranges_m = np.full(SCAN.ranges_m.size, 2.0, np.float32)
     ranges_m[::3] = ranges_m[1::3] = nothing_m
     scan = dataclasses.replace(SCAN, range_min_m=0.0, ranges_m=ranges_m)

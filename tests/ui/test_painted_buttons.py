@@ -1,4 +1,4 @@
-"""Buttons that say the same are painted once: whatever changes on one is seen all the same."""
+"""Pixmap cache of equal buttons: every change of a button is visible."""
 
 import itertools
 from collections.abc import Callable

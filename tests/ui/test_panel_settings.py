@@ -1,4 +1,4 @@
-"""What a scenario says of its panels is seen in them when it is opened, and is the wizard's to change from then on."""
+"""Panel settings of a scenario: applied when it is opened, then changed by the wizard."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -68,7 +68,7 @@ def pictures_of(console: FakeConsole, camera: str) -> None:
 
 
 def seen(window: MainWindow, console: FakeConsole) -> dict[str, object]:
-    """Of each panel what the wizard sees of its settings."""
+    """Displayed settings of each panel."""
     the_map, session, assistant = (panel(window, name) for name in ("map", "session", "assistant"))
     console.state.assistant_setup.set(AssistantSetup(parts=PARTS))
     lines = {action.text().split("\t")[0]: action.isChecked() for action in the_map.fill_menu().actions()}
@@ -123,7 +123,7 @@ def test_the_wizard_changes_them_until_the_next_scenario(
         drive._other.click()
     panel(window, "assistant").along.restore((), ())
     assert seen(window, console) == AS_USUAL
-    # Something else of the file was changed in the editor meanwhile.
+    # Another part of the file was changed in the editor meanwhile.
     switch(window, console, replace(SET, filler="Let me see."))
     assert seen(window, console) == AS_USUAL
     switch(window, console, replace(SET, path=Path("/layouts/other.yaml")))
@@ -136,7 +136,7 @@ def test_what_was_left_out_of_a_question_comes_back_with_a_panel_that_is_made_an
     assistant = panel(window, "assistant")
     assistant.along.restore(("conversation",), ())
     assistant.field.setText("What")
-    window.show_scenario(SET)  # the same once more: all is built anew
+    window.show_scenario(SET)  # the same scenario again: all panels are rebuilt
     again = panel(window, "assistant")
     assert again is not assistant
     assert (again.field.text(), again.along.left_out) == ("What", ("conversation",))
@@ -185,7 +185,7 @@ def test_a_map_that_follows_is_seen_from_near_though_its_first_map_comes_later(
 def test_a_map_goes_on_following_after_it_was_drawn_by_odometry(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
-    """The robot is followed in any case while there is no map."""
+    """Without a map the robot is always followed."""
     for follow in (True, False):
         console = FakeConsole(with_panels("map", map=MapSettings(follow=follow)))
         window = open_window(qtbot, console, settings, theme)

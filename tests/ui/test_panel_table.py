@@ -1,4 +1,4 @@
-"""Panels are found by a table, and only those that are shown are imported."""
+"""Panel table: only shown panels are imported."""
 
 import subprocess
 import sys
@@ -18,7 +18,7 @@ LATE = (
     "ui.panels.", "ui.robot_dialog", "ui.sessions_window", "ui.export_dialog", "ui.gamepad_dialog", "ui.start_dialog",
     "ui.replay.timeline", "ui.replay.replay_bar",
 )  # fmt: skip
-"""What no window needs before a scenario shows it or somebody opens it."""
+"""Modules that no window imports before a scenario shows them or the user opens them."""
 
 
 def test_every_panel_that_a_scenario_can_name_has_its_row() -> None:
@@ -54,7 +54,7 @@ def test_the_window_brings_no_panel_and_no_dialog_along() -> None:
 
 @pytest.mark.long
 def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with() -> None:
-    """JSON Schema costs a fifth of a second to import, before the first window is there."""
+    """JSON Schema takes a fifth of a second to import, before the first window is shown."""
     reads_both = (
         "import caris_desktop.app.composition, caris_desktop.ui.main_window\n"
         "from caris_desktop.robot.profile import list_profiles\n"
@@ -65,7 +65,7 @@ def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with(
 
 
 def imported(program: str, names: list[str]) -> list[str]:
-    """Which modules whose names begin so a program of its own has imported."""
+    """Modules whose names start so that a separate program has imported."""
     tell = "import sys; late = tuple(sys.stdin.read().split())\nprint(*(n for n in sys.modules if n.startswith(late)))"
     told = subprocess.run(
         [sys.executable, "-c", f"{program}\n{tell}"], input="\n".join(names), capture_output=True, text=True, check=True

@@ -1,4 +1,4 @@
-"""What each panel shows, and what it asks of the console."""
+"""Display and requests of each panel."""
 
 import dataclasses
 import math
@@ -62,7 +62,7 @@ from tests.ui.fake_console import FakeConsole, FakeLibrary
 
 
 def pixel(view: FrameView, x: float, y: float) -> QColor:
-    """Colour at a place of the picture, given in shares of its size."""
+    """Colour at a position in the image, as shares of its size."""
     rect = view.picture_rect()
     return (
         view.grab()
@@ -72,7 +72,7 @@ def pixel(view: FrameView, x: float, y: float) -> QColor:
 
 
 class PaintCount(QObject):
-    """Counts how often a widget is painted."""
+    """Counts paint events of a widget."""
 
     def __init__(self, watched: QWidget) -> None:
         super().__init__(watched)
@@ -475,7 +475,7 @@ def test_no_row_moves_under_the_mouse(qtbot: QtBot, window: MainWindow, console:
     assert not panel.list.naming, "who is gone cannot be named"
     QApplication.sendEvent(viewport, QEvent(QEvent.Type.Leave))
     assert names(panel) == ["Person 9", "Person 3", "Luis"], "those who left go to the end"
-    # The pointer stays where it is beyond the test.
+    # The pointer keeps its position after the test.
     qtbot.mouseMove(window, QPoint(1, 1))
 
 
@@ -700,7 +700,7 @@ def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, cons
 def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     now_ns = clock.now_ns()
-    # What the recorder or a link tells comes a moment after it happened.
+    # Reports of the recorder or a link arrive a moment after the event.
     for later_ns, label in ((0, "one"), (3, "three"), (2, "two"), (3, "three, too")):
         console.state.take(Marked(now_ns + later_ns, label))
     expected = ["Marked: one", "Marked: two", "Marked: three", "Marked: three, too"]
@@ -745,7 +745,7 @@ def test_in_a_low_panel_some_lines_of_the_log_stay(
 
 
 class LookedAt(QIdentityProxyModel):
-    """Counts how often each row is asked for anything."""
+    """Counts the data requests of each row."""
 
     def __init__(self, source: QAbstractItemModel) -> None:
         super().__init__(source)
@@ -816,7 +816,7 @@ def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWind
 @pytest.mark.panels("video", "speak", "people")
 @pytest.mark.usefixtures("trial_language")
 def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
-    """Statuses are English, as the record has them."""
+    """Statuses are English, as in the recording."""
     why, state = localized("The file {file} is damaged.", file="a.onnx"), console.state
     said = tr("The file {file} is damaged.").format(file="a.onnx")
     state.perception.set(PerceptionStatus("failed", detail=why))

@@ -1,4 +1,4 @@
-"""The watch over every test of the window, for parts that are windows of their own for a moment, sees them."""
+"""Detection of parts that are windows for a moment."""
 
 from collections.abc import Callable
 

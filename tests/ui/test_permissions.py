@@ -1,7 +1,7 @@
-"""What a scenario switches off is nowhere in the window: no key, no line of a menu or of Find anything, no button.
+"""No key, menu item, palette entry or button remains in the window for a switched-off permission.
 
-Generated from the table of intents: one window is shown every permission but one after the other, and everything in it
-that can be pressed is pressed. A new permission is tried in each of these ways without a line here.
+Generated from the table of intents: one window gets all permissions except one in turn, and every control in it is
+pressed. A new permission is tested without a change here.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -56,15 +56,15 @@ FULL = replace(
 )  # fmt: skip
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
 WITHOUT_INTENT: frozenset[Permission] = frozenset({"video_recording", "audio_recording", "cloud_models"})
-"""What nobody asks for: it goes along with a recording or a question. ``tests/app/test_permissions.py`` shows those."""
+"""Permissions without an intent, which apply to a recording or a question; see ``tests/app/test_permissions.py``."""
 WITH_LEVEL: dict[AssistedFunction, tuple[type[Intent], ...]] = {
     "replies": (intents.SaySuggestion,),
     "fillers": (),
     "actions": (intents.ConfirmProposal, intents.VetoProposal),
 }
-"""What only asks for something where the language model suggests or does it."""
+"""Intents requested only by an assisted function of that level."""
 OF_THE_WINDOW_ALONE = ("Window", "Panel", "Theme", "Scenario", "Session", "Wizard")
-"""Kinds of entries that open windows or restyle this one: they ask the console for nothing that a permission names."""
+"""Kinds of entries that open windows or change the appearance, without a permission."""
 MENUS_OF_THE_WINDOW_ALONE = ("Panels", "Layout", "Appearance", "Size", "Wizard", "Who is the wizard?")
 LINES_OF_THE_WINDOW_ALONE = {
     *THEME_WORDS.values(), *SEES_WORDS.values(), "Edit this scenario…", "Import a scenario…",
@@ -75,7 +75,7 @@ LINES_OF_THE_WINDOW_ALONE = {
 
 @dataclass
 class Desk:
-    """A window whose console only takes down what it is asked."""
+    """Window whose console only records requests."""
 
     window: MainWindow
     console: FakeConsole
@@ -86,7 +86,7 @@ class Desk:
         self.console.state.scenario.reset_value(scenario)
 
     def pressed(self) -> list[Intent]:
-        """What is asked for when everything in the window is pressed that can be."""
+        """Requests after every control in the window is pressed."""
         self.pressed_outside_panels()
         for name in self.window.board.possible():
             self.window.open_panel(name)
@@ -99,7 +99,7 @@ class Desk:
         return list(self.asked)
 
     def pressed_outside_panels(self) -> list[Intent]:
-        """The same of keys, Find anything, the bars of the window and its menus."""
+        """The same of keys, palette, bars and menus."""
         self.asked.clear()
         table = self.window.actions_table
         for spec in table.specs:
@@ -141,7 +141,7 @@ class Desk:
                 line()
 
     def _press_cards(self, opener: QAbstractButton) -> None:
-        """What has opened over the window, and its buttons; it is put away afterwards."""
+        """Press the buttons of an opened card, and close it."""
         for card in (*self.window.findChildren(FloatingCard), *self.window.findChildren(Overlay)):
             if card.isVisible() and not card.isAncestorOf(opener):
                 for button in card.findChildren(QAbstractButton):
@@ -152,7 +152,7 @@ class Desk:
 
 
 def lines(menu: QMenu) -> Iterator[Callable[[], None]]:
-    """What its lines do, but for those that only restyle the window or open another one."""
+    """Actions of the menu, except those that change the appearance or open another window."""
     for action in menu.actions():
         inner = action.menu()
         if isinstance(inner, QMenu):
@@ -176,7 +176,7 @@ def desk(qapp: QApplication, theme: Theme) -> Iterator[Desk]:
     window = MainWindow(console, settings=MemorySettings(), scenarios=list, theme=theme)
     desk = Desk(window, console)
     window.resize(1366, 768)
-    window.setUpdatesEnabled(False)  # nobody looks at it
+    window.setUpdatesEnabled(False)  # not displayed
     window.show()
     console.state.close()
     console.state.controls.set((WAVE,))
@@ -192,7 +192,7 @@ def without(off: Collection[Permission]) -> Scenario:
 
 
 def check_keys(desk: Desk, off: Collection[Permission]) -> None:
-    """No key is left without its row, and no panel that belongs to what is off."""
+    """Assert that each key has its row, and none belongs to a switched-off panel."""
     bound = {keys.toString() for action in desk.window.actions() for keys in action.shortcuts()}
     rows = desk.window.actions_table.all_specs
     assert bound <= {key for spec in rows for key in spec.keys}, f"{off}: a key without its row"
@@ -205,7 +205,7 @@ def forbidden(asked: Iterable[Intent], off: Collection[Permission]) -> list[str]
 
 @pytest.mark.long
 def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
-    """With --long each is switched off alone; else a few at a time, as a window with all its panels costs seconds."""
+    """With --long each permission alone; otherwise a few at a time, as a window with all panels takes seconds."""
     desk.show(FULL)
     found = {permission for asked in desk.pressed() for permission in needed(asked)}
     assert found | WITHOUT_INTENT == set(PERMISSIONS), (
@@ -222,7 +222,7 @@ def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: py
 @pytest.mark.long
 def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_window(desk: Desk) -> None:
     desk.show(FULL)
-    desk.console.state.persons.set(())  # each has lines of its own in Find anything, which open a card
+    desk.console.state.persons.set(())  # each has palette entries that open a card
     everything = desk.pressed_outside_panels()
     asked = {type(each) for each in everything}
     assert {intents.Say, intents.GoToPlace, intents.TickItem, intents.TakeBranch, intents.PauseRecording} <= asked
@@ -235,7 +235,7 @@ def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_wi
 
 @pytest.mark.long
 def test_what_is_never_done_without_being_asked_for_has_no_row_no_level_and_no_card(desk: Desk) -> None:
-    """The state goes on showing suggestions and a proposal: as if one were left over."""
+    """With suggestions and a proposal still in the state."""
     two = replace(FULL, panels_off=tuple(set(PANELS) - {"speak", "conversation"}))
     desk.show(two)
     before = {type(asked) for asked in desk.pressed()}

@@ -1,4 +1,4 @@
-"""Presses and repeats where the X server tells releases of the finger alone."""
+"""Presses and repeats with an X server that reports only physical releases."""
 
 import pytest
 from PySide6.QtCore import QEvent, Qt
@@ -23,7 +23,7 @@ def press(at_ms: int, *, auto: bool = False) -> QKeyEvent:
 @pytest.fixture
 def exact(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> PhysicalKeys:
     keys = PhysicalKeys()
-    monkeypatch.setattr(keys, "_x11", object())  # the server was asked, and agreed
+    monkeypatch.setattr(keys, "_x11", object())  # detectable auto-repeat is active
     return keys
 
 

@@ -1,4 +1,4 @@
-"""The window can be read where Qt itself makes everything larger: that is decided when a program starts."""
+"""Legibility with a global scale factor of Qt, which is read at program start."""
 
 import os
 import subprocess

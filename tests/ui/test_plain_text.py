@@ -1,4 +1,4 @@
-"""No text in a window is read as HTML, wherever it comes from: what looks like a picture stays words."""
+"""Foreign text is never displayed as HTML: image tags stay plain text."""
 
 import dataclasses
 import itertools
@@ -39,7 +39,7 @@ from tests.ui import every_window, samples
 from tests.ui.every_window import EveryWindow
 from tests.ui.fake_console import FakeConsole
 
-# Of no theme: where it is seen, the picture of the mark was loaded.
+# Not a colour of a theme: visible only if the image of the mark was loaded.
 _PICTURE_COLOR = QColor(255, 0, 254)
 _WORDS_OF_THE_TOUR = (
     "Tour guide", "A visitor", "Walk ahead", "Let me think", "That is", "Hello!", "Please", "Nice to", "Reception",
@@ -56,16 +56,16 @@ def mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     file = tmp_path / "seen.png"
     assert picture.save(str(file))
     os.utime(file, (1, file.stat().st_mtime))
-    # By a short name: names of places and phrases are limited.
+    # A short name: names of places and phrases are limited.
     monkeypatch.chdir(tmp_path)
     yield "<b><img src=seen.png>"
-    # A label that is laid out before it is polished shows nothing of it, and has read it all the same.
+    # A label that is laid out before it is polished reads the image without displaying it.
     assert file.stat().st_atime == 1, "the file was read"
 
 
 @pytest.fixture
 def windows(theme: Theme, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[EveryWindow]:
-    """Every window of a session in which each text of the program, the scenario and the session is marked."""
+    """Every window of a session with a mark in each text of program, scenario and session."""
     text = (layouts_dir() / "tour-guide.yaml").read_text()
     for words in _WORDS_OF_THE_TOUR:
         assert words in text
@@ -94,7 +94,7 @@ def windows(theme: Theme, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def _marked(value: Any, mark: str) -> Any:
-    """``value`` with every text in it marked that begins as a name or a sentence does."""
+    """``value`` with a mark in every text that starts as a name or a sentence."""
     if isinstance(value, str):
         return f"{mark}{value}" if value[:1].isupper() else value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -155,19 +155,19 @@ def test_a_tooltip_of_many_words_takes_several_lines(theme: Theme, qapp: QApplic
 
 
 def _rich_in(part: QWidget) -> tuple[list[str], int]:
-    """What of it is read as HTML, and how many marked texts were looked at."""
+    """Parts displayed as HTML, and the number of checked texts."""
     found, marked = list[str](), 0
     if _has_picture(part.grab().toImage()):
         found.append(f"{part.objectName()}: the picture is seen")
     for widget in (part, *part.findChildren(QWidget)):
         if not shiboken6.isValid(widget):
-            continue  # a tooltip passed events on, and it went meanwhile
+            continue  # deleted by the events of a tooltip
         who = f"{type(widget).__name__} {widget.objectName()!r}"
         if isinstance(widget, QLabel) and "<img src=seen" in widget.text():
             marked += 1
             if widget.isVisible() and widget.textFormat() != Qt.TextFormat.PlainText:
                 found.append(f"{who}: {widget.text()[:60]}")
-        # The guide shows the program's own pictures, and nothing else is shown there.
+        # The guide displays images of the program only.
         if isinstance(widget, QTextBrowser | QTextEdit) and not isinstance(widget, GuideBrowser):
             found += [f"{who}: has a picture"] * _holds_picture(widget.document())
         if isinstance(widget, QGraphicsView) and widget.scene() is not None:
@@ -181,7 +181,7 @@ def _rich_in(part: QWidget) -> tuple[list[str], int]:
 
 
 def _tips_of(widget: QWidget) -> Iterator[tuple[QWidget, QHelpEvent]]:
-    """The events that bring up its tooltips, the one of itself and those of its rows or tabs."""
+    """Events that open the tooltips of the widget and of its rows or tabs."""
 
     def event_at(place: QPoint, at: QWidget) -> tuple[QWidget, QHelpEvent]:
         return at, QHelpEvent(QEvent.Type.ToolTip, place, at.mapToGlobal(place))

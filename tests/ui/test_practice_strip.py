@@ -1,4 +1,4 @@
-"""The strip says what to do next, and keeps for the wizard what it came to."""
+"""Practice strip: the next step, and the result saved for the wizard."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a wizard chose is there again with the next start; what is gone or was never fit is left out without a word."""
+"""Preferences of a wizard: restored at the next start; invalid ones are ignored silently."""
 
 import json
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from tests.ui.fake_console import FakeConsole
 
 Start = Callable[[], tuple[MainWindow, FakeConsole]]
 TOUR = replace(
-    with_panels(samples.TOUR, "video", "map", "speak", "session"),  # those that keep what was chosen
+    with_panels(samples.TOUR, "video", "map", "speak", "session"),  # those that save preferences
     phrases=(PhraseGroup("Greeting", ("Hello",)), PhraseGroup("Tour", ("Follow me",))),
 )
 ROLES = (NamedText("Guide", "You guide."), NamedText("Nurse", "You care."))
@@ -36,7 +36,7 @@ SETUP = AssistantSetup(
 
 @pytest.fixture
 def start(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> Start:
-    """Each call is another run of the program, of the same user."""
+    """Each call is another run of the program by the same user."""
 
     def run() -> tuple[MainWindow, FakeConsole]:
         console = FakeConsole(TOUR, {samples.MENTAL.path: samples.MENTAL, TOUR.path: TOUR})
@@ -121,7 +121,7 @@ def test_each_scenario_has_its_own_and_another_one_s_own_settings_are_no_choice(
     console.do(intents.SetVoice("computer", "alba", "", 1.2, 0.5))
     qtbot.waitUntil(lambda: any(key.endswith("/voice") for key in settings.values))
     kept = dict(settings.values)
-    console.state.voice.set(replace(console.state.voice.value, rate=1.0))  # as the next one says
+    console.state.voice.set(replace(console.state.voice.value, rate=1.0))  # as set in the next one
     assert samples.MENTAL.path is not None and TOUR.path is not None
     console.do(intents.OpenScenario(samples.MENTAL.path))
     qtbot.waitUntil(lambda: not console_is_busy(_window))
@@ -212,7 +212,7 @@ def test_of_another_type_are_no_panel_s_choices(start: Start, settings: MemorySe
 
 
 def edited(scenario: samples.Scenario) -> samples.Scenario:
-    """Somebody works on the study's file: another model, fewer roles, another voice, lower levels."""
+    """Edited scenario of the study: another model, fewer roles, another voice, lower levels."""
     return replace(
         scenario,
         voice="computer" if scenario.voice != "computer" else "robot",

@@ -1,4 +1,4 @@
-"""What the guide says of the protocol: its example loads, and its keys are those of the table."""
+"""Guide of the protocol: its example loads, and its keys are those of the table."""
 
 import re
 from pathlib import Path

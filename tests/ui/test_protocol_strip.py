@@ -1,4 +1,4 @@
-"""The protocol strip: where the wizard is, how late that is, and how it goes on by keys, buttons and words."""
+"""Protocol strip: present step, delay, and control by keys, buttons and palette."""
 
 import dataclasses
 from collections.abc import Callable, Iterator
@@ -64,7 +64,7 @@ class Desk:
     def __init__(self, theme: Theme) -> None:
         self.console = FakeConsole(TOUR)
         samples.fill_console(self.console)
-        # Nothing goes stale, and raises an alarm, while the tests take their time.
+        # No stream becomes stale and raises an alarm during the tests.
         self.console.state.close()
         self.window = MainWindow(self.console, theme=theme)
         self.window.resize(1366, 768)
@@ -73,7 +73,7 @@ class Desk:
         self.strip = self.window._protocol
 
     def begin(self, step_id: str = "") -> None:
-        """Anew in that step, or in none."""
+        """Restart the protocol in that step, or in none."""
         self.strip.put_away()
         self.console.protocol.begin_session("wizard")
         self.console.protocol.end_session()
@@ -158,7 +158,7 @@ def test_the_only_branch_is_one_key(desk: Desk) -> None:
 def test_of_several_branches_the_digit_says_which(
     desk: Desk, name: str, chord: Qt.KeyboardModifier, left_over: Qt.KeyboardModifier
 ) -> None:
-    """The finger may still be on Ctrl, and a bare digit is no place to drive to meanwhile."""
+    """Ctrl may still be held, and the digit must not start a goal meanwhile."""
     desk.begin("ask-questions")
     widget = desk.focus(name)
     QTest.keyClick(widget, Qt.Key.Key_B, chord)
@@ -330,7 +330,7 @@ def test_steps_and_branches_are_found_by_name(desk: Desk) -> None:
 
 
 class Bare:
-    """A strip without the rest of the window."""
+    """Strip without the rest of the window."""
 
     def __init__(self, theme: Theme, scenario: Scenario) -> None:
         self.console = FakeConsole(scenario)
@@ -350,7 +350,7 @@ class Bare:
         self.console.state.close()
 
     def offered(self) -> list[str]:
-        """The buttons that can be seen."""
+        """Visible buttons."""
         buttons = self.strip.findChildren(ActionButton)
         return [button.objectName().removeprefix("strip_") for button in buttons if button.isVisible()]
 
@@ -429,7 +429,7 @@ def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Sc
 @pytest.mark.parametrize("language", [ENGLISH, TRIAL])
 @pytest.mark.long("trial")
 def test_every_step_of_every_shipped_scenario_can_be_read(bare: Callable[[Scenario], Bare], language: str) -> None:
-    """On the smallest screen, late, and in texts that are 40 % longer."""
+    """On the smallest screen, late, with texts that are 40 % longer."""
     speaks = Language()
     speaks.use(language)
     try:

@@ -1,4 +1,4 @@
-"""What closes the window, and what does not: nothing while Alt drives, and a question before something ends."""
+"""Quit guard: no closing while Alt drives, and a question before something ends."""
 
 import pytest
 from PySide6.QtCore import QEvent, Qt
@@ -19,19 +19,19 @@ ALT = Qt.KeyboardModifier.AltModifier
 
 
 class AskedByTheWindowManager(QCloseEvent):
-    """As it comes from the cross of a window or from Alt+F4."""
+    """Close event of a window's button or of Alt+F4."""
 
     def spontaneous(self) -> bool:
         return True
 
 
 def refused(window: MainWindow, part: QWidget | None = None) -> bool:
-    """Whether the wish to close the window, or a part that is a window of its own, gets no further than the keys."""
+    """True if the event filter blocks the close event of the window or of a floating part."""
     return window.hold.eventFilter(part or window, AskedByTheWindowManager())
 
 
 def ask_to_close(window: MainWindow) -> bool:
-    """Whether the window closes."""
+    """True if the window closes."""
     event = AskedByTheWindowManager()
     if not window.hold.eventFilter(window, event):
         window.closeEvent(event)
@@ -40,7 +40,7 @@ def ask_to_close(window: MainWindow) -> bool:
 
 @pytest.fixture
 def quiet(window: MainWindow, console: FakeConsole) -> MainWindow:
-    """Nothing is recorded, and the robot stands."""
+    """Without a recording, with the robot standing."""
     console.state.goal.set(None)
     console.state.recording.set(RecordingStatus())
     console.state.drive.set(DriveStatus(allowed=True, reason=""))
@@ -63,7 +63,7 @@ def test_nothing_closes_while_something_drives(quiet: MainWindow, console: FakeC
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
     assert not ask_to_close(quiet)
-    # What ended the drive leaves the fingers where they are.
+    # The end of the drive does not release the keys.
     quiet.hold.release_all("The window manager took over the keyboard")
     assert not ask_to_close(quiet)
     QTest.keyRelease(field, Qt.Key.Key_W, ALT)
@@ -81,7 +81,7 @@ def test_alt_between_two_drive_keys_is_still_alt_to_drive(quiet: MainWindow, mon
     QTest.keyPress(field, Qt.Key.Key_Alt, ALT)
     assert not refused(quiet), "Alt+F4 closes where nobody drives"
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
-    # QTest would let go of Alt with it.
+    # QTest would release Alt with it.
     QApplication.sendEvent(field, QKeyEvent(QEvent.Type.KeyRelease, Qt.Key.Key_W, ALT))
     assert quiet.hold.held == frozenset()
     assert refused(quiet)

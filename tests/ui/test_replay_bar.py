@@ -1,4 +1,4 @@
-"""The bar of a replay: keys, jumps, rates, scrubbing with a look at the moment under the pointer."""
+"""Bar of a replay: keys, jumps, rates, and scrubbing with a preview at the pointer."""
 
 import dataclasses
 import itertools
@@ -175,7 +175,7 @@ def test_arrows_and_ends_move_a_focused_scrubber(scene: ReplayScene, replay: Fak
 
 
 def test_where_a_key_went_to_is_said_and_what_is_played_is_not(scene: ReplayScene, replay: FakeReplay) -> None:
-    """A screen reader says each change of a description that has the focus, and asks for it when it comes there."""
+    """A screen reader reads each changed description of the focused widget, and on focus."""
     scrubber = scene.bar.scrubber
     scrubber.setFocus()
     replay.at_ms(30_000)

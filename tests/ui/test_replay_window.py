@@ -1,4 +1,4 @@
-"""The window of a replay: it says what it is, and its one red button is that of the robot which is driven now."""
+"""Replay window: its title, and its emergency stop button for the connected robot."""
 
 import re
 from collections.abc import Iterator
@@ -41,14 +41,14 @@ def window(
     window = open_window(qtbot, console, settings, theme)
     console.is_replay = True
     window.use_replay(replay)
-    window.resize(1366, 768)  # a replay keeps a place of its own
+    window.resize(1366, 768)  # a replay saves its own geometry
     QApplication.processEvents()
     yield window
 
 
 @pytest.fixture
 def past(qtbot: QtBot, settings: MemorySettings, theme: Theme, replay: FakeReplay) -> MainWindow:
-    """A replay at a moment before anything was recorded, with every panel open."""
+    """Replay at a time before the first value, with every panel open."""
     console = FakeConsole(samples.TOUR)
     console.state = LiveState(present=PresentClock(live=False))
     window = MainWindow(console, settings=settings, theme=theme)
@@ -111,7 +111,7 @@ def test_keys_and_the_red_button_reach_the_live_robot(
 
 def test_what_was_latched_then_is_not_latched_now(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
     replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
-    console.emergency_stop()  # as the record says
+    console.emergency_stop()  # as in the recording
     assert red_button(window).text() == "Stop Simulated robot (live)"
     shown = [widget for widget in window.findChildren(QWidget, "emergency_release") if widget.isVisible()]
     assert shown == [], "nothing is released by a replay"
@@ -144,7 +144,7 @@ def test_the_picture_is_whole_without_scrolling(window: MainWindow) -> None:
     panels, video = find(window, "replay_panels"), window.panels["video"]
     assert isinstance(panels, QScrollArea)
     assert isinstance(video, VideoPanel)
-    window.show_scenario(window._console.scenario)  # as when the moment on show is of another one
+    window.show_scenario(window._console.scenario)  # as at a time with another scenario
     video = window.panels["video"]
     assert isinstance(video, VideoPanel)
     QApplication.processEvents()
@@ -181,7 +181,7 @@ def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
     said += [*video.view.words_without_picture(), map_panel.view.shown.waiting]  # type: ignore[attr-defined]
     coding = find(past, "coding_words")
     assert isinstance(coding, QLabel)
-    said.remove(coding.text())  # coding is what goes on here
+    said.remove(coding.text())  # annotation is the purpose of this window
     found = [
         text for text in said if re.search(r"\b(live|connecting|wait\w*|yet|as soon as|getting ready)\b", text, re.I)
     ]

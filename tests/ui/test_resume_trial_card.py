@@ -1,4 +1,4 @@
-"""After an end that nobody wanted the window offers the trial, and asks about what may not be as before."""
+"""Resume of a trial after a crash: the offer, and questions about possible changes."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def test_it_is_offered_and_gone_on_with(window: MainWindow, console: FakeConsole
 
 @pytest.mark.parametrize("size", [(1366, 768), (1920, 1080)])
 def test_no_alarm_lies_over_the_question(window: MainWindow, console: FakeConsole, size: tuple[int, int]) -> None:
-    """A robot that does not answer yet is what such a start begins with."""
+    """Such a start begins with a robot that does not answer yet."""
     window.resize(*size)
     console.state.link.set(replace(console.state.link.value, state="lost"))
     console.state.going_on.set(OFFERED)
@@ -146,7 +146,7 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     before = panel.view.grab().toImage()
     console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("map",)))
     assert ("Position not confirmed", "warning") in panel.view.shown.chips
-    QApplication.sendEvent(panel.view, QEvent(QEvent.Type.Enter))  # whoever goes there hears how it is now
+    QApplication.sendEvent(panel.view, QEvent(QEvent.Type.Enter))  # the present state is announced on entering
     assert "Position not confirmed" in panel.view.accessibleDescription()
     confirm = find(panel, "map_confirm")
     confirm.hide()

@@ -1,4 +1,4 @@
-"""Connecting a robot without a profile: look, map, check, name, save; by real events, with an explorer in memory."""
+"""Connecting a robot without a profile: exploring, mapping, checking, naming, saving; with an in-memory explorer."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -37,7 +37,7 @@ ADDRESS = "ws://lab-robot:9090"
 
 
 class MemoryExplorer:
-    """Answers when the test says so."""
+    """Explorer with answers controlled by the test."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, Any]] = []

@@ -1,4 +1,4 @@
-"""The Robot panel: every kind of control by real events, what became of it, and nothing sent that was not meant."""
+"""Robot panel: every kind of control with real events, its result, and no unintended command."""
 
 import time
 from dataclasses import replace
@@ -132,7 +132,7 @@ def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
 ) -> None:
     console.state.controls.set((*CONTROLS, LAMP))
     panel.complete()
-    QApplication.processEvents()  # what is new is shown
+    QApplication.processEvents()  # display the new state
     click(qtbot, find(panel, "control_dock_button"))
     console.state.drive.set(replace(console.state.drive.value, emergency_stop=True))
     reason = find(panel, "robot_reason")

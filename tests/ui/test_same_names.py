@@ -1,4 +1,4 @@
-"""A scenario came as one file, and its names are taken: what is asked, shown and done."""
+"""Import conflict of scenario files: the question, the display and the result."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Scenarios as one file: lines of the menu, the dialogs that ask for the file, and what the console is asked for."""
+"""Scenarios as one file: menu items, file dialogs, and requests to the console."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.panels("people")
 
 
 def choose(qtbot: QtBot, window: MainWindow, line: str) -> QFileDialog:
-    """The dialog that opens by this line of the scenario menu."""
+    """The dialog opened by this line of the scenario menu."""
     click(qtbot, find(window, "scenario_button"))
     menu = window.findChild(QMenu, "scenario_menu")
     assert menu is not None and menu.isVisible()
@@ -40,7 +40,7 @@ def decide(dialog: QFileDialog, button: QDialogButtonBox.StandardButton, *, name
         QTest.keyClicks(line, name)
     names = QApplication.activePopupWidget()
     if names is not None:
-        names.hide()  # those that fit would take the click
+        names.hide()  # completions would take the click
     QTest.mouseClick(box.button(button), Qt.MouseButton.LeftButton)
 
 

@@ -1,4 +1,4 @@
-"""What can be focused or pressed tells a screen reader its name, what it is and where, and no two are called alike."""
+"""Each control has a name, a role and a position for a screen reader, and names are unique."""
 
 import gc
 import random
@@ -34,7 +34,7 @@ SCENARIOS = tuple(sorted(path.stem for path in layouts_dir().glob("*.yaml")))
 
 
 _IN_EVERY_RUN = {"tour-guide", "mental-health-check"}
-"""With nearly everything permitted, and with little."""
+"""With nearly every permission, and with few."""
 
 
 @pytest.fixture(
@@ -139,9 +139,9 @@ class _Painted(QWidget):
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.long
 def test_widgets_come_and_go_while_a_screen_reader_walks_through_them(qapp: QApplication) -> None:
-    """Qt deletes an interface with its widget, whichever way that ends, and a widget ends however often it was told."""
+    """Qt deletes an accessible interface with its widget, and widgets are deleted in any order."""
     install_accessible_roles()
-    chance, holder = random.Random(7), QWidget()  # noqa: S311 - no secrets
+    chance, holder = random.Random(7), QWidget()  # noqa: S311 - a test, not cryptography
     ways = (QWidget.deleteLater, Shiboken.delete, lambda widget: widget.setParent(None))
     gone: list[weakref.ref[QWidget]] = []
     for number in range(400):
@@ -176,7 +176,7 @@ def _walked(node: QAccessibleInterface) -> Iterator[QAccessibleInterface]:
 
 @pytest.mark.panels("video")
 def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
-    """It would find it: a control without a name, two of one name, one beside the window, and one that says nothing."""
+    """Negative control: a control without a name, two of one name, one outside the window, and one without a role."""
     nameless, twice, again = (ActionButton(window.theme, text) for text in ("", "Twice", "Twice"))
     beside, silent = ActionButton(window.theme, "Beside the window"), QLabel()
     silent.setFocusPolicy(window.focusPolicy().StrongFocus)

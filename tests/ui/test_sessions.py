@@ -1,4 +1,4 @@
-"""Sessions: started, paused, found, searched, exported; what the window tells of room and of what is missing."""
+"""Sessions: start, pause, search and export, with reports of disk space and missing data."""
 
 import dataclasses
 import itertools
@@ -199,7 +199,7 @@ def test_labels_mark_from_the_panel(qtbot: QtBot, settings: MemorySettings, them
     assert not button.isVisible()
 
 
-# The start dialog
+# Start dialog
 
 
 def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
@@ -485,7 +485,7 @@ def test_five_hundred_sessions_are_shown_quickly(sessions: SessionsWindow, libra
     assert (clock.now_ns() - started_ns) / 1e9 < 1.0
 
 
-# Exporting
+# Export
 
 
 @pytest.fixture
@@ -638,7 +638,7 @@ def test_the_window_opens_sessions_and_exports(
     assert not sessions.isVisible()
 
 
-# The arrangement of the panels
+# Dock layout
 
 
 @pytest.mark.panels()
@@ -691,7 +691,7 @@ def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWind
 
 
 def hit_lines(sessions: SessionsWindow) -> list[str]:
-    """What a screen reader says of each row."""
+    """Accessible texts of the rows."""
     rows = (sessions.hits.index(row, 0) for row in range(sessions.hits.rowCount()))
     return [str(index.data(Qt.ItemDataRole.AccessibleTextRole)) for index in rows]
 
@@ -716,7 +716,7 @@ def test_what_is_found_is_grouped_by_session_under_headings_that_the_keys_skip(
         QTest.keyClick(hits, key)
         reached.append(hits.currentIndex().row())
     assert reached == [1, 2, 4, 4, 2, 1, 1, 4, 1]
-    # How far a page goes depends on the height of the list.
+    # The length of a page depends on the height of the list.
     for key, last in ((Qt.Key.Key_PageDown, 4), (Qt.Key.Key_PageUp, 1)):
         rows = set[int]()
         for _ in range(4):

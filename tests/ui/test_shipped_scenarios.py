@@ -1,4 +1,4 @@
-"""The scenarios that come with the program: what makes each of them another one, and that every key in them works."""
+"""Shipped scenarios: their differences, and every key in them."""
 
 import math
 from dataclasses import fields

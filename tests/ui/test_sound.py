@@ -1,4 +1,4 @@
-"""Sound in the window: open microphones are seen at a glance, and who holds a key is heard until it is released."""
+"""Sound in the window: open microphones are visible, and push-to-talk lasts until its key is released."""
 
 import dataclasses
 
@@ -181,7 +181,7 @@ def test_hearing_along_is_switched_by_a_key(console: FakeConsole, field: SpeakFi
 
 
 def lines(menu: QMenu) -> dict[str, list[str]]:
-    """The submenus, each with its lines; the chosen one has a star."""
+    """Submenus with their items; the selected one has a star."""
     return {
         action.text(): [f"{'*' if line.isChecked() else ''}{line.text()}" for line in submenu.actions()]
         for action in menu.actions()

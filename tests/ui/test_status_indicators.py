@@ -1,4 +1,4 @@
-"""What a glance tells: four signs that differ by shape and word, whose places never move."""
+"""Status indicators: four signs with distinct shapes and words at constant places."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -147,7 +147,7 @@ def test_on_and_off_differ_without_colour_and_move_nothing(signs: StatusIndicato
     assert signs.width() == width
 
     def ground(image: QImage) -> list[int]:
-        """How bright the ground is in the upper edge of each sign, in grey."""
+        """Brightness of the background at the upper edge of each sign."""
         left, grounds = 0, []
         for sign_px in signs._widths:
             grounds.append(image.pixelColor(left + sign_px // 2, 4).lightness())
@@ -161,7 +161,7 @@ def test_on_and_off_differ_without_colour_and_move_nothing(signs: StatusIndicato
 
 
 def inked_px(image: QImage, left: int, right: int) -> tuple[int, int]:
-    """How wide and high what is painted in grey between two columns is, apart from the frame around it."""
+    """Width and height of the painted area between two columns, without the frame."""
     ground = image.pixelColor(left, 4).lightness()
     inked = [
         (x, y)
@@ -178,7 +178,7 @@ def inked_px(image: QImage, left: int, right: int) -> tuple[int, int]:
 def test_they_are_large_enough_for_two_metres(
     signs: StatusIndicators, state: LiveState, theme: Theme, choice: str
 ) -> None:
-    """A pixel of a common screen is 0.277 mm. An icon is made out from 5.5 mm on, a capital letter from 4.5 mm."""
+    """A pixel of a common screen is 0.277 mm. Icons are legible from 5.5 mm on, capital letters from 4.5 mm."""
     theme.set_choice("light" if choice == "light" else "dark")
     signs.resize(signs.width(), 34)
     for all_on in (False, True):

@@ -1,4 +1,4 @@
-"""Another scenario while everything runs: what it forbids is gone at once, and the panels come one at a time."""
+"""Switch of the scenario during operation: forbidden controls disappear at once, panels are built one at a time."""
 
 import dataclasses
 import itertools
@@ -44,7 +44,7 @@ STRICT = dataclasses.replace(
 
 
 ALONE = dataclasses.replace(samples.TOUR, layout=PanelLeaf("map"), path=Path("/layouts/alone.yaml"))
-"""Of its panels hardly any goes on with another scenario."""
+"""Scenario that shares hardly any panel with the others."""
 
 
 NAMING: tuple[PanelName, ...] = ("video", "map", "conversation", "people")
@@ -71,7 +71,7 @@ GROUPED = dataclasses.replace(
 
 @pytest.fixture
 def alone(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[MainWindow, FakeConsole]:
-    """A window in which hardly any panel was made yet."""
+    """Window in which hardly any panel has been built yet."""
     console = FakeConsole(ALONE)
     return open_window(qtbot, console, settings, theme), console
 
@@ -122,7 +122,7 @@ def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_ma
     others.stop()
     made = [name for name, panel in window.panels.items() if panel is not before.get(name)]
     assert len(made_at) == len(made) >= 3
-    # The arrangement of all has a turn of its own, however quick the panels before it are.
+    # The layout of all panels gets a separate pass, however fast the panels are.
     assert len(turns) >= fewest if turn_s == 0.0 else len(turns) == fewest
     assert all(after - before >= 2 for before, after in itertools.pairwise(turns)), "between any two"
 
@@ -387,13 +387,13 @@ def test_a_suggestion_that_was_being_changed_is_a_line_like_any_other_afterwards
 
 
 def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:
-    """What can be read, heard of and pressed in it and its title bar, once it is in front."""
+    """Readable, audible and clickable content of the panel and its title bar, in front."""
     window.open_panel(name)
     QTest.qWait(0)
     dock = window.panels[name].parentWidget().parentWidget()
     found = []
     for part in dock.findChildren(QWidget):
-        if part.isVisibleTo(dock) and part.objectName() != "panel_fact":  # which tells the time
+        if part.isVisibleTo(dock) and part.objectName() != "panel_fact":  # contains the time
             text = part.text() if isinstance(part, QAbstractButton | QLabel) else ""
             found.append((type(part).__name__, part.objectName(), text, part.accessibleName(), part.toolTip()))
     return sorted(found)
@@ -404,7 +404,7 @@ TOUR_NAME = samples.TOUR.path.stem if samples.TOUR.path else ""
 
 @pytest.fixture
 def at_the_start(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> tuple[MainWindow, FakeConsole]:
-    """A window that was not shown yet, and whose panels that lie behind others were not made."""
+    """Window that was not shown yet, without its hidden panels."""
     settings.setValue("wizards/*/layout/adapts", "no")
     settings.setValue(f"wizards/*/choices/{TOUR_NAME}/panels/session", json.dumps({"category": CATEGORIES[0]}))
     console = FakeConsole(samples.TOUR)

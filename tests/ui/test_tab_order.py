@@ -1,4 +1,4 @@
-"""Everything by keyboard: Tab goes through each panel as it is read, leaves none half visited, reaches everything."""
+"""Keyboard operation: Tab visits each panel completely in reading order and reaches everything."""
 
 import pytest
 from PySide6.QtCore import QSize, Qt
@@ -39,7 +39,7 @@ def test_tab_goes_through_every_window_and_a_replay_as_it_is_read(theme: Theme) 
             if seen.part.isWindow() and seen.part.objectName() == "main_window":
                 seen.part.resize(USUAL)
             if seen.part.windowFlags() & Qt.WindowType.WindowDoesNotAcceptFocus:
-                continue  # it is looked at by others
+                continue  # checked by other tests
             opened.settle()
             found += [f"{seen.name}: {flaw}" for flaw in tab_order_flaws(seen.part)]
     finally:
@@ -70,10 +70,10 @@ def test_shift_tab_goes_the_same_way_back(window: MainWindow) -> None:
 
 @pytest.mark.panels("drive")
 def test_the_check_sees_a_wrong_order(window: MainWindow) -> None:
-    """It would find it: what is passed by, and what comes too late."""
+    """Negative control: a skipped widget and one that is reached too late."""
 
     class AsMade(QWidget):
-        """A window whose Tab is Qt's own."""
+        """Window with Qt's default tab order."""
 
     made = AsMade()
     made.setObjectName("as_made")

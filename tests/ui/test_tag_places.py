@@ -1,4 +1,4 @@
-"""Names over the picture of people who stand close together."""
+"""Name tags in the image for people who stand close together."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Words for numbers, times and events."""
+"""Texts for numbers, times and events."""
 
 from collections.abc import Iterator
 
@@ -154,7 +154,7 @@ def name_of(person_id: str) -> str:
             UtteranceChanged(1, "u", "robot", "Hm", "filler", "started", actor="model"),
             ("Said", "Robot: “Hm” · by the language model"),
         ),
-        # That it was the console says the reason already.
+        # The reason already implies the console.
         (DriveEnded(1, "The link was lost", "console"), ("Moved", "Driving ended: The link was lost")),
         (
             GoalChanged(
@@ -175,7 +175,7 @@ def test_time_of_day_has_seconds() -> None:
 
 @pytest.fixture
 def marked() -> Iterator[None]:
-    """Every text that was looked up bears marks, and with what it was told apart."""
+    """Translator that marks every text with its disambiguation."""
     use_translator(lambda text, meant, _number: f"<{text}|{meant}>" if meant else f"<{text}>")
     yield
     use_translator(None)
@@ -183,7 +183,7 @@ def marked() -> Iterator[None]:
 
 @pytest.mark.usefixtures("marked")
 def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
-    """German nouns keep their capital, and what is a word in one language is an ending in another."""
+    """German nouns keep their capital letter, and word order differs between languages."""
     assert text_formatting.camera_title("front") == "<{name} camera|a title>".format(name="Front")
     assert text_formatting.camera_in_text("front") == "<{name} camera|in a sentence, after “the”>".format(name="front")
     assert text_formatting.camera_in_text("OAK-D_camera") == "OAK-D camera"

@@ -1,4 +1,4 @@
-"""Colours: contrast, one place, both themes."""
+"""Colours: contrast and a single definition in both themes."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ from caris_desktop.ui.theme import Theme, ThemeChoice, as_choice, colors_for
 from caris_desktop.ui.tokens import DARK, LIGHT, Colors
 from tests.ui.conftest import MemorySettings
 
-# Text and the ground it stands on: every pair must reach 4.5:1 in both themes.
+# Text and background colours: every pair must reach 4.5:1 in both themes.
 TEXT_PAIRS: tuple[tuple[str, str], ...] = (
     ("text", "window"), ("text", "panel"), ("text", "raised"), ("text", "raised_hover"), ("text", "field"),
     ("text", "blue_soft"), ("text", "green_soft"), ("text", "amber_soft"), ("text", "red_soft"),

@@ -1,4 +1,4 @@
-"""The timeline: coding by pointer and keys, in a window, with real events."""
+"""Timeline: annotation by pointer and keyboard, in a window, with real events."""
 
 import itertools
 import random
@@ -49,7 +49,7 @@ ANA, REMARKS, BEN = "c-Ana-tier-1", "c-Ana-tier-2", "c-Ben-tier-1"
 
 
 class Coder:
-    """Somebody at the mouse and the keyboard, who sees where things lie on the screen."""
+    """Coder with mouse and keyboard, who finds items by their position on the screen."""
 
     def __init__(self, timeline: TimelineView, replay: FakeReplay) -> None:
         self.timeline, self.replay, self.canvas = timeline, replay, timeline.canvas
@@ -85,7 +85,7 @@ class Coder:
         QTest.keyClick(self.canvas, key, modifiers)
 
     def type(self, text: str) -> None:
-        """Into the card that asks for a label."""
+        """Type into the label card."""
         field = QApplication.focusWidget()
         assert isinstance(field, QLineEdit), "no field asks for a label"
         QTest.keyClicks(field, text)
@@ -513,7 +513,7 @@ def test_a_tier_is_added_with_labels_of_the_scenario_and_changed(qtbot: QtBot, c
     assert coder.document.vocabularies[-1].entries == (
         VocabularyEntry("greeting", "says hello"), VocabularyEntry("question"), VocabularyEntry("farewell"),
     )  # fmt: skip
-    coder.timeline.window().activateWindow()  # what a window manager does
+    coder.timeline.window().activateWindow()  # as a window manager does
     qtbot.waitUntil(lambda: QApplication.activeWindow() is coder.timeline.window())
     coder.key(Qt.Key.Key_Z, CTRL)
     coder.key(Qt.Key.Key_Z, CTRL)
@@ -609,7 +609,7 @@ def test_agreement_of_a_likely_pair_is_shown_in_words(qtbot: QtBot, coder: Coder
 
 
 def codes_of(document: AnnotationDocument, tier_id: str) -> list[str]:
-    """What the tier says in the middle of each unit of time, found here without the program's own means."""
+    """Codes of the tier at the middle of each time unit, computed independently of the program."""
     items = document.of_tier(tier_id)
     middles = [UNIT_MS * number + UNIT_MS / 2 for number in range(document.duration_ms // UNIT_MS)]
     return [
@@ -695,11 +695,11 @@ def real_window(qtbot: QtBot, console: FakeConsole, settings: MemorySettings, th
 
 
 class Script:
-    """What a coder does with 200 labels, and what the document must say then."""
+    """Script of 200 annotations with the expected document."""
 
     def __init__(self, coder: Coder, tier_id: str, seed: int) -> None:
         self.coder, self.tier_id = coder, tier_id
-        self.random = random.Random(seed)  # noqa: S311 - a script, not a secret
+        self.random = random.Random(seed)  # noqa: S311 - a test, not cryptography
         self.expected: list[tuple[int, int, str]] = []
         self.steps = 0
 
@@ -715,7 +715,7 @@ class Script:
         number = self.random.randrange(4)
         self.coder.type(str(number + 1))
         added = (round(self.coder.ms_at(start)), round(self.coder.ms_at(end)), STANCE.entries[number].value)
-        self.steps += 1  # adding and naming are two
+        self.steps += 1  # adding and naming are two steps
         self.expect(lambda values: values.append(added))
         return added
 
@@ -743,7 +743,7 @@ class Script:
         self.expect(change)
 
     def move(self, item: tuple[int, int, str]) -> None:
-        self.coder.replay.at_ms(self.coder.canvas.scale.start_ms)  # in view, and nothing to snap to
+        self.coder.replay.at_ms(self.coder.canvas.scale.start_ms)  # in view, and without snap targets
         middle = self.coder.point(self.tier_id, (item[0] + item[1]) / 2)
         self.coder.drag(middle, middle + QPoint(9, 0))
         by_ms = 9 / self.coder.canvas.scale.px_per_ms
@@ -786,7 +786,7 @@ def test_a_scripted_coder_codes_many_labels_in_the_real_window(
     coder.type("cur")
     focused = QApplication.focusWidget()
     assert focused is not None
-    QTest.keyClick(focused, Qt.Key.Key_Escape)  # which the window takes before any widget
+    QTest.keyClick(focused, Qt.Key.Key_Escape)  # taken by the window before any widget
     assert coder.values(ANA) == [(*coder.values(ANA)[0][:2], "")]
     assert coder.canvas.hasFocus()
     coder.key(Qt.Key.Key_Delete)
@@ -821,7 +821,7 @@ def test_a_scripted_coder_codes_many_labels_in_the_real_window(
     scripts[0].undo(1)
     assert timeline.words == "There is nothing to undo."
     for _ in range(steps - 20):
-        assert replay.redo()  # by key is slow to try seven hundred times
+        assert replay.redo()  # seven hundred key presses would be slow
     scripts[0].redo(20)
     assert coder.document == done
     file = tmp_path / "coded.eaf"

@@ -1,4 +1,4 @@
-"""The timeline as values: scale, ruler, rows, tracks, sound and speed by pixel."""
+"""Timeline as values: scale, ruler, rows, tracks, and sound and speed by pixel."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_a_track_finds_what_is_in_view() -> None:
 
 
 def test_a_track_finds_what_overlaps_too() -> None:
-    """People overlap in the record: a long stretch reaches over short ones that began later."""
+    """Intervals of people overlap: a long one may end after later short ones."""
     track = _track((0, 100), (10, 20), (50, 60))
     assert list(track.between(70, 90)) == [0, 1, 2], (
         "the long one is in view; what lies between is passed over in drawing"

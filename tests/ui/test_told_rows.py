@@ -1,4 +1,4 @@
-"""What is only painted is in the accessibility interface: each row in view with its words and state, and pressable."""
+"""Painted rows in the accessibility interface: each visible row with text, state and press action."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ from tests.ui.fake_console import FakeConsole
 
 
 def told(root: QWidget, *roles: QAccessible.Role) -> Iterator[QAccessibleInterface]:
-    """What a screen reader finds below it and can be seen."""
+    """Visible accessible interfaces below ``root``."""
     interface = QAccessible.queryAccessibleInterface(root)
     assert interface is not None
     yield from _below(interface, roles)
@@ -115,7 +115,7 @@ def test_the_turns_are_found_whole_and_can_be_chosen(window: MainWindow, console
     turn = next(one for one in told(transcript.viewport()) if name(one) == last.spoken)
     press(turn)
     qtbot.waitUntil(lambda: transcript.current == last.utterance_id)
-    # What can be done with the chosen turn is found and pressed in the same way.
+    # Actions on the current turn are found and pressed in the same way.
     qtbot.waitUntil(lambda: any(name(one).startswith("Tags (T)") for one in told(transcript.viewport())))
     press(next(one for one in told(transcript.viewport()) if name(one).startswith("Tags (T)")))
     qtbot.waitUntil(lambda: transcript.writing)
@@ -131,7 +131,7 @@ def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsol
 
 @pytest.mark.panels("video", "speak", "people")
 def test_people_are_told_and_have_their_card_wherever_the_panel_is(window: MainWindow) -> None:
-    """Its own window goes for good when it comes back, and takes along what PySide holds for a part of it."""
+    """Its floating window is deleted on docking, with PySide's references to its parts."""
     panel = window.findChild(PeoplePanel)
     assert panel is not None
     person_id = panel.model.persons[0].person_id

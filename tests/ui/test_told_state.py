@@ -1,4 +1,4 @@
-"""Stick, map and timeline say in words what they show, through the accessibility interface and not too often."""
+"""Accessible descriptions of stick, map and timeline, with a limited rate."""
 
 import itertools
 import math
@@ -39,7 +39,7 @@ def scan_of(ranges_m: list[float], mount: Pose2D | None) -> LaserScan:
 
 
 class Written:
-    """What was told, and how often it was asked for."""
+    """Records the descriptions and the number of requests."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -85,7 +85,7 @@ def test_whoever_goes_there_hears_what_is_shown_now(qtbot: QtBot) -> None:
 
 
 class Picture:
-    """As much of a view as says whose boxes are drawn."""
+    """Minimal view with the source of its boxes."""
 
     def __init__(self) -> None:
         self.boxes: list[tuple[str, bool]] = []
@@ -142,7 +142,7 @@ def test_the_head_stick_turns_the_head(qtbot: QtBot, theme: Theme) -> None:
     ],
 )
 def test_the_nearest_obstacle_has_a_direction(mount: Pose2D | None, words: str) -> None:
-    # From behind over the right and ahead to the left: one return, a quarter of a turn to the left.
+    # Scan from behind over the right to the front left: one return, at 90 degrees to the left.
     assert nearest_words(scan_of([math.inf, math.inf, math.inf, 1.0], mount)) == words
 
 

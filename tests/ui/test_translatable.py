@@ -1,4 +1,4 @@
-"""Texts can be translated: Qt's tool finds each of them, and none is glued from pieces."""
+"""Texts can be translated: lupdate finds each of them, and none is concatenated."""
 
 import ast
 import re
@@ -47,7 +47,7 @@ def test_lupdate_finds_every_text(tmp_path: Path) -> None:
     found = tmp_path / "found.ts"
     lupdate = Path(sys.executable).with_name("pyside6-lupdate")
     subprocess.run([lupdate, *files, "-ts", found], check=True, capture_output=True)
-    told = {source.text for source in ET.parse(found).iter("source")}  # noqa: S314 - our own tool wrote it
+    told = {source.text for source in ET.parse(found).iter("source")}  # noqa: S314 - written by lupdate
     assert len(written) > 300
     assert {" ".join(text.split()) for text in written} == {" ".join((text or "").split()) for text in told}
 
@@ -70,7 +70,7 @@ _PLACED = re.compile(r"\{([^{}]*)\}")
 
 
 def test_nothing_is_translated_before_the_language_is_known() -> None:
-    """A module is read, and its classes are made, before the wizard's language is chosen."""
+    """Modules and their classes are loaded before the wizard's language is known."""
     early = [
         f"{path.relative_to(PACKAGE)}:{call.lineno} calls tr as it is imported: QT_TR_NOOP there, tr where it is shown"
         for path, tree in _sources()
@@ -93,7 +93,7 @@ def test_what_is_filled_in_has_a_name_and_is_given() -> None:
 
 
 def test_every_text_of_the_window_can_be_translated() -> None:
-    """Until all go through tr, the list says how many do not, and can only become shorter."""
+    """The list of untranslated texts by file may only become shorter."""
     now, listed = untranslated.counts_by_file(), untranslated.listed_counts()
     wrong = [
         f"{file} has {now.get(file, 0)}, the list says {listed.get(file, 0)}"
@@ -108,7 +108,7 @@ def test_every_text_of_the_window_can_be_translated() -> None:
 
 
 def test_what_any_room_tells_the_wizard_can_be_translated() -> None:
-    """A child process too: its sentences in QT_TR_NOOP, those with values filled, and the console says them."""
+    """In child processes too: texts in QT_TR_NOOP, with their values, translated by the console."""
     told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.untranslated_errors()]
     assert told == []
 
@@ -177,7 +177,7 @@ def test_what_is_filled_in_wrongly_is_found(source: str, flaws: int) -> None:
 
 
 def _at_import(tree: ast.Module) -> Iterator[ast.Call]:
-    """Calls of tr that are made as the module is imported: a function's body runs later, its defaults do not."""
+    """Calls of tr at import time: function bodies run later, default values do not."""
     waiting: list[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
@@ -194,7 +194,7 @@ def _is_format(node: ast.AST) -> TypeGuard[ast.Call]:
 
 
 def _flaws(call: ast.Call, formatted: ast.Call | None) -> Iterator[str]:
-    """Of one text: names of what is filled in, and the number that decides between one and many."""
+    """Errors of one text: placeholder names, and the number for the plural."""
     marked = cast(ast.Name, call.func).id
     text = str(cast(ast.Constant, call.args[0]).value)
     names = {

@@ -1,4 +1,4 @@
-"""In the trial language every text of the window bears its marks, save what a study, a scenario or a robot says."""
+"""In the trial language every text of the window has its marks, except texts of a study, a scenario or a robot."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
@@ -42,10 +42,10 @@ from tests.ui.test_every_size import SCENARIOS
 from tests.ui.test_robot_dialog import MemoryExplorer
 
 SAID = ("samples.py", "fake_console.py", "people_samples.py")
-"""Files of samples: what they say stands for what a study says."""
+"""Files with sample data, whose texts stand for those of a study."""
 
 OF_OTHERS = ("CARIS Desktop", "Lab visit", "Kim", "P07", "Scroll Left", "Scroll Right")
-"""The name of the program, who takes part here, and what Qt itself says, in a translation of its own."""
+"""The name of the program, participants, and texts of Qt, which have their own translation."""
 
 WHAT_TO_DO = (
     "These are shown without going through tr: give them to it where they are made, or, in a table, where they are"
@@ -57,7 +57,7 @@ OF_A_REPLAY = tuple((UI / "replay").rglob("*.py"))
 
 
 class Spoken:
-    """One window in the trial language, with everything that opens from it."""
+    """One window in the trial language, with everything that it opens."""
 
     def __init__(self, theme: Theme) -> None:
         self.language = Language()
@@ -99,7 +99,7 @@ class Spoken:
         self.window.deleteLater()
 
     def shown(self) -> dict[str, set[str]]:
-        """What bears no marks in the window and in all that belongs to it."""
+        """Texts without marks in the window and its parts."""
         freshen(self.console)
         for _ in range(10):
             QApplication.processEvents()
@@ -139,10 +139,10 @@ class Spoken:
         return merged(*found)
 
     def of_every_menu(self) -> tuple[dict[str, set[str]], set[str]]:
-        """What bears no marks in the menus that panels, their titles and the bars open, and which opened."""
+        """Texts without marks in the menus of panels, titles and bars, and the opened menus."""
         everything = Permissions(**dict.fromkeys((each.name for each in dataclasses.fields(Permissions)), True))
         tour = next(one for one in self.scenarios if one.path is not None and one.path.stem == "tour-guide")
-        # More panels in one row of tabs than it has room for.
+        # More panels in one tab bar than fit.
         crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(PanelName)))
         self.console.scenario = crowded
         self.console.state.scenario.reset_value(crowded)
@@ -239,7 +239,7 @@ def test_the_lines_of_every_menu_of_a_replay_bear_them_too(theme: Theme) -> None
         [text for name in (*SAID, "fake_replay.py") for text in strings_of(SAMPLES.with_name(name))], OF_OTHERS
     )
     try:
-        scene.resize(700, 620)  # too narrow for all codes of the chosen row
+        scene.resize(700, 620)  # too narrow for all codes of the selected row
         scene.show()
         first = scene.timeline.document.annotations[5]
         scene.timeline.canvas.activate(f"tier {first.tier_id}")

@@ -1,4 +1,4 @@
-"""The video: a click on the floor, and what keeps the robot from moving said in the picture."""
+"""Video: clicks on the floor, and the reason if the robot may not move."""
 
 import dataclasses
 
@@ -29,7 +29,7 @@ from tests.ui.fake_console import FakeConsole
 
 pytestmark = pytest.mark.panels("video")
 
-# Half the size that the frames have: the model is scaled to them.
+# Half the size of the frames, to which the model is scaled.
 MODEL = dataclasses.replace(
     CameraModel.from_field_of_view(width_px=320, height_px=240, horizontal_rad=1.2), x_m=0.1, z_m=1.0, tilt_rad=0.2
 )
@@ -84,7 +84,7 @@ def test_a_click_on_the_floor_asks_and_then_goes(
     assert panel.view.spot.distance_m == pytest.approx(3.03, abs=0.03)
     QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
     assert console.calls == []
-    # How fast it will go is said before.
+    # The speed is stated before.
     assert find(window, "video_card_line").property("text") == "3.0 m from the robot · at the robot’s navigation speed"
     click(qtbot, find(window, "video_go_there"))
     (target,) = console.named("go_to")
@@ -134,7 +134,7 @@ def test_a_picture_that_was_long_under_way_is_not_live(panel: VideoPanel, consol
         clock.now_ns(), 40.0, clock_offset_ms=5000.0, clock_uncertainty_ms=8.0
     )
     arrived = console.frames.add(np.full((480, 640, 3), 255, np.uint8))
-    # The robot's clock is five seconds ahead; the picture was taken 0.9 s before it arrived.
+    # The robot's clock is five seconds ahead; the frame was taken 0.9 s before it arrived.
     console.state.take(dataclasses.replace(arrived, robot_stamp_ns=arrived.stamp_ns + 5_000_000_000 - 900_000_000))
     assert console.state.frame.freshness == "stale"
     panel._refresh()

@@ -1,4 +1,4 @@
-"""Where the next key goes: after each click, tab, float, close, switch and shortcut, with real key and mouse events."""
+"""Focus after each click, tab, float, close, switch and shortcut, with real key and mouse events."""
 
 import dataclasses
 import inspect
@@ -53,9 +53,9 @@ WORDS = [*SENTENCE.split(), "Mara", "Tom", "kitchen", "stop", "yes", "no", "/", 
 LONG = bool(os.environ.get("CARIS_TEST_LONG"))
 SENTENCES = 200 if LONG else 1
 BEGUN_IN = ["video_view", *(pytest.param(name, marks=pytest.mark.long) for name in ("speak_field", "nowhere"))]
-"""Who drives has most to lose by a key."""
+"""Driving is the most critical state for a wrong key."""
 CLICKS = 3
-"""In each window beside the console's own, without ``--long``."""
+"""In each window besides the console's main window, without ``--long``."""
 ASKED_BY_NOBODY = (
     "drive", "turn_head", "nod", "go_to_place", "go_to", "use_control", "push_to_talk", "say", "fill_gap", "say_answer",
     "say_suggestion", "say_edited_suggestion", "confirm_proposal", "open_scenario", "use_robot", "UseSimulatedRobot",
@@ -85,16 +85,16 @@ def panel_with_keys(window: MainWindow) -> str | None:
 
 
 def type_on(text: str = SENTENCE) -> None:
-    """As a person does who looks elsewhere: each key goes wherever the keys are by then, and Enter comes last."""
+    """Type without looking: each key goes to the present focus, and Enter comes last."""
     for key in (*text, Qt.Key.Key_Return):
-        for moved in (QTest.keyPress, QTest.keyRelease):  # a press may close the window that got it
+        for moved in (QTest.keyPress, QTest.keyRelease):  # a press may close its window
             target = QApplication.activePopupWidget() or focused_widget() or QApplication.activeWindow()
-            if target is not None and shiboken6.isValid(target):  # else its window has closed, and nobody gets them
+            if target is not None and shiboken6.isValid(target):  # otherwise its window has closed, and the key is lost
                 moved(target, key)
 
 
 def click(widget: QWidget, at: QPoint | None = None) -> None:
-    """By way of the window, so that Qt finds who is under the pointer and who gets the focus by the click."""
+    """Click through the window, so that Qt determines the target and the focus."""
     window = window_of(widget)
     handle = window.windowHandle()
     assert handle is not None
@@ -108,7 +108,7 @@ def click_tab(window: MainWindow, name: PanelName) -> None:
     if bar.isTabVisible(index):
         click(bar, bar.tabRect(index).center())
         return
-    click(find(bar, "more_tabs"))  # there is no room for it
+    click(find(bar, "more_tabs"))  # no space for it
     menu = QApplication.activePopupWidget()
     assert isinstance(menu, QMenu)
     next(action for action in menu.actions() if action.text() == bar.tabText(index)).trigger()
@@ -119,7 +119,7 @@ def asked(console: FakeConsole) -> list[str]:
     return [name for name, _arguments in console.calls if name in ASKED_BY_NOBODY]
 
 
-# ---- saving in the scenario's editor
+# ---- saving in the scenario editor
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_a_scenario_that_changes_gives_the_keys_to_nobody_who_had_them_not(
 
 @pytest.mark.panels("video", "speak", "people")
 def test_a_popup_closes_though_what_had_the_keys_before_is_gone(window: MainWindow, console: FakeConsole) -> None:
-    """A scenario that changes meanwhile rebuilds its panels."""
+    """A changed scenario rebuilds its panels meanwhile."""
     people = window.panels["people"]
     for opened, closed in (
         (window.show_command_palette, window.hold.escape_pressed.emit),
@@ -212,7 +212,7 @@ def test_a_focused_widget_that_pyside_takes_for_deleted_is_none(monkeypatch: pyt
     assert focused_widget() is None
 
 
-# ---- clicks, tabs, floats and closes
+# ---- clicks, tabs, floating and closing
 
 
 @pytest.fixture
@@ -224,7 +224,7 @@ def tabbed(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> Iterator[tup
 def test_a_click_on_a_tab_gives_the_keys_to_that_panels_main_field(tabbed: tuple[MainWindow, FakeConsole]) -> None:
     window, console = tabbed
     for bar in list(window.dock_host.bars):
-        for name in (*bar.panels, *bar.panels):  # the second time it is in front already
+        for name in (*bar.panels, *bar.panels):  # the second time it is already in front
             find(window, "video_view").setFocus()
             click_tab(window, name)
             panel = window.panels[name]
@@ -352,7 +352,7 @@ def test_a_window_that_comes_to_the_front_gives_nobody_the_keys_by_itself(
     assert asked(console) == []
 
 
-# ---- a switch while something is recorded
+# ---- a switch during a recording
 
 
 @pytest.mark.panels("video", "speak")
@@ -378,11 +378,11 @@ def test_a_switch_that_ends_the_video_of_a_recording_asks(window: MainWindow, co
     assert console.named("open_scenario")[3:] == [samples.MENTAL.path], "who opens it says that it is not there"
 
 
-# ---- generated: each thing that can be clicked, begun where one drives, where one types, and with the keys nowhere
+# ---- generated: each clickable element, starting from driving, from typing, and without focus
 
 
 def settle(window: MainWindow) -> None:
-    """Nothing is open or asked any more."""
+    """Close everything open and dismiss questions."""
     while (popup := QApplication.activePopupWidget()) is not None:
         popup.close()
     for widget in QApplication.topLevelWidgets():
@@ -396,14 +396,14 @@ def settle(window: MainWindow) -> None:
 
 
 def clickable(window: MainWindow) -> list[QWidget]:
-    """Each button, tab bar, panel, title bar and bar that can be seen."""
+    """Each visible button, tab bar, panel, title bar and bar."""
     kinds = [*window.findChildren(QAbstractButton), *window.dock_host.bars, *window.panels.values()]
     kinds += [dock.titleBarWidget() for dock in window.dock_host.docks.values()]
     kinds += window.findChildren(QWidget, "top_bar") + window.findChildren(QWidget, "status_bar")
     return [widget for widget in kinds if widget.isVisible() and widget.isEnabled()]
 
 
-LEFT_OUT = {"emergency_stop", "stop_button"}  # they stop; nothing goes on after them
+LEFT_OUT = {"emergency_stop", "stop_button"}  # they stop the robot
 
 
 @pytest.mark.parametrize("begun_in", BEGUN_IN)
@@ -442,7 +442,7 @@ def test_after_no_click_do_sentences_drive_speak_or_switch(
     assert count >= SENTENCES * 20
 
 
-# ---- what cannot be done
+# ---- impossible commands
 
 
 def nobody_in_view(console: FakeConsole) -> None:
@@ -501,19 +501,19 @@ def test_what_cannot_be_done_says_so_and_takes_what_is_typed_nowhere(
     type_on("Mara Wade")
     assert field.property("plainText") == "" and asked(console) == []
     assert window.hold.key_owner == "nowhere"
-    # A stop and the release of a key always work; Esc ends it.
+    # Stops and key releases always work; Esc ends the block.
     QTest.keyClick(focused(), Qt.Key.Key_Escape)
     assert console.named("stop") and hint_in(window) == ""
     field.setFocus()
     type_on("Hello")
     assert console.named("say") == [("Hello", "typed")]
-    # So does a click.
+    # A click ends it too.
     happens(console)
     QTest.keyClick(focused(), key, modifiers)
     assert window.hold.keys_go_nowhere
     click(field)
     assert not window.hold.keys_go_nowhere and hint_in(window) == ""
-    # And rest.
+    # And so does a pause.
     QTest.keyClick(focused(), key, modifiers)
     window.hold._nowhere.timeout.emit()
     window.hold._nowhere.stop()
@@ -592,20 +592,20 @@ def test_a_bare_key_opens_the_microphone_only_when_it_is_held(
 
 
 class Walk:
-    """Goes through every window, clicks what is in it and types. Before each opened the keys were in ``begun_in``."""
+    """Opens every window, clicks its parts and types. Before each one the focus is in ``begun_in``."""
 
     def __init__(self, theme: Theme, begun_in: str) -> None:
         self.opened = EveryWindow(theme, ENGLISH)
         self._begun_in = begun_in
         self._chance = random.Random(26)  # noqa: S311
         self.sentences = 0
-        # Qt's own file dialog waits for the answer to its own questions.
+        # Qt's file dialog blocks on its own questions.
         self._answers = QTimer(self.opened.window, interval=20)
         self._answers.timeout.connect(reject_message_box)
         self._answers.start()
 
     def parts(self) -> Iterator[Seen]:
-        """Each with the keys where they were before it came."""
+        """Each part, with the focus reset before it opens."""
         parts = self.opened.seen(with_what_is_beside=True)
         while True:
             self._put_away(None)
@@ -620,7 +620,7 @@ class Walk:
             yield seen
 
     def click_in(self, seen: Seen, done: set[str]) -> None:
-        """Click what was not clicked yet, and type after each click, until nothing is left or the part has gone."""
+        """Click each part once, and type after each click, until the part is completed or closed."""
         if "" not in done and self._has_the_keys(seen.part):
             self._type(seen, "as it was opened")
         done.add("")
@@ -641,7 +641,7 @@ class Walk:
     def _type(self, seen: Seen, after: str) -> None:
         for number in range(SENTENCES):
             if number and self.opened.window.actions_table.driving_focus:
-                return  # Enter did what the window is for, and who drove before drives again
+                return  # Enter was the purpose of the window, and driving resumes
             consoles = self._consoles()
             may = self._may_be_asked(seen)
             for console in consoles:
@@ -664,12 +664,12 @@ class Walk:
     def _may_be_asked(self, seen: Seen) -> set[str]:
         window = self.opened.window
         if shiboken6.isValid(seen.part) and window.hold._is_driving_part(seen.part):
-            return set(ASKED_BY_NOBODY)  # a card in the picture or the map, which keep the keys, also as it closes
+            return set(ASKED_BY_NOBODY)  # a card in the video or the map, which keeps the focus, also on closing
         speaks = (QApplication.focusWidget() or window).objectName() == "speak_field"
         return {"say"} if speaks else {"say", "go_to_place"} if seen.name == "palette" else set()
 
     def _put_away(self, kept: QWidget | None) -> None:
-        """Menus and file dialogs that a click has opened."""
+        """Close menus and file dialogs opened by a click."""
         while (popup := QApplication.activePopupWidget()) is not None:
             popup.close()
         for dialog in QApplication.topLevelWidgets():
@@ -699,7 +699,7 @@ def reject_message_box() -> None:
 
 def parts_to_click(part: QWidget) -> list[QWidget]:
     kinds = (QAbstractButton, QLineEdit, QPlainTextEdit, QTextEdit, QComboBox, QTabBar, QAbstractItemView, QSlider)
-    top = part  # asked of a panel's own window, PySide would take its panels for gone with it
+    top = part  # deleting a floating window would make PySide drop its panels
     while (parent := top.parentWidget()) is not None:
         top = parent
     children = (child for child in top.findChildren(QWidget) if isinstance(child, kinds) and part.isAncestorOf(child))
@@ -723,11 +723,11 @@ NOT_WALKED = {
     "DragWords": "follows the pointer while a panel is dragged; it gets no click and no key",
     "Dock": "frame of a panel: walked in the main window and in a floating window",
 }
-"""Windows and cards of the program that the walk leaves out, and why."""
+"""Windows and cards that the walk omits, with the reason."""
 
 
 def lies_over_the_window(kind: type[QWidget]) -> bool:
-    """Whether widgets of that class raise themselves above others and get clicks."""
+    """True if widgets of that class are raised above others and receive clicks."""
     names = {name for part in vars(kind).values() if inspect.isfunction(part) for name in part.__code__.co_names}
     if "raise_" not in names or "WA_TransparentForMouseEvents" in names or kind.__subclasses__():
         return False
@@ -740,7 +740,7 @@ def test_the_walk_comes_to_every_window_dialog_and_card_of_the_program(theme: Th
     try:
         walked = [seen.part for seen in opened.seen(with_what_is_beside=True)]
         kinds = {type(part).__name__ for part in walked}
-        # One class of card serves several places, each with a name of its own.
+        # One class of card is used in several places with different names.
         names = {part.objectName() for part in walked if isinstance(part, FloatingCard) and shiboken6.isValid(part)}
         cards = {card.objectName() for card in opened.window.findChildren(FloatingCard)}
     finally:
@@ -754,7 +754,7 @@ def test_the_walk_comes_to_every_window_dialog_and_card_of_the_program(theme: Th
 def test_no_window_drives_speaks_or_switches_by_what_is_typed_after_a_click_in_it(
     theme: Theme, begun_in: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever a window lets slip moves the robot, or is said. What a click closes is opened again with ``--long``."""
+    """Any unblocked key moves the robot or is spoken. Windows closed by a click are reopened with ``--long``."""
     monkeypatch.setattr(QDesktopServices, "openUrl", lambda _url: True)
     clicked: dict[str, set[str]] = {}
     while True:

@@ -1,4 +1,4 @@
-"""The window as a whole: scenarios, permissions, the start dialog, emergency stop, problems, finding things."""
+"""Main window: scenarios, permissions, start dialog, emergency stop, problems and command palette."""
 
 import dataclasses
 import itertools
@@ -98,7 +98,7 @@ def test_a_first_window_fills_a_small_screen(
 def laptop(
     request: pytest.FixtureRequest, qtbot: QtBot, console: FakeConsole, settings: MemorySettings, theme: Theme
 ) -> MainWindow:
-    """A shipped scenario in a window as it is on a screen of 1366 by 768 pixels."""
+    """Shipped scenario in a window on a screen of 1366 by 768 pixels."""
     console.scenario = load_scenario(layouts_dir() / f"{request.param}.yaml")
     window = MainWindow(console, settings=settings, theme=theme)
     qtbot.addWidget(window)
@@ -664,12 +664,12 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
 
 
 def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
-    """As when the computer comes out of its dock: Qt refuses it, and left a window of a few hundred pixels."""
+    """As after undocking the computer: Qt refuses the geometry, and left a window of a few hundred pixels."""
     settings, kept = MemorySettings(), QWidget()
     qtbot.addWidget(kept)
     kept.resize(400, 300)
     geometry = bytearray(kept.saveGeometry().data())
-    width_at = 4 + 2 + 2 + 16 + 16 + 4 + 1 + 1  # behind magic, version, two rectangles, screen and two flags
+    width_at = 4 + 2 + 2 + 16 + 16 + 4 + 1 + 1  # after magic, version, two rectangles, screen and two flags
     (screen_px,) = struct.unpack_from(">i", geometry, width_at)
     assert screen_px == kept.screen().geometry().width()
     struct.pack_into(">i", geometry, width_at, 2 * screen_px)
@@ -688,7 +688,7 @@ def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
 
 
 def test_every_line_of_the_menu_says_what_it_is_about(qtbot: QtBot, window: MainWindow) -> None:
-    """Dark and Light stood there alone, and it was anybody's guess what is like the system."""
+    """The items Dark and Light alone did not explain what "like the system" refers to."""
     click(qtbot, find(window, "window_menu_button"))
     lines = [action.text() for action in window.findChild(QMenu, "window_menu").actions()]
     assert "Dark" not in lines

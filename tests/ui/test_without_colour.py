@@ -1,4 +1,4 @@
-"""No state is told by colour alone: without any, and without shades of grey, a shape or a word differs."""
+"""States are distinguishable by shape or word, without colours and shades of grey."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -29,13 +29,13 @@ from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
 _STANDS_OUT = 40
-"""So much brighter or darker than the ground, of 255, is something painted."""
+"""Minimum difference in brightness from the background, of 255."""
 
 _DIFFERS_PX = 12
 
 
 def shapes(image: QImage) -> list[bool]:
-    """Where something is painted, whatever its colour and shade."""
+    """Mask of painted pixels, independent of colour and shade."""
     grey = image.convertToFormat(QImage.Format.Format_Grayscale8)
     ground = grey.pixelColor(grey.width() - 1, 0).lightness()
     return [
@@ -152,7 +152,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
         painter.end()
         images[name] = image
     assert_shapes_differ(images)
-    # Paler letters have other edges; a line of dots below them is something else.
+    # Paler letters have other edges; a dotted line below them is a difference.
     surely, maybe = (shapes(images[name]) for name in ("heard", "still being transcribed"))
     lines = range(0, len(surely), rect.width())
     assert any(sum(maybe[at : at + rect.width()]) - sum(surely[at : at + rect.width()]) > 20 for at in lines)
@@ -203,7 +203,7 @@ def test_whether_it_is_recorded(window: MainWindow, console: FakeConsole) -> Non
 
 
 class Aged:
-    """A stream as old as a test says."""
+    """Stream with an age set by the test."""
 
     age_known = True
 

@@ -1,4 +1,4 @@
-"""Each wizard has what she set; whoever comes anew begins with what was set before anybody gave a name."""
+"""Wizard profiles: separate settings; a new wizard starts with the settings from before the first profile."""
 
 from pathlib import Path
 

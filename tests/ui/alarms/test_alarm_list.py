@@ -1,4 +1,4 @@
-"""The list of what is wrong now: opened from the lower edge and from the palette, and empty again by itself."""
+"""List of present alarms: opened from the lower edge and from the palette, and cleared automatically."""
 
 import dataclasses
 

@@ -1,1 +1,1 @@
-"""The panels one by one, in a window on a fake console."""
+"""Tests of suggestions in the conversation panel."""

@@ -1,4 +1,4 @@
-"""Suggested replies and proposals in the window: each with its key, at a place that stays, and never in the way."""
+"""Suggested replies and proposals in the window: each with a key, at a constant place that blocks nothing."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def cards(window: MainWindow, console: FakeConsole) -> SuggestionCards:
     window.open_panel("conversation")
     console.state.levels.set(LevelsStatus("suggest", "suggest", "suggest"))
     console.state.suggestions.set(SHOWN)
-    # The keys of the driving panels are bound anew with each panel; nothing but a running loop ends the old ones.
+    # Each new driving panel binds its keys again; only a running event loop deletes the old ones.
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     QApplication.processEvents()
     found = window.findChild(SuggestionCards)

@@ -1,1 +1,1 @@
-"""Tests of the first minutes with the program."""
+"""Tests of the first-use page."""

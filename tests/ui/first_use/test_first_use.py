@@ -1,4 +1,4 @@
-"""The first minutes with the program: the page, its steps, and the line that tells how to drive."""
+"""First-use page: its steps, and the hint about driving."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -260,7 +260,7 @@ def test_an_alarm_is_seen_beside_the_page(
         console.state.link.set(replace(console.state.link.value, state="lost"))
 
     def in_sight(part: QWidget) -> bool:
-        """Whether it is what lies under the pointer at its corners and in its middle."""
+        """True if nothing covers the part at its corners and its centre."""
         place = QRect(part.mapTo(window, QPoint()), part.size()).adjusted(4, 4, -4, -4)
         under = [window.childAt(at) for at in (place.topLeft(), place.center(), place.bottomRight())]
         return all(found is part or part.isAncestorOf(found) for found in under)

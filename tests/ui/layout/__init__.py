@@ -1,1 +1,1 @@
-"""How panels are arranged."""
+"""Tests of the dock layout."""

@@ -1,4 +1,4 @@
-"""Random things that a wizard may do to an arrangement."""
+"""Random edits of a dock layout."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ EDIT = st.tuples(
 
 
 def edited(arrangement: DockLayout, edit: tuple[str, int, int, int, int], spare: list[PanelName]) -> DockLayout:
-    """What the edit makes of it; the numbers choose among what is there. ``spare`` are panels that can be added."""
+    """The layout after the edit; the numbers select from its panels. ``spare`` are panels that can be added."""
     kind, first, second, side, pixels = edit
     panel = arrangement.panels[first % len(arrangement.panels)]
     other = arrangement.panels[second % len(arrangement.panels)]

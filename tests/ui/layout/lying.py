@@ -1,4 +1,4 @@
-"""Where panels really lie in a window, and what arrangement that is: worked out from their rectangles alone."""
+"""Displayed dock layout, computed only from the rectangles of the panels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from caris_desktop.ui.dock_host import DockHost
 
 @dataclass(frozen=True)
 class Placed:
-    """One panel, or several on top of one another, and the rectangle it fills."""
+    """One panel, or several as tabs, and its rectangle."""
 
     node: PanelLeaf | TabNode
     left: int
@@ -20,12 +20,12 @@ class Placed:
 
 
 def seen_in(host: DockHost) -> LayoutNode | None:
-    """The arrangement that somebody sees in the main window."""
+    """Displayed layout of the main window."""
     return tree_from_rectangles(shown_in(host))
 
 
 def shown_in(host: DockHost) -> list[Placed]:
-    """What lies in the main window: docks by their rectangles, tabs by their texts."""
+    """Panels in the main window: docks by their rectangles, tabs by their texts."""
     titles = {dock.windowTitle(): name for name, dock in host.docks.items()}
     placed = []
     for name, dock in host.docks.items():
@@ -43,7 +43,7 @@ def shown_in(host: DockHost) -> list[Placed]:
 
 
 def tree_from_rectangles(placed: Sequence[Placed]) -> LayoutNode | None:
-    """Cut the rectangles apart, first where a straight line passes between them, and so on inside each part."""
+    """Split the rectangles recursively along straight lines between them."""
     if not placed:
         return None
     if len(placed) == 1:

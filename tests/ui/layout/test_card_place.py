@@ -1,4 +1,4 @@
-"""Cards lie where least is missed: never on a title while there is room, and never on speaking or driving."""
+"""Placement of cards: over titles only without alternative, never over speech and driving controls."""
 
 import pytest
 from PySide6.QtCore import QPoint, QRect
@@ -105,7 +105,7 @@ def _place_of(part: QWidget, window: QWidget) -> QRect:
 
 
 def _taken(window: MainWindow) -> dict[str, QRect]:
-    """What no problem may cover: titles, tabs, the panels that are typed into and clicked, and the red button."""
+    """Areas that no problem may cover: titles, tabs, the panels for input, and the emergency stop button."""
     taken = {"emergency stop": _place_of(find(window, "emergency_stop"), window)}
     for name, dock in window.dock_host.docks.items():
         title, panel = dock.titleBarWidget(), dock.widget()

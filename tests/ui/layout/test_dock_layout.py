@@ -1,4 +1,4 @@
-"""What is done to an arrangement, without a window."""
+"""Edits of a dock layout without a window."""
 
 import json
 from dataclasses import replace
@@ -34,7 +34,7 @@ def through_json(arrangement: DockLayout) -> DockLayout:
 @given(st.lists(EDIT, min_size=50, max_size=50), st.sampled_from([TOUR_LAYOUT, MENTAL_LAYOUT]))
 @pytest.mark.long
 def test_500_edits_are_kept_undone_and_done_again(made: list[Any], layout: Any) -> None:
-    """Ten times fifty of them, each saved and loaded, laid out without losing a panel, and all undone at the end."""
+    """Ten times fifty edits, each saved and loaded, placed with every panel, and all undone at the end."""
     arrangement, history = arrangement_of(layout), LayoutHistory()
     began, seen = arrangement, []
     for edit in made:

@@ -1,4 +1,4 @@
-"""One tree on screens of different size, and where panels lie in it."""
+"""Placement of one layout on screens of different sizes."""
 
 import pytest
 from hypothesis import given, settings
@@ -67,7 +67,7 @@ def test_room_is_shared_to_the_last_pixel(whole: int, parts: list[tuple[float, i
 
 def test_a_handle_moves_only_what_lies_beside_it() -> None:
     tree = tidy(SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("map"), PanelLeaf("speak"), PanelLeaf("drive"))))
-    shown = frozenset({"video", "map", "drive"})  # Speak is hidden, and keeps its share
+    shown = frozenset({"video", "map", "drive"})  # Speak is hidden, but keeps its share
     rect = Rect(0, 0, 1216, 500)
     handle = place(tree, rect, shown, lambda _panel: (100, 60)).handles[0]
     weights = dragged(tree, handle, 120)

@@ -1,4 +1,4 @@
-"""The area of the panels in a window: what is seen is what the arrangement says."""
+"""Dock area of a window: the displayed layout matches the model."""
 
 import json
 import random
@@ -52,11 +52,11 @@ def placed(group: GroupPlace) -> Placed:
 
 
 def check(host: DockHost) -> None:
-    """What lies in the window and in windows of their own is what the arrangement says."""
+    """Assert that docked and floating panels match the layout."""
     arrangement = arranged(host)
     room = Rect(0, 0, host.width(), host.height())
     said = place(arrangement.tree, room, arrangement.docked, lambda name: host.docks[name].least())
-    # Four panels that meet in one point lie the same, whichever of two trees says it: rectangles are compared.
+    # Compare rectangles, as two trees describe four panels that meet in one point.
     expected = [placed(group) for group in said.groups]
     assert shown_in(host) == sorted(expected, key=str)
     for window in arrangement.floating:
@@ -70,7 +70,7 @@ def check(host: DockHost) -> None:
 def test_random_edits_are_seen_undone_and_brought_back(
     window: MainWindow, host: DockHost, pytestconfig: pytest.Config
 ) -> None:
-    """25 through the real window; 500 with --long."""
+    """25 edits in the real window; 500 with --long."""
     made = random.Random(7)  # noqa: S311
     keeper = window.layout_keeper
     seen = [arranged(host)]
@@ -86,7 +86,7 @@ def test_random_edits_are_seen_undone_and_brought_back(
                 window.board.show(loaded)
                 assert arranged(host) == seen[-1]
                 check(host)
-    steps = min(count, 200)  # so many are kept
+    steps = min(count, 200)  # limit of the undo history
     for expected in list(reversed(seen))[1 : steps + 1]:
         keeper.undo()
         assert arranged(host) == expected
@@ -146,7 +146,7 @@ def test_a_handle_shares_the_room_anew(host: DockHost, qtbot: QtBot) -> None:
     host.edited.connect(lambda what, _before: told.append(what))
     QTest.mousePress(handle, Qt.MouseButton.LeftButton, pos=QPoint(4, 50))
     at = handle.mapToGlobal(QPoint(4, 50))
-    for step in (40, 90):  # the handle goes along
+    for step in (40, 90):  # the handle moves too
         QTest.mouseMove(handle, handle.mapFromGlobal(at + QPoint(step, 0)))
     QTest.mouseRelease(handle, Qt.MouseButton.LeftButton, pos=handle.mapFromGlobal(at + QPoint(90, 0)))
     assert host.docks["video"].width() == pytest.approx(video + 90, abs=3)
@@ -179,7 +179,7 @@ def test_a_panel_gets_larger_and_smaller_by_keys(window: MainWindow, host: DockH
     before, map_px, video_px = arranged(host), host.docks["map"].height(), host.docks["video"].height()
     assert press("map", "Larger")
     assert host.docks["map"].height() == map_px + RESIZE_PX and host.docks["video"].height() == video_px
-    # Its column is the nearest split: the one around that gives way once the column cannot.
+    # Its column is the nearest split; the outer one follows once the column reaches its limit.
     while press("people", "Smaller"):
         check(host)
     column: tuple[PanelName, ...] = ("map", "drive", "assistant", "session", "people")

@@ -1,4 +1,4 @@
-"""The wizard's working copy: apart from the file, kept, undone, locked, and fitted to the screen."""
+"""Layout store: the wizard's copy, separate from the file, saved, undone, locked, and fitted to the screen."""
 
 import dataclasses
 import json
@@ -47,7 +47,7 @@ def arranged(window: MainWindow) -> DockLayout:
 def again(
     qtbot: QtBot, settings: MemorySettings, theme: Theme, scenario: samples.Scenario = samples.TOUR
 ) -> MainWindow:
-    """The program was started once more."""
+    """Start the program again."""
     window = MainWindow(FakeConsole(scenario), settings=settings, theme=theme)
     qtbot.addWidget(window)
     window.resize(1366, 768)
@@ -76,7 +76,7 @@ def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
     assert tree is not None
     assert console.named("SaveLayout") == [intents.SaveLayout(layout_text(tree), "usual", "My tour")]
     qtbot.waitUntil(lambda: window.findChild(TitleDialog) is None)
-    # Given up, it asks for nothing.
+    # No question after closing the dialog.
     window.layout_keeper.title_wanted.emit()
     dialog = window.findChild(TitleDialog)
     QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), "Other")
@@ -268,7 +268,7 @@ def test_small_and_large_screens_get_an_arrangement_of_their_own(qtbot: QtBot, t
 def test_a_line_that_comes_and_goes_above_the_panels_arranges_nothing_anew(
     qtbot: QtBot, theme: Theme, strip: str
 ) -> None:
-    """The hint how to drive goes with the first metre: nothing may jump under the hands of who drives it."""
+    """The hint about driving disappears with the first metre: the layout must not change during driving."""
     scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
     window = MainWindow(FakeConsole(scenario), theme=theme)
     qtbot.addWidget(window)

@@ -1,4 +1,4 @@
-"""Arranged on two screens in one run, opened on one in the next, and on both again."""
+"""A layout of two screens, opened with one screen, and with both again."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Panels in windows of their own lie above the main window: keys, cards and the end of the program find their way."""
+"""Floating panels above the main window: keys, cards and closing the program."""
 
 import pytest
 from PySide6.QtCore import QRect, Qt

@@ -1,6 +1,6 @@
-"""The window in a process of its own, for screens that another process has: prints where the map lies.
+"""Window in a separate process, for the screens of another process; prints the position of the map.
 
-``python -m tests.ui.layout.two_screens_subject SETTINGS [X Y]``: X and Y are where the map is floated to first.
+``python -m tests.ui.layout.two_screens_subject SETTINGS [X Y]``: X and Y are the initial position of the floating map.
 """
 
 import sys

@@ -1,1 +1,1 @@
-"""Find anything."""
+"""Tests of the command palette."""

@@ -1,4 +1,4 @@
-"""Find anything: what is in it, and what it never does by a guess or a slip."""
+"""Entries of the command palette, and protection against accidental execution."""
 
 import dataclasses
 import json
@@ -33,7 +33,7 @@ RELEASE = "Release emergency stop"
 
 
 def palette_of(window: MainWindow, typed: str = "") -> CommandPalette:
-    """Open, with something typed."""
+    """Open the palette and type a text."""
     window.show_command_palette()
     palette = window.findChild(CommandPalette)
     assert palette is not None
@@ -115,13 +115,13 @@ def test_the_release_wants_to_be_chosen_and_enter_twice(window: MainWindow, cons
     QTest.keyClick(palette.field, Qt.Key.Key_Down)
     assert palette.list.current is not None
     QTest.keyPress(palette.field, Qt.Key.Key_Return)
-    for _ in range(5):  # held: some systems tell it as presses
+    for _ in range(5):  # held: some systems report repeats as presses
         QApplication.sendEvent(
             palette.field, QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_Return, Qt.KeyboardModifier.NoModifier)
         )
     assert console.state.drive.value.emergency_stop
     QTest.keyRelease(palette.field, Qt.Key.Key_Return)
-    # Whatever comes between takes it back.
+    # Any other key cancels it.
     QTest.keyClick(palette.field, Qt.Key.Key_Backspace)
     QTest.keyClick(palette.field, Qt.Key.Key_Down)
     QTest.keyClick(palette.field, Qt.Key.Key_Return)
@@ -188,7 +188,7 @@ def test_everything_that_can_be_done_now_is_in_it_and_nothing_else(window: MainW
 def test_a_replay_finds_what_a_replay_can_do(window: MainWindow, console: FakeConsole) -> None:
     replay = FakeReplay()
     window.use_replay(replay)
-    console.emergency_stop()  # as the record says
+    console.emergency_stop()  # as in the recording
     entries = window.palette_entries()
     assert not [entry.text for entry in entries if entry.acts or entry.deliberate]
     shown = {entry.text for entry in entries}
@@ -285,7 +285,7 @@ CONTROLS = (
 
 
 def fill(window: MainWindow, console: FakeConsole) -> None:
-    """So that whatever Find anything can hold is there, in this state or that of ``others``."""
+    """Fill the state so that every kind of palette entry exists; ``others`` selects a second state."""
     state, scenario = console.state, console.scenario
     console.inputs = ("Headset",)
     console.scenario = dataclasses.replace(
@@ -311,7 +311,7 @@ def fill(window: MainWindow, console: FakeConsole) -> None:
 
 
 def seen(window: MainWindow, console: FakeConsole) -> list[PaletteItem]:
-    """In these states, and as a replay would have it."""
+    """All palette entries in these states and in a replay."""
     state, found = console.state, list[PaletteItem]()
     for recording, latched in (("recording", False), ("paused", True), ("idle", False)):
         state.recording.set(RecordingStatus(recording, folder=Path("/study/sessions/s-8")))  # type: ignore[arg-type]
@@ -324,7 +324,7 @@ def seen(window: MainWindow, console: FakeConsole) -> list[PaletteItem]:
 
 
 OWN = ("row ", "person ", "session ", "save map")
-"""How those ids begin that never were a text of the window."""
+"""Prefixes of ids that are not derived from texts of the window."""
 
 REWORDED = (
     (": to a separate window, or back", ": into a window of its own, or back"),
@@ -339,7 +339,7 @@ REWORDED = (
     ("Voice: At normal speed", "Voice: At usual speed"),
     ("Appearance: Same as system", "Appearance: Like the system"),
 )
-"""Texts with their wording in the ids, which stay as settings have them."""
+"""Texts whose ids contain their wording, and which stay as settings have them."""
 
 
 def first_wording(text: str) -> str:
@@ -356,7 +356,7 @@ def test_each_is_known_again_in_every_language_and_by_the_words_it_always_had_in
     english = seen(window, console)
     assert len({entry.id for entry in english}) > 140
     told = [entry for entry in english if not entry.deliberate and not entry.id.startswith(OWN)]
-    # Written before ids were: settings keep them.
+    # From before ids existed: settings still contain them.
     worded = {entry.id: first_wording(f"{entry.kind}: {entry.text}") for entry in told}
     assert {known: text for known, text in worded.items() if known.casefold() != text.casefold()} == {}
     assert [new for new, _ in REWORDED if not any(new in f"{entry.kind}: {entry.text}" for entry in told)] == []
@@ -400,7 +400,7 @@ def leaves(menu: QMenu) -> list[QAction]:
     found: list[QAction] = []
     for action in menu.actions():
         below = action.menu()
-        if isinstance(below, QMenu) and below.title() != "Focused panel":  # the panel's own, one for each
+        if isinstance(below, QMenu) and below.title() != "Focused panel":  # one of each panel
             found += leaves(below)
         elif below is None and not action.isSeparator():
             found.append(action)
@@ -478,7 +478,7 @@ def test_an_object_is_found_before_what_would_act_on_something_that_is_called_so
 @pytest.mark.panels("video", "speak", "map")
 def test_words_are_taken_as_they_stand_before_they_are_taken_apart(window: MainWindow, console: FakeConsole) -> None:
     console.state.mapping.set(MapStatus(can_save=True, can_switch=True))
-    window.open_panel("people")  # so that there is something to save
+    window.open_panel("people")  # creates a change to save
     palette = palette_of(window, "save to")
     assert texts(palette)[0] == "Layout: Save to the scenario"
     assert palette.list.current is palette.list.entries[0]

@@ -1,4 +1,4 @@
-"""In which order things are found, and that many thousand of them are found while a key is still going down."""
+"""Ranking of palette search, and its duration with many thousand entries."""
 
 import itertools
 import random
@@ -102,7 +102,7 @@ def test_broken_memories_are_no_obstacle(kept: str) -> None:
 
 @pytest.fixture(scope="module")
 def many() -> Finder:
-    pick = random.Random(5)  # noqa: S311 - words, no secrets
+    pick = random.Random(5)  # noqa: S311 - a test, not cryptography
     syllables = ["ka", "ro", "mi", "te", "lo", "va", "su", "ne", "pi", "da", "go", "ra", "be", "ti", "no", "la"]
     words = ["".join(pick.choices(syllables, k=pick.randint(2, 4))) for _ in range(3000)]
     return Finder([entry(" ".join(pick.choices(words, k=7)), acts=place % 2 == 0) for place in range(5000)])
@@ -110,7 +110,7 @@ def many() -> Finder:
 
 @pytest.mark.parametrize("typed", ["k", "karo", "karomi va", "karomx", "the rovasu", "zzzzzz"])
 def test_five_thousand_entries_are_searched_within_a_keystroke(many: Finder, typed: str) -> None:
-    """A yardstick is about a millisecond on a desktop of 2025; a frame on the screen lasts sixteen."""
+    """A yardstick is about a millisecond on a desktop of 2025; a frame on the screen takes sixteen."""
     assert in_yardsticks(lambda: many.matching(typed), tries=5) < 14
 
 

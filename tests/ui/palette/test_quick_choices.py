@@ -1,4 +1,4 @@
-"""Two keys: one shows what there is to choose from, the digit beside it chooses."""
+"""Quick choices by two keys: one opens the list, a digit selects."""
 
 import dataclasses
 

@@ -1,1 +1,1 @@
-"""The panels one by one, in a window on a fake console."""
+"""Tests of single panels in a window with a fake console."""

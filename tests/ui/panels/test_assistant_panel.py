@@ -1,4 +1,4 @@
-"""The Assistant panel: several questions at a time, what goes along, and with what is asked. All by keyboard."""
+"""Assistant panel: concurrent questions, context and model, all by keyboard."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The Conversation panel: what was said, searched, corrected, and how long the participant waits."""
+"""Conversation panel: transcript, search, corrections, and the participant's waiting time."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -135,7 +135,7 @@ def test_what_is_late_is_what_the_scenario_says_where_it_has_a_bound(
 
 
 def test_suggestions_stand_under_the_newest_turn(qtbot: QtBot, panel: ConversationPanel, console: FakeConsole) -> None:
-    """Also where the turns before it are scrolled back to."""
+    """Also while the user has scrolled back."""
     console.say_turn(*(utterance(number) for number in range(30)))
     samples.suggest(console)
     qtbot.waitUntil(find(panel.window(), "suggestion_cards").isVisible)
@@ -167,7 +167,7 @@ def test_it_stays_at_the_newest_unless_scrolled_back(
 @pytest.mark.parametrize("words", ["Hello! Welcome to our lab.", "word " * 60], ids=["short", "long"])
 @pytest.mark.parametrize("width_px", [300, 470, 640])
 def test_what_is_shorter_than_its_room_comes_to_rest(qtbot: QtBot, theme: Theme, words: str, width_px: int) -> None:
-    """A scroll bar that came with a guess and went with what was measured laid the window out without end."""
+    """A scroll bar that appeared with the estimated height and disappeared with the real one caused endless layouts."""
     room = QWidget()
     qtbot.addWidget(room)
     column, view = QVBoxLayout(room), TranscriptView(theme, may_change=True, empty="")
@@ -187,7 +187,7 @@ def test_what_is_shorter_than_its_room_comes_to_rest(qtbot: QtBot, theme: Theme,
 
 
 class Resizes(QObject):
-    """Counts how often a widget gets another size."""
+    """Counts resize events of a widget."""
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
@@ -200,7 +200,7 @@ class Resizes(QObject):
 
 
 def test_an_hour_stays_quick(qtbot: QtBot, panel: ConversationPanel, console: FakeConsole) -> None:
-    """A turn more costs little with two thousand of them, and so does scrolling."""
+    """Adding a turn and scrolling are fast with two thousand turns."""
     begin_ns = clock.now_ns() - 3_600_000_000_000
     turns = [utterance(number, stamp_ns=begin_ns + number * 1_000_000_000) for number in range(2_000)]
     for turn in turns:
@@ -280,7 +280,7 @@ def test_words_left_without_enter_are_as_they_were(
 
 
 def ink(panel: ConversationPanel, row: int, role: str) -> int:
-    """How many pixels of the words of a turn have nearly this colour."""
+    """Number of pixels of a turn's text that have nearly this colour."""
     rect = words_rect(panel.view.row_rect(row))
     image = panel.view.viewport().grab(rect).toImage()
     color = panel.theme.color(role)
@@ -342,7 +342,7 @@ def test_the_console_is_not_believed_over_the_wizard(panel: ConversationPanel, c
 
 
 def test_two_keys_work_from_everywhere(qtbot: QtBot, panel: ConversationPanel, console: FakeConsole) -> None:
-    """The newest turn that was heard, whoever spoke since; and the line to search."""
+    """The newest heard turn, whoever spoke since, and the search field."""
     window = panel.window()
     console.say_turn(utterance(8))
     QTest.keyClick(window, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
@@ -374,7 +374,7 @@ def test_a_click_shows_the_photo_of_that_moment_if_there_is_one(
 def past(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> Iterator[tuple[ConversationPanel, FakeReplay, list[int]]]:
-    """A replay of thirty turns, 4 s each, and the moment on show, which a test moves."""
+    """A replay of thirty turns of 4 s, and the displayed time, which a test changes."""
     replay, now_ns = FakeReplay(), [STARTED_NS]
     console = FakeConsole(samples.TOUR)
     console.state = LiveState(present=PresentClock(lambda: now_ns[0], replay.session.clock.anchor, live=False))

@@ -1,4 +1,4 @@
-"""Robot's face: its panel, its window, and the one to edit it in."""
+"""Robot's face: panel, window and editor."""
 
 from dataclasses import replace
 from typing import Any
@@ -34,7 +34,7 @@ CALM = FaceStatus("calm", "Calm", "calm", ("calm", "happy"), "face")
 
 
 class Console(FakeConsole):
-    """Takes down what is asked about the face."""
+    """Records the requests about the face."""
 
     refusal = ""
 

@@ -1,4 +1,4 @@
-"""The Notes panel: written while driving, about the moment at which the writing began, changed and brought back."""
+"""Notes panel: written while driving, stamped with the start of typing, edited and restored."""
 
 from dataclasses import replace
 

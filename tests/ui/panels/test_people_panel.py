@@ -1,4 +1,4 @@
-"""The People panel: who is here, who was, who is known, and how the wizard decides who is who."""
+"""People panel: present, past and known people, and the wizard's identity decisions."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -97,14 +97,14 @@ def press(qtbot: QtBot, panel: PeoplePanel, person_id: str, act: str) -> None:
 
 
 def unfold(panel: PeoplePanel) -> None:
-    """Show those who left without a name, too."""
+    """Show the people who left without a name, too."""
     button = panel.window().findChild(ActionButton, "people_unfold")
     assert button is not None
     assert not button.isHidden()
     button.click()
 
 
-# What is shown
+# Displayed rows
 
 
 def test_who_left_without_a_name_is_counted_and_shown_when_asked_for(panel: PeoplePanel, console: FakeConsole) -> None:
@@ -153,13 +153,13 @@ def test_no_row_moves_under_the_pointer(qtbot: QtBot, panel: PeoplePanel, consol
     place = panel.list.row_rect(pointed)
     rows = console.state.persons.value
     new = [dataclasses.replace(rows[3], person_id=f"p-new-{n}", name=f"Person 2{n}", since_ns=n + 1) for n in range(3)]
-    console.state.persons.set((*new, *rows[1:]))  # the first has left, three have come, and were here longest
+    console.state.persons.set((*new, *rows[1:]))  # the first has left; three people were present for longer
     assert names(panel)[: pointed + 1] == before[: pointed + 1]
     assert panel.list.row_rect(pointed) == place
     assert {"Person 20", "Person 21", "Person 22"} <= set(names(panel)[pointed + 1 : pointed + 7]), "in view at once"
     QApplication.sendEvent(panel.list.viewport(), QEvent(QEvent.Type.Leave))
     assert names(panel)[:3] == ["Person 20", "Person 21", "Person 22"]
-    # The pointer stays where it is beyond the test.
+    # The pointer keeps its position after the test.
     qtbot.mouseMove(panel.window(), QPoint(1, 1))
 
 
@@ -305,7 +305,7 @@ def test_a_portrait_that_was_put_off_comes_into_the_list_by_itself(
         return was_drawn
 
     monkeypatch.setattr(PortraitPixmaps, "draw", draw)
-    monkeypatch.setattr(panel.model, "refresh_ages", lambda: None)  # a row whose age reads otherwise is drawn anyway
+    monkeypatch.setattr(panel.model, "refresh_ages", lambda: None)  # a row whose age text changes is drawn in any case
     console.state.load.set(LoadStatus(1, "thumbnails less often"))
     meant = {"p-3": "p-3/1", "p-4": "p-4/1"}
     for key in meant.values():
@@ -414,7 +414,7 @@ def test_while_driving_y_says_yes_and_shift_y_no(window: MainWindow, panel: Peop
     console.state.persons.set(before)
     asked = console.state.asked_person.value
     assert asked is not None
-    # It came up again just after it had been answered.
+    # Shown again just after it was answered.
     QTest.keyClick(view, Qt.Key.Key_Y)
     assert len(console.calls) == 1
     console.state.asked_person.set(dataclasses.replace(asked, from_ns=0))
@@ -490,7 +490,7 @@ def test_whoever_was_recognised_can_be_somebody_else_after_all(
     assert "not" not in [button.act for button, _ in panel.list.buttons(named_by_hand)]
 
 
-# Selecting, searching, taking back
+# Selection, search, undo
 
 
 @pytest.mark.panels()
@@ -584,7 +584,7 @@ def test_ctrl_z_in_a_field_is_the_fields_own(qtbot: QtBot, panel: PeoplePanel, c
     assert console.calls == []
 
 
-# Where nothing is decided
+# Without a decision
 
 
 @pytest.fixture
@@ -647,7 +647,7 @@ def test_a_replay_shows_people_and_asks_nothing(qtbot: QtBot, settings: MemorySe
     assert console.calls == []
 
 
-# Find anything
+# Command palette
 
 
 def test_people_are_found_in_the_palette(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:

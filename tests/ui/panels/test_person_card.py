@@ -1,4 +1,4 @@
-"""The card of one person: reading and writing what is known, merging, splitting, forgetting."""
+"""Card of a person: reading and editing data, merging, splitting and erasure."""
 
 import dataclasses
 import time
@@ -107,7 +107,7 @@ def test_the_card_grows_old_with_the_person(
     opened(panel, console, "p-luis")
     rows = console.state.persons.value
     earlier = dataclasses.replace(rows[0], since_ns=rows[0].since_ns - 60 * MINUTE_NS)
-    # As if an hour had passed: nothing tells of it but the clock.
+    # As after an hour, without a notification of the change.
     console.state.persons.value = (earlier, *rows[1:])
     qtbot.waitUntil(lambda: "here for 63 min" in str(find(window, "person_card_seen").property("text")))
 

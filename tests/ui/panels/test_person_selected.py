@@ -1,4 +1,4 @@
-"""Whom the wizard selected is marked wherever that person is to be seen."""
+"""Marking of the selected person in every view."""
 
 import numpy as np
 from PySide6.QtCore import QRect

@@ -1,4 +1,4 @@
-"""Photos: the grid, finding one, one of them large, and what can be done with it."""
+"""Photos panel: grid, search, enlarged view, and actions."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""The Speak panel: the field, the phrases, the queue and gaps, by mouse and by keys alone."""
+"""Speak panel: field, phrases, queue and gaps, by mouse and by keyboard."""
 
 import dataclasses
 
@@ -82,7 +82,7 @@ def queue_of(window: MainWindow) -> QueueList:
     return queue
 
 
-# The field
+# Field
 
 
 def test_what_is_refused_stays_in_the_field(field: SpeakField, console: FakeConsole) -> None:
@@ -236,7 +236,7 @@ def test_the_filler_key_shows_and_says_the_next_one(grouped: tuple[MainWindow, F
     assert [text for text, _ in console.named("say")] == shown
 
 
-# The queue
+# Queue
 
 
 def test_the_queue_is_changed_by_mouse(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
@@ -377,7 +377,7 @@ def test_whoever_drives_by_bare_keys_goes_on_driving(window: MainWindow, console
     assert find(window, "gap_field").hasFocus()
 
 
-# The voice
+# Voice
 
 
 def test_the_voice_is_chosen_in_the_panel(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:

@@ -1,1 +1,1 @@
-"""Tests of what the wizard sees of the checks before a recording."""
+"""Tests of the preflight checks in the window."""

@@ -1,4 +1,4 @@
-"""The checks before a recording in the window and in the dialog that starts one."""
+"""Preflight checks in the window and in the start dialog."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -190,7 +190,7 @@ def test_a_question_that_is_answered_meanwhile_is_asked_no_more(dialog: Dialog, 
 def test_the_dialog_fits_the_screen_and_its_buttons_are_never_cut_off(dialog: Dialog, window: QWidget) -> None:
     room = window.screen().availableGeometry()
     assert dialog.dialog.height() <= room.height()
-    dialog.dialog.resize(600, 320)  # as on a small screen at double size
+    dialog.dialog.resize(600, 320)  # as on a small screen at 200 %
     button = find(dialog.dialog, "start_dialog_begin")
     assert dialog.dialog.rect().contains(button.geometry())
 

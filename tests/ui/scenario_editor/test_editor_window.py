@@ -1,4 +1,4 @@
-"""The editor of a scenario: typing, lists, text, undo, comparing, saving, closing; and what the wizard is shown."""
+"""Scenario editor: typing, lists, text, undo, comparison, saving, closing, and the preview for the wizard."""
 
 import hashlib
 from collections.abc import Iterator
@@ -111,7 +111,7 @@ def test_bad_input_is_refused_at_its_field_and_nothing_of_it_is_lost(
     editor.save_button.click()
     assert console.named("save_scenario") == []
     assert "Errors to correct first: 1" in editor.notice.text.text()
-    # Shown where it is, with all that was typed.
+    # Shown in place with the invalid text.
     assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
     assert field(editor, "driving", "max_forward_mps").line.text() == "fast"
     type_over(editor, "0,25", "driving", "max_forward_mps")
@@ -157,14 +157,14 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     QTest.keyClick(key, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
     assert editor.document.data["phrases"][0] == {"say": "Hello", "key": "Ctrl+P"}
     assert "Ctrl+P already has another function: Photo" in editor.preview.toPlainText()
-    # What is no intent but shows something of the window has keys too.
+    # Commands of the window without an intent have keys too.
     QTest.keyClick(key, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     assert "Ctrl+K already has another function: Find anything" in editor.preview.toPlainText()
     QTest.keyClick(key, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
     assert [mistake.message for mistake in editor.document.mistakes] == [
         "the key Ctrl+B is already assigned to 'Hello'."
     ]
-    # What it was last without a mistake is shown, and not as if there were no phrases.
+    # The last valid state is shown, instead of a list without phrases.
     told = editor.preview.toPlainText()
     assert "Hello" in told and "Bye" in told and "No phrases yet" not in told
     key.selectAll()
@@ -212,7 +212,7 @@ def test_what_is_switched_off_is_told_with_all_that_disappears(editor: ScenarioE
     for each in consequences("photos"):
         assert each.words in told
     assert {each.words for each in consequences("driving") if each.sort == "panel"} == {"Drive"}
-    # None of these is empty, or the table knows nothing of the permission.
+    # Each list has entries, otherwise the table lacks the permission.
     assert all(consequences(name) for name in ("photos", "driving", "assistant", "face", "robot_controls"))
 
 
@@ -364,7 +364,7 @@ def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, con
     acknowledge(console)
     assert (editor.document.changed, editor.save_button.isEnabled()) == (False, False)
     assert "Saved in" in editor.notice.text.text()
-    # The next one replaces what was just saved, of which nothing is told any more.
+    # The next change replaces the message about saving.
     type_over(editor, "Larger", "title")
     assert not editor.notice.isVisible()
     editor.save_button.click()
@@ -375,7 +375,7 @@ def test_what_is_typed_while_it_is_written_stays(editor: ScenarioEditor, console
     type_over(editor, "Large", "title")
     editor.save_button.click()
     type_over(editor, "Larger", "title")
-    # One after the other: the second would find another file than it was made from.
+    # In sequence: a second save would find another file than the one that was loaded.
     editor.save_button.click()
     assert len(console.named("save_scenario")) == 1
     acknowledge(console)
@@ -407,7 +407,7 @@ def test_a_copy_gets_a_title_of_its_own(editor: ScenarioEditor, console: FakeCon
     ((text, target, _edited, replaces),) = console.named("save_scenario")
     assert (target, replaces) == (user_scenarios_dir() / "second-study.yaml", "")
     assert text == TEXT.replace("title: Small", "title: ../Second study")
-    # Where that is taken by another one the present one keeps its title, and another is asked for.
+    # If the new name is taken, the present file keeps its title, and another one is requested.
     acknowledge(console, problem="It is there already.", taken=True)
     assert "“second-study.yaml” already contains a scenario" in editor.notice.text.text()
     assert QApplication.focusWidget() is editor.name

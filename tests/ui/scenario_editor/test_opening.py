@@ -1,4 +1,4 @@
-"""The editor beside the main window: opened from there, with the robot in reach all the while."""
+"""Editor next to the main window: opened from there, with the robot controls always available."""
 
 import pytest
 from PySide6.QtCore import Qt
@@ -38,11 +38,11 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     editor = window.editor.editor
     assert editor is not None
     qtbot.waitUntil(editor.isActiveWindow)
-    # The red button is not behind it, and its own foot not below the screen.
+    # It does not cover the emergency stop button, and its lower edge is on the screen.
     red = find(window, "emergency_stop")
     assert editor.frameGeometry().top() > red.mapToGlobal(red.rect().bottomLeft()).y()
     assert editor.frameGeometry().bottom() <= editor.screen().availableGeometry().bottom()
-    # Who types drives with Alt here too, and nothing of it is typed.
+    # While typing, Alt drives here too, and types nothing.
     title = editor.reveal(("title",))
     assert title is not None
     QTest.keyPress(title.control, Qt.Key.Key_Up, Qt.KeyboardModifier.AltModifier)
@@ -56,7 +56,7 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     assert any(entry.text == "Edit this scenario…" for entry in window.palette_entries())
     window.editor.open()
     assert window.editor.editor is editor
-    # Another scenario that is opened is edited next, and nothing of this one is lost unasked.
+    # The next opened scenario is edited next, and unsaved changes are not lost without a question.
     assert console.open_scenario(samples.MENTAL.path)
     editor.editing.set(("title",), "Another")
     window.editor.open()
@@ -71,7 +71,7 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     qtbot.waitUntil(lambda: window.editor.editor not in (None, editor))
     editor = window.editor.editor
     assert editor is not None and editor.document.data["title"] == "Tour guide"
-    # The main window does not go while something is not saved.
+    # The main window does not close with unsaved changes.
     editor.editing.set(("title",), "Another")
     monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
     monkeypatch.setattr(window.closing, "asks_first", lambda _event: False)

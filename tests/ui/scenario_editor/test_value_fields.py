@@ -1,4 +1,4 @@
-"""Each field of each shipped scenario through the form: saving changes only that field's lines."""
+"""Each field of each shipped scenario in the form: saving changes only that field's lines."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,7 +34,7 @@ def theme(qapp: QApplication) -> Theme:
 def editor(
     request: pytest.FixtureRequest, theme: Theme, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ScenarioEditor]:
-    """One window for all fields of a scenario, whose file is the user's own."""
+    """One window for all fields of a scenario in a user's file."""
     own = tmp_path_factory.mktemp("own") / request.param.name
     own.write_bytes(request.param.read_bytes())
     console = FakeConsole(load_scenario(own))
@@ -46,14 +46,14 @@ def editor(
 
 
 def saved_text(editor: ScenarioEditor) -> str:
-    """What the editor has the console write."""
+    """Text that the editor saves."""
     console = editor._console
     assert isinstance(console, FakeConsole)
     console.calls.clear()
     editor.save_button.click()
     ((text, path, edited, replaces),) = console.named("save_scenario")
     assert (path, edited, replaces) == (editor.document.path, editor.document.path, console.scenario.sha256)
-    # Nothing was written, so that the next field is changed in the same file.
+    # The save fails, so that the next field is changed in the same file.
     console.state.saved_scenario.reset_value(SavedScenario(path, problem="It is only looked at."))
     return str(text)
 
@@ -69,7 +69,7 @@ def test_each_field_is_in_the_form_and_changes_its_own_lines_alone(
         assert field is not None and field.path == path, path
         value = other_value(judge, path, form)
         if value is ABSENT:
-            # Only together with something else, as a name that others use.
+            # Only valid together with another value, as a referenced name.
             continue
         field.enter(value)
         assert_only_that_field_changed(judge, saved_text(editor), path, value)

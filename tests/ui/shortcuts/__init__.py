@@ -1,1 +1,1 @@
-"""The sheet of all shortcuts, and changed keys."""
+"""Tests of the shortcut sheet and of changed keys."""

@@ -1,4 +1,4 @@
-"""The sheet of all shortcuts: a key is changed where it stands, and from then on it is the key, everywhere."""
+"""Shortcut sheet: a key changed in place applies everywhere at once."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -111,7 +111,7 @@ def desk(qtbot: QtBot, window: MainWindow) -> Iterator[Desk]:
     desk.sheet.close_overlay()
     window.wizard_keys.reset_all()
     console.clear_emergency_stop()
-    console.protocol.begin_session("wizard")  # in no step again
+    console.protocol.begin_session("wizard")  # outside any step
     console.protocol.end_session()
     window.marking.card.close_card()
 
@@ -191,7 +191,7 @@ def test_a_key_of_another_act_is_shown_and_can_be_taken_over(desk: Desk, window:
     assert desk.cell("mark").caps == ("Ctrl P",), "it is free now"
     click(desk.qtbot, find(desk.sheet, "photo_put_back"))
     assert (desk.cell("photo").caps, desk.cell("mark").caps) == (("Ctrl P",), ()), "the usual key comes back to it"
-    desk.cell("silence").setFocus()  # by keys alone
+    desk.cell("silence").setFocus()  # by keyboard alone
     press(Key.Key_Space)
     press(Key.Key_9, CTRL)
     assert desk.cell("silence").caps == ("Ctrl 9",)
@@ -236,7 +236,7 @@ def test_acts_and_keys_are_found(desk: Desk) -> None:
 
 
 def test_a_phrase_whose_key_another_act_has_is_shown(desk: Desk, window: MainWindow) -> None:
-    window.wizards.set_value("shortcuts", as_text({"photo": Keys(("Ctrl+6",))}))  # chosen with another scenario
+    window.wizards.set_value("shortcuts", as_text({"photo": Keys(("Ctrl+6",))}))  # changed with another scenario
     window.wizard_keys.take_up()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     words = find(desk.sheet, "shortcut_clashes")
@@ -251,7 +251,7 @@ def test_a_phrase_whose_key_another_act_has_is_shown(desk: Desk, window: MainWin
 
 
 def test_a_phrase_that_lost_its_key_is_given_another_one(desk: Desk, window: MainWindow) -> None:
-    window.wizards.set_value("shortcuts", as_text({"photo": Keys(("Ctrl+6",))}))  # chosen with another scenario
+    window.wizards.set_value("shortcuts", as_text({"photo": Keys(("Ctrl+6",))}))  # changed with another scenario
     window.wizard_keys.take_up()
     desk.qtbot.waitUntil(lambda: desk.sheet.is_built)
     assert desk.cell("keyed_phrase_1").caps == ()

@@ -1,4 +1,4 @@
-"""The keys of each wizard: kept with her profile, and told where they cannot be used."""
+"""Keys of each wizard: saved with the profile, and reported if they cannot be used."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ KEPT_AT = "wizards/*/shortcuts"
 
 
 class Bench:
-    """The table and the keys alone, without the window around them."""
+    """Table and keys without a window."""
 
     def __init__(self, settings: MemorySettings) -> None:
         self.window = QWidget()

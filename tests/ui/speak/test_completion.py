@@ -1,4 +1,4 @@
-"""What a half-written sentence goes on with."""
+"""Completion of a partial sentence."""
 
 import pytest
 

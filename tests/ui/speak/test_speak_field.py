@@ -1,4 +1,4 @@
-"""The field for what the robot says next, by itself."""
+"""The speak field, without its panel."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ def field(qtbot: QtBot, theme: Theme) -> Iterator[SpeakField]:
     field = SpeakField(
         theme, lambda _text: True, earlier=lambda: EARLIER, sentences=lambda: (*PHRASES, *reversed(EARLIER))
     )
-    field.setObjectName("speak_field")  # by which the style sheet knows it
+    field.setObjectName("speak_field")  # name used in the style sheet
     column = QVBoxLayout(around)
     column.addWidget(field)
     column.addWidget(QLineEdit())

@@ -1,4 +1,4 @@
-"""What can be chosen of the voice."""
+"""Options of the voice."""
 
 from caris_desktop.domain.intents import SetVoice
 from caris_desktop.live.status import VoiceStatus
