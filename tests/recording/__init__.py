@@ -1,1 +1,1 @@
-"""Recording, tested through the real process and real files."""
+"""Tests of recording with the real process and real files."""

@@ -1,4 +1,4 @@
-"""A console that records and is killed: prints ``recording``, then the number of a mark that it has sent."""
+"""Recording console to be killed: prints ``recording``, then the number of each sent mark."""
 
 import itertools
 import sys

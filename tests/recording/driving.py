@@ -1,4 +1,4 @@
-"""Runs the real recorder process for tests, and makes values for it."""
+"""Real recorder process for tests, and values for it."""
 
 import multiprocessing
 import pickle
@@ -42,9 +42,9 @@ def body(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits
 
 
 class RecorderUnderTest:
-    """The recorder in a process of its own, and all that it says.
+    """The recorder in a separate process, and its messages.
 
-    With ``in_thread`` it runs in this process instead, which starts in no time: for what does not depend on the
+    With ``in_thread`` it runs in this process instead, which starts at once, for tests that do not depend on the
     process.
     """
 
@@ -70,13 +70,13 @@ class RecorderUnderTest:
         theirs.close()
 
     def send(self, *messages: Any) -> None:
-        """As the console does: with when each came to it."""
+        """Send messages with their arrival times, as the console does."""
         for message in messages:
             raw = pickle.dumps(message)
             self.connection.send_bytes(ARRIVED + clock.now_ns().to_bytes(8, "little", signed=True) + raw)
 
     def wait_for(self, kind: type[Any], *, timeout_s: float = 20.0, **fields: Any) -> Any:
-        """The first message of ``kind`` with these fields, heard already or to come."""
+        """The first message of ``kind`` with these fields, already received or later."""
         deadline, seen = time.monotonic() + timeout_s, 0
         while True:
             for message in self.heard[seen:]:
@@ -149,7 +149,7 @@ def mark(label: str) -> Marked:
 
 
 def picture(number: int, *, width_px: int = 640, height_px: int = 480) -> NDArray[np.uint8]:
-    """A moving gradient, uint8 BGR; the number is in the brightness of its top left corner."""
+    """A moving gradient, uint8 BGR, with the number as brightness of its top left corner."""
     row = ((np.arange(width_px) + 7 * number) % 256).astype(np.uint8)
     image_bgr = np.repeat(np.repeat(row[None, :, None], height_px, axis=0), 3, axis=2).copy()
     image_bgr[: height_px // 4, : width_px // 4] = number % 8 * 32

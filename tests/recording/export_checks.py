@@ -1,4 +1,4 @@
-"""Whether an export is what its format asks for, judged by programs that are not ours."""
+"""Check of an export against its format, with third-party programs."""
 
 import csv
 import importlib.util
@@ -15,12 +15,12 @@ _SCHEMA = Path(__file__).parents[3] / "shared" / "data" / "EAFv3.0.xsd"
 
 
 def formats_there() -> list[str]:
-    """The formats whose exporter there is."""
+    """Formats with an available exporter."""
     return [fmt.name for fmt in FORMATS if importlib.util.find_spec(fmt.module) is not None]
 
 
 def check_export(fmt: str, out: Path) -> None:
-    """Fails when the files in ``out`` are not what ``fmt`` promises."""
+    """Fail if the files in ``out`` do not conform to ``fmt``."""
     assert any(path.is_file() and path.stat().st_size for path in out.rglob("*")), f"{fmt} holds nothing"
     _CHECKS[fmt](out)
 
@@ -47,7 +47,7 @@ def _eaf(out: Path) -> None:
     from pympi.Elan import Eaf
 
     (path,) = out.glob("*.eaf")
-    # Where nothing was said or marked there is nothing to put into a tier.
+    # Without speech and marks there are no tiers.
     assert Eaf(str(path)).get_linked_files() or not list(out.glob("*.mp4"))
     if _SCHEMA.exists():
         xmlschema.validate(str(path), str(_SCHEMA))
@@ -55,10 +55,10 @@ def _eaf(out: Path) -> None:
 
 
 def check_what_elan_insists_on(path: Path) -> None:
-    """What the schema lets pass and ELAN's own parser needs: its languages of a vocabulary are those of its
-    descriptions, and it looks values, types and slots up without asking whether they are there.
+    """Requirements of ELAN's parser beyond the schema: the languages of a vocabulary are those of its descriptions, and
+    referenced values, types and slots exist.
     """
-    root = ElementTree.parse(path).getroot()  # noqa: S314 - our own
+    root = ElementTree.parse(path).getroot()  # noqa: S314 - written by this program
     assert {"AUTHOR", "DATE", "FORMAT", "VERSION"} <= set(root.keys())
     languages = {language.get("LANG_ID") for language in root.iter("LANGUAGE")}
     for language in root.iter("LANGUAGE"):

@@ -1,4 +1,4 @@
-"""Records onto a small disk until it is full; prints one JSON object with what the recorder said."""
+"""Recording onto a small disk until it is full; prints one JSON object with the recorder's messages."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
 from tests.recording.driving import RecorderUnderTest, mark, start
 
-# The small disk has 12 MiB: 2 are the reserve, the video may take about 2, events the rest.
+# The small disk has 12 MiB: 2 for the reserve, about 2 for the video, the rest for events.
 LIMITS = {
     "slowly": DiskLimits(warn_free_bytes=9_800_000, end_video_free_bytes=8_500_000, reserve_bytes=2_000_000),
     "suddenly": DiskLimits(warn_free_bytes=0, end_video_free_bytes=0, reserve_bytes=2_000_000),
@@ -39,7 +39,7 @@ def main(folder: Path, how: str) -> None:
         pictures.append(pictures.pop(0))
         recorder.send(ring.write(pictures[0], stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front"))
         if how == "suddenly" or any("nearly" in what for what in problems(recorder)):
-            # What compression cannot make smaller.
+            # Incompressible data.
             recorder.send(mark(f"{number} {noise.bytes(200_000).hex()}"))
             number += 1
         recorder.drain()

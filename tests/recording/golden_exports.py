@@ -1,7 +1,7 @@
 """Golden outputs of all export formats for three fixture sessions: a tour, one with every stream, one cut off.
 
-``python -m tests.recording.golden_exports`` writes them again; the diff of the commit then shows what changed for the
-readers of exports. Text files are stored whole; of other files, what a reader gets out of them.
+``python -m tests.recording.golden_exports`` updates them; the diff of the commit shows the changes for readers of
+exports. Text files are stored completely; other files as the values that a reader gets.
 """
 
 import re
@@ -25,9 +25,9 @@ from tests.support.recorded_session import make_session
 GOLDEN = Path(__file__).parent / "golden"
 SESSIONS = ("tour", "whole", "killed")
 _TEXT = {".csv", ".eaf", ".html", ".json", ".jsonl", ".md", ".TextGrid", ".txt", ".vtt", ".yaml"}
-# A digest of longer ones is enough.
+# Longer ones are stored as a digest.
 _LONGEST_TEXT_BYTES = 45_000
-# The moment of the export; sizes and digests of what compresses differently with each version of a library.
+# Export time; sizes and digests of data whose compression depends on library versions.
 _CHANGING = (
     (re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)"), "MOMENT"),
     (re.compile(r"urn:[\w:/.-]*[0-9a-f-]{36}"), "URN"),
@@ -37,7 +37,7 @@ _CHANGING = (
 
 
 def make(name: str, folder: Path) -> Path:
-    """One of the fixture sessions, the same each time."""
+    """One of the fixture sessions, always the same."""
     if name == "tour":
         return tell(folder, tour(3, minutes=1.0, state_hz=1.0, building=False), lasts_s=60.0)
     few = {"beams": 12, "cameras": ("front",), "map_cells": (20, 30), "scans_hz": 2.0, "odometry_hz": 2.0}
@@ -48,7 +48,7 @@ def make(name: str, folder: Path) -> Path:
 
 
 def exported(name: str, work: Path) -> dict[str, str]:
-    """What the exports of a fixture session hold: file name in :data:`GOLDEN` to text."""
+    """Contents of the exports of a fixture session: file name in :data:`GOLDEN` to text."""
     session = make(name, work / name)
     warnings: list[str] = []
     found = {}
@@ -92,7 +92,7 @@ def _content(path: Path) -> Iterator[str]:
 
 
 def _is_dated(path: Path) -> bool:
-    """Whether it tells when it was written, or lists other files."""
+    """True if the file contains its time of writing, or lists other files."""
     listing = path.name in ("manifest-sha256.txt", "session.json")
     return path.suffix == ".eaf" or path.name.startswith("ro-crate") or listing
 

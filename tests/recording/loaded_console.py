@@ -1,4 +1,4 @@
-"""A console under load that keeps its own account of what it sent: what a killed recorder lost is judged by that."""
+"""Console under load with an account of sent values, to measure the loss of a killed recorder."""
 
 import time
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ _PERIODS_S = {
 
 @dataclass(slots=True)
 class Account:
-    """Stamps of what was sent, in order: events by their number, frames by camera, the ends of sound by source."""
+    """Sent stamps in order: events by number, frames by camera, ends of sound by source."""
 
     marks_ns: list[int] = field(default_factory=list)
     frames_ns: dict[str, list[int]] = field(default_factory=lambda: {camera: [] for camera in CAMERAS})
@@ -39,7 +39,7 @@ class Account:
 
 
 class LoadedConsole:
-    """Two cameras, LIDAR, ten people, two sources of sound, events and commands; all pictures are made beforehand."""
+    """Two cameras, LIDAR, ten people, two sound sources, events and commands; frames are prepared in advance."""
 
     def __init__(self) -> None:
         width_px, height_px = SIZE_PX
@@ -52,7 +52,7 @@ class LoadedConsole:
         self._due_s: dict[str, float] = {}
 
     def send_for(self, seconds: float) -> None:
-        """Send in real time; what falls due at the same time goes out together."""
+        """Send in real time; values due at the same time are sent together."""
         now_s = time.monotonic()
         until_s = now_s + seconds
         self._due_s = self._due_s or dict.fromkeys(_PERIODS_S, now_s)

@@ -1,4 +1,4 @@
-"""A session of one minute, made in an instant: what happened in it is known to the nanosecond."""
+"""Synthetic session of one minute with content known to the nanosecond."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -33,7 +33,7 @@ LENGTH_S = 60.0
 def make_session(
     folder: Path, values_from: Callable[[int], Iterable[Any]], *, trial: dict[str, str] | None = None
 ) -> int:
-    """A session of LENGTH_S whose values ``values_from`` makes for the moment it begins at, which is returned."""
+    """Record the values that ``values_from`` creates for the start time, and return that time."""
     begin_ns = clock.now_ns()
     header = SessionHeader(
         anchor=ClockAnchor.take(),
@@ -50,7 +50,7 @@ def make_session(
 
 
 def utterance(stamp_ns: int, state: UtteranceState, **fields: Any) -> UtteranceChanged:
-    """One that the robot says."""
+    """Robot utterance."""
     told: dict[str, Any] = {"utterance_id": "u", "speaker": "robot", "text": "Hello.", "origin": "typed", **fields}
     return UtteranceChanged(stamp_ns=stamp_ns, state=state, **told)
 
@@ -58,7 +58,7 @@ def utterance(stamp_ns: int, state: UtteranceState, **fields: Any) -> UtteranceC
 def said(
     begin_ns: int, *, at_s: float, for_s: float, text: str, speaker: str = "robot", origin: UtteranceOrigin = "typed"
 ) -> list[UtteranceChanged]:
-    """An utterance from its beginning to its end."""
+    """An utterance from its start to its end."""
     start_ns = begin_ns + round(at_s * S)
     told = {"utterance_id": f"u-{at_s}-{speaker}", "speaker": speaker, "text": text, "origin": origin}
     return [
@@ -68,12 +68,12 @@ def said(
 
 
 def robot_ns(begin_ns: int, at_s: float) -> int:
-    """What the robot's clock shows: two seconds ahead of 2026."""
+    """Robot time: two seconds ahead of 2026."""
     return 1_790_000_002 * S + round(at_s * S)
 
 
 def everything(begin_ns: int) -> list[Any]:
-    """One of most kinds, ten scans a second of the robot's clock that took 30 ms to arrive, and estimates of it."""
+    """One value of most kinds, ten scans a second stamped by the robot that arrive after 30 ms, and clock estimates."""
     ranges_m = np.linspace(0.5, 8.0, 90, dtype=np.float32)
     ranges_m[::10] = np.inf
     values: list[Any] = []

@@ -1,4 +1,4 @@
-"""Opens a session and prints, as JSON, what it said, how many marks it holds, and which files lie there then."""
+"""Open a session and print its messages, number of marks and files as JSON."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Tries to record where nothing can be written, then where it can; prints what the recorder said."""
+"""Recording into a read-only folder, then into a writable one; prints the recorder's messages."""
 
 import json
 import sys

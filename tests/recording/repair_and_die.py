@@ -1,4 +1,4 @@
-"""Repairs copies of a session and dies with the first file it touches, with the second, and so on; prints how many."""
+"""Repair of copies of a session, killed at each touched file in turn; prints the number of files."""
 
 import os
 import shutil

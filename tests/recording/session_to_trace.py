@@ -1,4 +1,4 @@
-"""Records a few seconds of everything into a folder, for a test that watches the system calls."""
+"""Recording of a few seconds with all streams, for a trace of the system calls."""
 
 import sys
 import time

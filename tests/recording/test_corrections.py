@@ -1,4 +1,4 @@
-"""What was corrected of an utterance counts in everything that is made of a session, and what was made out is kept."""
+"""Corrections of utterances: used by everything derived from a session, with the recognised text kept."""
 
 import csv
 import shutil
@@ -127,7 +127,7 @@ def test_search_finds_what_was_corrected(study: Path) -> None:
 
 
 def test_a_name_that_came_in_by_a_correction_is_forgotten(study: Path, tmp_path: Path) -> None:
-    """In the words, and what they themselves said is silenced, also where only the correction says that it was they."""
+    """The name is erased from texts, and the person's speech is silenced, even if attributed only by the correction."""
     copy = Path(shutil.copytree(study, tmp_path / "study"))
     session = open_session(copy / "sessions" / "s")
     assert speech_in(session, frozenset({"p-7"}), PersonTracks({}, {}, [])).theirs == {"p1"}

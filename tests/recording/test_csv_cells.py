@@ -1,4 +1,4 @@
-"""No cell of a CSV file is a formula, unless whoever reads it is a program and asked for cells as they are."""
+"""No cell of a CSV file is a formula, unless raw cells were requested for a program."""
 
 import argparse
 import csv

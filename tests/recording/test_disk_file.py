@@ -1,4 +1,4 @@
-"""Files of a running session, without a disk that is really full (that is tested with the recorder)."""
+"""Files of a running session, without a really full disk (which is tested with the recorder)."""
 
 import errno
 import os
@@ -10,7 +10,7 @@ from caris_desktop.recording.disk_file import DiskFile, Reserve
 
 
 def held_back(path: Path) -> DiskFile:
-    """A body on disk, with a front that changed and an index behind it which wait for the commit."""
+    """A body on disk, with a changed header and an index that are pending until the commit."""
     file = DiskFile(path)
     file.write(b"front body")
     file.hold_back()

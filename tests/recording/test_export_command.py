@@ -1,4 +1,4 @@
-"""``caris-desktop export``: one session and whole studies, several formats, cancelling, what cannot be exported."""
+"""``caris-desktop export``: single sessions and whole studies, several formats, cancelling, and errors."""
 
 import argparse
 import json
@@ -182,7 +182,7 @@ sys.exit(run(sys.argv[1], "--to", "csv", sys.argv[2]))
 
 
 def test_ctrl_c_leaves_whole_exports_only(study: Path, tmp_path: Path) -> None:
-    """In a program of its own, as an interruption in the midst of a library's code may end a process."""
+    """In a separate process, which an interrupt within library code may end."""
     ended = subprocess.run(
         [sys.executable, "-X", "faulthandler", "-c", _INTERRUPTED, study, tmp_path / "out"],
         cwd=REPOSITORY,
@@ -317,7 +317,7 @@ def test_what_a_killed_export_leaves_is_removed_and_nothing_else(study: Path, tm
 
 
 def on_disk(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a shell script in which mounts are seen by nobody else."""
+    """Run a shell script in a separate mount namespace."""
     return subprocess.run(
         ["unshare", "-m", "sh", "-ec", script, "sh", *arguments],
         capture_output=True,

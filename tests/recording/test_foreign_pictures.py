@@ -1,4 +1,4 @@
-"""Pictures and films of sessions, bags and other computers: format and size are checked before any decoder runs."""
+"""Foreign images and videos: format and size are checked before decoding."""
 
 import zlib
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def coded(ending: str) -> bytes:
 
 
 def claiming(content: bytes, width_px: int, height_px: int) -> bytes:
-    """The same file with another size in its head."""
+    """The same file with another size in its header."""
     changed = bytearray(content)
     if content[:2] == b"\xff\xd8":
         at = next(at for at in range(2, len(content)) if content[at : at + 2] in (b"\xff\xc0", b"\xff\xc2"))
@@ -42,7 +42,7 @@ def claiming(content: bytes, width_px: int, height_px: int) -> bytes:
 
 
 def with_chunk(length: int, kind: bytes, data: bytes = b"") -> bytes:
-    """A PNG with one more chunk behind its head, as long as it claims or not."""
+    """A PNG with an additional chunk after its header, with a right or wrong length."""
     content = coded(".png")
     return content[:33] + length.to_bytes(4) + kind + data + zlib.crc32(kind + data).to_bytes(4) + content[33:]
 

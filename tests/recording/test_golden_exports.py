@@ -1,4 +1,4 @@
-"""Exports of the fixture sessions hold what they held: a refactoring changes none of them."""
+"""Exports of the fixture sessions equal the golden files."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
-"""Recordings of others, mutated: each is read, or refused in words; nothing is run, read or written elsewhere.
+"""Mutated foreign recordings: each is read or refused with a message, without side effects.
 
-Some of each kind here, 200 with --long. What goes wrong is chosen by a seed, which a failure tells.
+Some of each kind here, 200 with --long. A failure states the seed of the mutation.
 """
 
 import shutil
@@ -39,7 +39,7 @@ def trials(request: pytest.FixtureRequest, few: int) -> range:
 
 
 def tried(folder: Path, seed: int, read: Callable[[], None], refusals: tuple[type[Exception], ...]) -> bool:
-    """Whether it was read rather than refused. Fails for anything else that happens."""
+    """True if it was read, False if it was refused. Fails for any other result."""
     before, secret = peak_memory_bytes(), folder.parent / "secret.txt"
     with recorded_side_effects(folder, secret) as seen:
         try:
@@ -64,7 +64,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder beside a file that nobody may read; temporary files of the program go into it, too."""
+    """A folder next to an unreadable file; also used for temporary files of the program."""
     (tmp_path / "secret.txt").write_text(SECRET)
     place = tmp_path / "place"
     place.mkdir()

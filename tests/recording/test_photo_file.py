@@ -1,4 +1,4 @@
-"""What a photo tells of itself, as other programs read it, and what is no photo."""
+"""Metadata of photo files as read by other programs, and files that are not photos."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Who made a recording, and where the robot is: in no export unless somebody chose that."""
+"""Names of wizards and coders and the robot's address: only in exports that include them explicitly."""
 
 import argparse
 import json
@@ -48,7 +48,7 @@ def session(study: Path, name: str, wizard: str, *, coder: str = "", later_s: fl
 
 
 def words_of(out: Path) -> dict[str, str]:
-    """Everything that is written in an export, as text in lower case, by file."""
+    """All text in an export in lower case, by file."""
     found = {}
     for path in out.rglob("*"):
         if not path.is_file():
@@ -97,10 +97,10 @@ def test_no_export_says_who_made_the_recording_or_where_the_robot_is(study: Path
     ):
         text = next(text for file, text in found.items() if file.lower() == name)
         assert expected in text, (name, expected)
-    # Of another wizard the study need not know anything.
+    # A wizard who is unknown to the study.
     stops = found["one/csv/event_stop_requested.csv"].splitlines()[1:]
     assert [line.rpartition(",")[2] for line in stops] == ["wizard:w1", "wizard:another", "wizard:w7"]
-    # The words of a session are its record.
+    # Spoken words of a session stay unchanged.
     assert "hello there" in found["one/csv/utterances.csv"]
 
 
@@ -129,7 +129,7 @@ def test_a_pseudonym_stays_whose_it_is(tmp_path: Path) -> None:
         assert [of.coder(name) for name in ("Zoe", "Ann")] == ["C1", "C2"]
     kept = json.loads((study / FILE_NAME).read_text())
     assert (kept["wizards"], kept["coders"]) == ({"tom": "W1", "mia": "W3"}, {"Zoe": "C1", "Ann": "C2"})
-    # Not the study's: two sessions somewhere.
+    # Two sessions outside the study.
     for folder in (first, second):
         shutil.copytree(folder, tmp_path / "elsewhere" / folder.name)
     of = pseudonyms_of(sorted((tmp_path / "elsewhere").iterdir()))

@@ -1,4 +1,4 @@
-"""Response times of a session against its own sound files: the ear tells when a voice ended, the files have it."""
+"""Response times of a session compared with its sound files."""
 
 import wave
 from dataclasses import replace
@@ -23,7 +23,7 @@ AGREES_WITHIN_S = 0.05
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A participant and a robot take turns, one microphone each: two speak over each other now and then."""
+    """A participant and a robot take turns with one microphone each, with some overlaps."""
     random = np.random.default_rng(11)
     lasts_s = TURNS * 7.0 + 3.0
     heard, spoken = (np.zeros(round(lasts_s * RATE_HZ), np.int16) for _ in range(2))
@@ -38,7 +38,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
         replies += [replace(said, stamp_ns=at(starts_s - 0.2), state="requested"), said]
         replies.append(replace(said, stamp_ns=at(starts_s + 1.0), state="finished"))
     told = listened(heard)
-    # The live service hears of each as it is told, which for the end of a turn is some time after it.
+    # The live service receives each event at its report, which for the end of a turn is later.
     times = ResponseTimes()
     happened = sorted([*told, *((event.stamp_ns, event) for event in replies)], key=lambda pair: pair[0])
     timed = [answer for at_ns, event in happened for answer in times.take(event, at_ns)]
@@ -63,7 +63,7 @@ def burst(samples: NDArray[np.int16], begins_s: float, ends_s: float, random: np
 
 
 def listened(samples: NDArray[np.int16]) -> list[tuple[int, UtteranceChanged]]:
-    """What the ear tells of this sound, and when it did."""
+    """Events of the speech segmenter for this sound, with their times."""
     bench, told = Bench(), []
     chunk = RATE_HZ // 10
     for first in range(0, len(samples) - chunk, chunk):
@@ -77,7 +77,7 @@ def listened(samples: NDArray[np.int16]) -> list[tuple[int, UtteranceChanged]]:
 
 
 def voices(folder: Path, name: str) -> list[tuple[float, float]]:
-    """From when to when somebody is heard in a file, in seconds: silences of half a second part them."""
+    """Loud intervals of a file in seconds, separated by silences of half a second."""
     with wave.open(str(folder / name), "rb") as file:
         samples = np.frombuffer(file.readframes(file.getnframes()), np.int16)
     loud = np.flatnonzero(np.abs(samples) > 2000) / RATE_HZ

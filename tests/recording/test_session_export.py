@@ -1,4 +1,4 @@
-"""Exports: what the tables hold, that each column is described, that nothing is overwritten."""
+"""Exports: content of the tables, a description of each column, and no overwritten file."""
 
 import csv
 import json
@@ -134,7 +134,7 @@ def test_tables_of_several_sessions_can_be_put_under_one_another(session: Path, 
         assert {one[:2] for one in whose} == {(session.name, "P07"), (other.name, 'P"08"')}, name
         assert (other.name, 'P"08"', "B", "2") in whose
         assert len(whose) == 2
-    # By the session rows of several tables belong together.
+    # The session column relates rows of several tables.
     poses = {row["session"]: row["pose_in_map_x_m"] for row in rows["pose.csv"]}
     assert {row["session"] for row in rows["scan.csv"]} == set(poses)
 
@@ -179,7 +179,7 @@ def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_p
 
 @pytest.mark.logs(r"session\.session_reader: ")
 def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
-    from mcap.writer import Writer  # the file as somebody damaged it
+    from mcap.writer import Writer  # a damaged file
 
     record(tmp_path / "s", [])
     stamps_ns = [10**30, -(10**30), open_session(tmp_path / "s").started_ns]
@@ -228,7 +228,7 @@ def test_nothing_is_overwritten(session: Path, tmp_path: Path) -> None:
 
 
 def rows(value: Any) -> list[dict[str, Any]]:
-    """The rows that a value makes in the table of its stream, without the time columns."""
+    """Rows of a value in the table of its stream, without the time columns."""
     table_ = tables_of(BY_TYPE[type(value)])[0]
     times = RowTimes(SessionClock(ClockAnchor(0, 0), 0), RobotClock(()))
     names = [column.name for column in table_.columns]

@@ -1,4 +1,4 @@
-"""Session folders told event by event, at moments that a test chooses: what the recorder would have written then."""
+"""Synthetic session folders from events at chosen times, as the recorder would have written them."""
 
 import dataclasses
 import json
@@ -49,7 +49,7 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.streams import BY_TYPE
 
 ANCHOR = ClockAnchor(monotonic_ns=5_000_000_000_000, utc_ns=1_795_255_200_000_000_000)
-# Robot minus session clock: the robot keeps UTC, two seconds ahead.
+# Robot minus session clock: the robot has UTC, two seconds ahead.
 _ROBOT_AHEAD_MS = (ANCHOR.utc_ns - ANCHOR.monotonic_ns) / 1e6 + 2000.0
 STARTED_NS = ANCHOR.monotonic_ns + 3_000_000_000
 TRIAL = {
@@ -76,8 +76,9 @@ def tell(
     later_s: float = 0.0,
     **header: Any,
 ) -> Path:
-    """Write ``folder``; ``later_s`` moves the whole session in UTC only. A value that reached the console later than
-    its stamp comes with that moment: ``(arrived_ns, value)``.
+    """Write ``folder``; ``later_s`` moves the whole session in UTC only.
+
+    A value that reached the console later than its stamp is a pair: ``(arrived_ns, value)``.
     """
     folder.mkdir(parents=True)
     ended_ns = at(lasts_s)
@@ -127,7 +128,7 @@ def tell(
 
 
 def heard(number: int, start_s: float, end_s: float, text: str) -> list[UtteranceChanged]:
-    """A participant speaks."""
+    """Utterance of a participant."""
     utterance_id = f"h-{number}"
     return [
         UtteranceChanged(at(start_s), utterance_id, "participant", text, "heard", "started"),
@@ -138,7 +139,7 @@ def heard(number: int, start_s: float, end_s: float, text: str) -> list[Utteranc
 def said(
     number: int, asked_s: float, start_s: float, end_s: float, text: str, *, origin: UtteranceOrigin = "typed"
 ) -> list[UtteranceChanged]:
-    """The robot speaks, as the wizard asked it to."""
+    """Utterance of the robot, requested by the wizard."""
     utterance_id = f"u-{number}"
     return [
         UtteranceChanged(at(asked_s), utterance_id, "robot", text, origin, "requested", "robot"),
@@ -150,7 +151,7 @@ def said(
 def silenced(
     number: int, asked_s: float, text: str, *, after_s: float = 0.006, origin: UtteranceOrigin = "assistant"
 ) -> list[UtteranceChanged]:
-    """The robot began to speak, and was silenced ``after_s`` later."""
+    """Robot utterance that is interrupted ``after_s`` after its start."""
     asked, started, _ = said(number, asked_s, asked_s + 0.1, asked_s + 1.0, text, origin=origin)
     return [asked, started, dataclasses.replace(started, stamp_ns=at(asked_s + 0.1 + after_s), state="interrupted")]
 
@@ -184,7 +185,7 @@ STEPS = (
 
 
 def stepped(*moves: tuple[float, str, StepHow]) -> list[Any]:
-    """Through a protocol of STEPS: at which second which step was entered, and how."""
+    """Run through a protocol of STEPS: time of each entered step, and how."""
     titles = {step.step_id: (number, step.title) for number, step in enumerate(STEPS, start=1)}
     told: list[Any] = [ProtocolOpened(at(0.0), STEPS)]
     left = ""
@@ -226,7 +227,7 @@ _PLACES = {
 
 def tour(seed: int, *, minutes: float = 8.0, state_hz: float = 10.0, building: bool = True) -> list[Any]:
     """A plausible tour: talk, driving, navigation, marks, trouble. The same one for each ``seed``."""
-    random_ = random.Random(seed)  # noqa: S311 - no secret
+    random_ = random.Random(seed)  # noqa: S311 - a test, not cryptography
     values: list[Any] = [
         ScenarioOpened(
             at(-1.0), "tour-guide.yaml", "Tour guide", "0" * 64, (layouts_dir() / "tour-guide.yaml").read_text()
@@ -314,7 +315,7 @@ def _states(stops: list[tuple[float, float, float]], end_s: float, state_hz: flo
     times_s = np.arange(0.0, end_s, 1.0 / state_hz)
     known_s, xs_m, ys_m = (np.array(column) for column in zip(*stops, strict=True))
     x_m, y_m = np.interp(times_s, known_s, xs_m), np.interp(times_s, known_s, ys_m)
-    # A little aside of the straight line, as people and robots go.
+    # Slightly off the straight line, as real paths are.
     y_m += 0.15 * np.sin(x_m * 1.7)
     speed_mps = np.hypot(np.gradient(x_m), np.gradient(y_m)) * state_hz
     heading_rad = np.arctan2(np.gradient(y_m), np.gradient(x_m))

@@ -1,4 +1,4 @@
-"""Agreement of coders: the same figures as scikit-learn's on the same codes."""
+"""Agreement of coders, compared with scikit-learn."""
 
 import argparse
 import math
@@ -39,7 +39,7 @@ def coded(**spans: list[tuple[int, int, str]]) -> AnnotationDocument:
 @pytest.mark.filterwarnings("ignore:A single label", "ignore:`y1`")
 @pytest.mark.parametrize("seed", range(25))
 def test_kappa_equals_that_of_scikit_learn(seed: int) -> None:
-    rng = random.Random(seed)  # noqa: S311 - codes of a test
+    rng = random.Random(seed)  # noqa: S311 - a test, not cryptography
     labels = LABELS[: rng.randint(1, 4)]
     first = [rng.choice(labels) for _ in range(rng.randint(1, 400))]
     second = [code if rng.random() < 0.7 else rng.choice(labels) for code in first]
@@ -64,8 +64,8 @@ def random_tier(rng: random.Random) -> list[tuple[int, int, str]]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_units_of_time_are_coded_by_what_holds_in_their_middle(seed: int) -> None:
-    """Against codes that are looked up moment by moment, and scikit-learn's kappa of those."""
-    rng = random.Random(seed)  # noqa: S311 - codes of a test
+    """Compared with codes looked up at the middle of each unit, and scikit-learn's kappa of them."""
+    rng = random.Random(seed)  # noqa: S311 - a test, not cryptography
     document = coded(anna=random_tier(rng), ben=random_tier(rng))
     unit_ms = rng.choice([1, 40, 100, 333])
     codes = []
@@ -136,7 +136,7 @@ def test_where_kappa_is_not_defined_it_is_said() -> None:
 
 
 def test_a_long_session_is_compared_at_once() -> None:
-    """Matching does not compare everything with everything."""
+    """Matching must not compare every pair."""
     document = coded(anna=[], ben=[])
     annotations = tuple(
         Annotation(f"{tier.tier_id}-{number}", tier.tier_id, number * 1000, number * 1000 + 700, LABELS[number % 4])

@@ -1,4 +1,4 @@
-"""Annotations from tables: ours, ELAN's, and whatever spreadsheets make."""
+"""Annotation tables of this program, of ELAN and of spreadsheets."""
 
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def read(folder: Path, content: str | bytes, *, coder: str = "anna") -> list[tup
 )
 def test_tables_of_many_kinds_say_the_same(tmp_path: Path, content: str) -> None:
     assert read(tmp_path, content) == ROWS
-    # Excel's ways of saving the same.
+    # Formats that Excel saves.
     assert read(tmp_path, content.encode("utf-8-sig")) == ROWS
     assert read(tmp_path, content.encode("utf-16")) == ROWS
 

@@ -1,4 +1,4 @@
-"""Editing annotations: the rules, and undo whatever was done."""
+"""Annotation edits: rules and undo."""
 
 import dataclasses
 from typing import Any
@@ -63,7 +63,7 @@ def test_a_vocabulary_limits_the_values_of_its_tiers() -> None:
     document = annotation_editing.add_vocabulary(coded(), GAZE)
     document = annotation_editing.add_tier(document, "Looks", "anna", "Gaze")
     document = annotation_editing.add_annotation(document, "c-anna-tier-2", 0, 10, "robot")
-    # Nothing yet is permitted: people mark first and name later.
+    # An empty value is permitted: coders mark first and label later.
     document = annotation_editing.add_annotation(document, "c-anna-tier-2", 20, 30, "")
     for refused in ("Robot", "robot ", "floor"):
         with pytest.raises(AnnotationError, match="is not in the vocabulary"):
@@ -162,7 +162,7 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
     taken = annotation_editing.merge_imported(document, elsewhere)
     assert [tier.name for tier in taken.tiers] == ["Motion", "Gaze", "Gaze (2)"]
     assert len(taken.annotations) == len(document.annotations) + 2
-    # What went out from here and was changed elsewhere comes back to its place.
+    # An exported annotation that was changed elsewhere replaces the original.
     both = annotation_editing.add_tier(document, "Below", "anna")
     assert annotation_editing.merge_imported(both, both) == both
     assert spans_of(annotation_editing.merge_imported(both, others)) == [(0, 10), (20, 30)]
@@ -178,7 +178,7 @@ def test_taking_over_leaves_the_record_out_and_loses_nothing() -> None:
 @settings(max_examples=examples(60), deadline=None)
 @given(st.data())
 def test_any_edits_keep_the_rules_and_can_be_undone(data: st.DataObject) -> None:
-    """Whatever a coder tries: the rules hold, refusals change nothing, undo and redo walk the same states."""
+    """Invariants of random edits: rules hold, refusals change nothing, undo and redo restore the same states."""
     start = annotation_editing.add_tier(
         annotation_editing.add_vocabulary(coded((0, 400), (700, 900)), GAZE), "Looks", "anna", "Gaze"
     )

@@ -1,4 +1,4 @@
-"""Tiers and overview made from the record."""
+"""Tiers and overview derived from the recording."""
 
 import json
 import pickle
@@ -76,7 +76,7 @@ def vocabulary(document: AnnotationDocument, name: str) -> list[str]:
 def test_what_was_said_becomes_tiers_by_speaker(tmp_path: Path) -> None:
     values = [
         *heard(1, 2.0, 3.5, "Hi there"),
-        # One begins before the other has ended: two people talk at once.
+        # Overlapping speech of two people.
         *heard(2, 3.0, 4.0, "Me too\nhere"),
         *said(1, 4.0, 4.2, 6.0, "Welcome.", origin="phrase"),
         *said(2, 6.0, 6.0, 7.25, "This way."),
@@ -111,7 +111,7 @@ def test_marks_errors_and_notes(tmp_path: Path) -> None:
     ]
     document = session_tiers(told(tmp_path, values))
     found = rows(document)
-    # Moments are made wider, less where another follows; what overlaps goes on a second tier.
+    # Moments get a width, limited by the next one; overlapping ones go to a second tier.
     assert found["Wizard marks"] == [
         (7000, 7200, "Laughs"),
         (10_000, 10_100, "Own label"),
@@ -132,7 +132,7 @@ def test_motion_and_who_drove(tmp_path: Path) -> None:
         *drive(5.0, 7.0, 0.4),
         *drive(7.0, 8.0, 0.0, 0.5, source="gamepad"),
         *drive(20.0, 21.0, -0.2, source="gamepad"),
-        # The last words of a link that broke: nothing was commanded three tenths of a second later.
+        # Last command before the loss of the link: no command follows within three tenths of a second.
         CommandSent(at(30.0), 900, Twist2D(forward_mps=0.3), "keyboard"),
         RecordingPaused(at(40.0), True),
         RecordingPaused(at(50.0), False),
@@ -195,7 +195,7 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
         (10_000, 20_000, "2"),
         (20_000, 59_000, "1"),
     ]
-    # What the wizard read is not told: no number is made up.
+    # The displayed number is not recorded, and none is invented.
     assert found["Person p-2"] == [(5000, 20_000, "present")]
     assert not [name for name in found if re.fullmatch(r"Person \d+", name)]
     assert found["LLM exchanges"] == [(12_000, 13_500, "Hello.")]
@@ -209,7 +209,7 @@ def test_people_assistant_and_trouble(tmp_path: Path) -> None:
     ]
     assert [value for _, _, value in found["Stop requested"]] == ["Stop requested", "Stop requested (by wizard:b)"]
     assert [value for _, _, value in found["Drive ended"]] == ["The link was lost"]
-    # What is measured every second would bury the rest.
+    # Values measured every second would hide the others.
     assert not [name for name in found if "quality" in name.lower()]
     (folder / "people.json").write_text(json.dumps({"people": people}))
     assert "Person p-9" not in rows(session_tiers(open_session(folder)))
@@ -221,7 +221,7 @@ def test_people_have_the_numbers_of_the_screen(tmp_path: Path) -> None:
         PersonAppeared(at(3.0), "p-f", 12, 6),
         PersonLeft(at(9.0), "p-e", 9),
         PersonAppeared(at(12.0), "p-e", 9, 5),
-        # Another study was opened: its people begin at 1.
+        # Another study was opened: its numbering of people starts at 1.
         PersonAppeared(at(20.0), "q-a", 1, 1),
         PersonAppeared(at(25.0), "q-e", 2, 5),
     ]
@@ -236,7 +236,7 @@ def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path)
         return GoalChanged(at(session_s), name, state, Pose2D(1.0, 2.0, 0.0), name)
 
     values = [
-        # Told as it stood when the recording began, and again after each pause.
+        # State at the start of the recording, and again after each pause.
         goal(-0.01, "before", "cancelled"),
         RecordingPaused(at(60.0), True),
         goal(73.99, "before", "cancelled"),
@@ -269,7 +269,7 @@ def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path)
 
 @dataclass(frozen=True, slots=True)
 class QuestionAsked:
-    """A kind of event that this program does not have."""
+    """Event type unknown to this program."""
 
     stamp_ns: int
     question: str
@@ -278,7 +278,7 @@ class QuestionAsked:
 
 @dataclass(frozen=True, slots=True)
 class RoundPlayed:
-    """One that lasts."""
+    """Event type with a duration."""
 
     stamp_ns: int
     start_ns: int

@@ -1,4 +1,4 @@
-"""Annotations on the disk: whole or not at all, and never over what cannot be read."""
+"""Annotation files: written atomically, and never over an unreadable file."""
 
 import json
 import random
@@ -108,7 +108,7 @@ def test_the_schema_refuses_what_the_program_refuses() -> None:
     data = annotation_store.coding_jsonable(coded("anna"), "anna")
     assert list(problems(Coding, data)) == []
     assert validator.is_valid(data)
-    chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
+    chance = random.Random(9)  # noqa: S311 - a test, not cryptography
     refused = 0
     for _ in range(300):
         tried = with_mistake(data, chance, ["unknown", "participant", "value"])

@@ -1,4 +1,4 @@
-"""Reads a bag as ROS 1 does. Run by the system's Python, which has ROS: its types and messages as JSON, by topic."""
+"""Reader of a bag with ROS 1, run by the system's Python: types and messages as JSON, by topic."""
 
 import json
 import sys
@@ -25,7 +25,7 @@ def main(path: str) -> None:
             topics[connection.topic] = {"type": connection.datatype, "md5": connection.md5sum, "messages": []}
         for topic, message, at in bag.read_messages():
             told = topics[topic]
-            # Made from the definition in the bag; a subscriber that was compiled refuses any other sum.
+            # Computed from the definition in the bag; a compiled subscriber refuses any other sum.
             told["md5_of_definition"] = message._md5sum
             told["messages"].append([at.to_nsec(), plain(message)])
     json.dump({"compression": compression, "topics": topics}, sys.stdout)

@@ -1,4 +1,4 @@
-"""ELAN projects: against ELAN's own schema, read by pympi, read back identical, media at their times."""
+"""ELAN projects: valid by ELAN's schema, readable by pympi, unchanged when read back, media at their times."""
 
 import string
 import wave
@@ -56,7 +56,7 @@ def elan_schema() -> xmlschema.XMLSchema:
 
 
 def coded(*coders: str) -> AnnotationDocument:
-    """Several coders with tiers of the same names, a vocabulary with nasty values, nasty texts."""
+    """Several coders with tiers of the same names, and special characters in texts and vocabulary."""
     values = tuple(VocabularyEntry(" ".join(text.split()), text) for text in NASTY)
     document = AnnotationDocument(duration_ms=60_000)
     document = annotation_editing.add_vocabulary(document, Vocabulary("Gaze <&>", values, 'Where "people" look.'))
@@ -121,7 +121,7 @@ _NAMES = st.text(st.sampled_from(string.printable + "äß李\x00\u202e"), min_si
 def test_whatever_coders_type_reads_back_identical(
     tiers: list[tuple[str, str, bool]], spans: list[tuple[int, int, int, str]], entries: list[tuple[str, str]]
 ) -> None:
-    """Through the functions of editing, which make other control characters U+FFFD and lone ends of lines feeds."""
+    """Through the edit functions, which replace control characters by U+FFFD and single line ends by line feeds."""
     document = AnnotationDocument(duration_ms=10_000)
     vocabulary = Vocabulary("V\n1", tuple(VocabularyEntry(*entry) for entry in entries), "d\x07")
     steps: list[Any] = [lambda doc: annotation_editing.add_vocabulary(doc, vocabulary)]
@@ -140,7 +140,7 @@ def test_whatever_coders_type_reads_back_identical(
         except (AnnotationError, ZeroDivisionError):
             continue
     text = eaf_text(document)
-    ElementTree.fromstring(text)  # noqa: S314 - our own
+    ElementTree.fromstring(text)  # noqa: S314 - written by this program
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
@@ -157,12 +157,12 @@ def test_ids_that_xml_has_not_are_kept_beside(tmp_path: Path, elan_schema: xmlsc
     assert read_eaf(path) == document
 
 
-# The whole export of a session
+# Complete export of a session
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A recorded session with real media, annotated by two, and its project."""
+    """A recorded session with real media and two coders, and its project."""
     folder = tmp_path_factory.mktemp("eaf") / "P07 run 1"
     make_session(folder, seconds=6.0, size_px=(160, 90), mark_every_s=2.0, utterance_every_s=2.0)
     for coder in ("anna", "ben"):
@@ -189,12 +189,12 @@ def test_a_session_becomes_a_project(exported: tuple[Path, Path], elan_schema: x
     assert read_eaf(path) == document
     names = set(pympi.Elan.Eaf(str(path)).tiers)
     assert {"Driving source", "Wizard marks", "Motion", "Looks@anna", "Looks@ben"} <= names
-    descriptors = ElementTree.parse(path).getroot().findall("HEADER/MEDIA_DESCRIPTOR")  # noqa: S314 - our own
+    descriptors = ElementTree.parse(path).getroot().findall("HEADER/MEDIA_DESCRIPTOR")  # noqa: S314 - written by this program
     linked = [descriptor.get("RELATIVE_MEDIA_URL", "") for descriptor in descriptors]
     assert len(linked) == 4
     for url in linked:
         assert (path.parent / url).is_file()
-    # No path of this computer goes out with it.
+    # The export contains no path of this computer.
     assert str(folder.parent) not in path.read_text(encoding="utf-8")
 
 
@@ -208,14 +208,14 @@ def test_videos_show_each_picture_at_its_time_of_the_session(exported: tuple[Pat
         assert late_s > 0.05
         with av.open(str(out / row["file_name"])) as video:
             shown = [(float(frame.time), frame.to_ndarray(format="bgr24")) for frame in video.decode(video=0)]
-        # The first picture stands from the beginning on.
+        # The first frame is shown from the beginning.
         assert [shown[0][0], number_in(shown[0][1])] == [0.0, number_in(recorded[0][1])]
         assert [number_in(image) for _, image in shown[1:]] == [number_in(image) for _, image in recorded]
         assert np.allclose([time_s for time_s, _ in shown[1:]], [time_s + late_s for time_s, _ in recorded], atol=0.001)
 
 
 def loud_s(path: Path) -> list[float]:
-    """When each stretch of sound begins, in seconds of the file."""
+    """Start of each loud interval, in seconds of the file."""
     with wave.open(str(path)) as file:
         samples = np.frombuffer(file.readframes(file.getnframes()), "<i2").reshape(-1, file.getnchannels())
         loud = np.flatnonzero(np.abs(samples[:, 0]) > 1000)
@@ -223,11 +223,11 @@ def loud_s(path: Path) -> list[float]:
 
 
 def test_sound_is_filled_up_with_silence(tmp_path: Path) -> None:
-    """It began late, and paused in the middle; the samples themselves stay what they were."""
+    """Late start and a pause in the middle; the samples themselves stay unchanged."""
     blocks = [
         AudioBlock(at(2.0), "microphone", "audio-m.wav", 0, 16_000, 16_000),
         AudioBlock(at(7.0), "microphone", "audio-m.wav", 16_000, 16_000, 16_000),
-        # The clock of the sound card runs a little differently: this is still one piece.
+        # The clock of the sound card differs slightly: this is still one piece.
         AudioBlock(at(8.0) + 4_000_000, "microphone", "audio-m.wav", 32_000, 8000, 16_000),
     ]
     folder = tell(tmp_path / "s", [*blocks, *heard(1, 2.0, 3.0, "Hi")], lasts_s=20.0)
@@ -245,7 +245,7 @@ def test_sound_is_filled_up_with_silence(tmp_path: Path) -> None:
 
 
 def test_sound_that_keeps_time_itself_is_moved_as_a_whole(tmp_path: Path) -> None:
-    """As the recorder writes it: what was missing is silence in the file already, whatever the stamps' unrest."""
+    """Recorded file in which gaps are already silence; jitter of the stamps is ignored."""
     blocks = [
         AudioBlock(at(2.0 + number / 5) + (number % 3 - 1) * 4_000_000, "m", "audio-m.wav", number * 3200, 3200, 16_000)
         for number in range(50)
@@ -267,7 +267,7 @@ def test_sound_that_keeps_time_itself_is_moved_as_a_whole(tmp_path: Path) -> Non
 
 @pytest.mark.logs(r"exporters\.eaf: ")
 def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> None:
-    """ELAN plays a file at document time plus TIME_ORIGIN: what lies before the session is left out."""
+    """ELAN plays a file at document time plus TIME_ORIGIN, which skips the part before the session."""
     folder = tell(
         tmp_path / "s",
         [AudioBlock(at(-0.25), "microphone", "audio-m.wav", 0, 16_000, 16_000)],
@@ -283,9 +283,9 @@ def test_media_that_began_before_the_session_have_an_origin(tmp_path: Path) -> N
     (folder / "video-front.mp4").write_bytes(b"what a power cut left")
     (tmp_path.parent / "video.mp4").write_bytes(b"somebody else's")
     export_session(folder, "eaf", tmp_path / "out")
-    root = ElementTree.parse(tmp_path / "out" / "s.eaf").getroot()  # noqa: S314 - our own
+    root = ElementTree.parse(tmp_path / "out" / "s.eaf").getroot()  # noqa: S314 - written by this program
     origins = {item.get("MEDIA_URL"): item.get("TIME_ORIGIN") for item in root.findall("HEADER/MEDIA_DESCRIPTOR")}
-    # The video cannot be brought to begin with the session, so where it belongs is at least written down.
+    # The video cannot start with the session, so its offset is at least stated.
     assert origins == {"./audio-m.wav": "250", "./video-front.mp4": "-3000"}
     assert (tmp_path / "out" / "audio-m.wav").read_bytes() == (folder / "audio-m.wav").read_bytes()
     assert (tmp_path / "out" / "video-front.mp4").read_bytes() == b"what a power cut left"
@@ -300,7 +300,7 @@ def test_a_long_tour_keeps_elans_rules(tmp_path: Path, elan_schema: xmlschema.XM
     assert read_eaf(tmp_path / "out" / "s.eaf") == session_tiers(open_session(folder))
 
 
-# Files of others
+# Files of other programs
 
 
 FOREIGN = """<?xml version="1.0" encoding="UTF-8"?>
@@ -362,7 +362,7 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
 
 @pytest.mark.logs(r"annotation\.eaf_import: ")
 def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> None:
-    """Somebody opened a video of the session in ELAN, and cut off its first 300 ms there."""
+    """A video of the session that was opened in ELAN and cut by its first 300 ms there."""
     header = {
         "started_ns": at(0.0),
         "videos": [{"file_name": "video-front.mp4", "first_stamp_ns": at(2.5)}, {"file_name": "broken"}, 7],
@@ -376,14 +376,14 @@ def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> Non
     moved = read_eaf(path, coder="anna", media_began_ms=began_ms)
     assert [item.start_ms for item in moved.of_tier("eaf-1")] == [3800, 4800, 5800]
     assert read_eaf(path, media_began_ms={}).annotations[0].start_ms == 1000
-    # Our own export is in the session's time, though it links the same files.
+    # Exports of this program use session time, although they link the same files.
     ours = eaf_text(coded("anna"), media=[LinkedMedia("video-front.mp4", "video/mp4", 0, "")])
     path.write_text(ours, encoding="utf-8")
     assert read_eaf(path, media_began_ms=began_ms) == coded("anna")
 
 
 def test_a_file_that_elan_changed_keeps_what_is_ours(tmp_path: Path) -> None:
-    """ELAN renames a tier, adds an annotation with an id of its own, and writes its notes anew."""
+    """ELAN renames a tier, adds an annotation with its own id, and rewrites its notes."""
     document = coded("anna")
     text = eaf_text(document).replace('TIER_ID="Empty"', 'TIER_ID="Renamed"')
     slots = text.count("<TIME_SLOT ")
@@ -408,7 +408,7 @@ def test_a_file_that_elan_changed_keeps_what_is_ours(tmp_path: Path) -> None:
         ("New", "ben"),
     ]
     assert read.of_tier("c-anna-tier-1") == document.of_tier("c-anna-tier-1")
-    # Somebody annotated beyond the end that was noted, so that end is not known any more.
+    # An annotation beyond the stated end makes the end unknown.
     assert (read.annotations[-1].value, read.duration_ms) == ("late", 0)
 
 
@@ -440,7 +440,7 @@ def test_what_cannot_be_read_is_told(tmp_path: Path, content: str, told: str) ->
 
 
 def test_ends_of_files_are_told_not_thrown(tmp_path: Path) -> None:
-    """Cut at any place, and with bytes changed: a document or a refusal, nothing else."""
+    """Files truncated at any place or with changed bytes: a document or an error message."""
     whole = eaf_text(coded("anna")).encode()
     rng = np.random.default_rng(5)
     path = tmp_path / "x.eaf"

@@ -1,4 +1,4 @@
-"""Material for learning: boxes lie on the pictures they were found in, steps hold what was known and what was done."""
+"""Training data: boxes match their images, and steps contain the known state and the action."""
 
 import configparser
 import csv
@@ -30,7 +30,7 @@ SECOND_NS = 1_000_000_000
 
 
 def rerecorded(made: RecordedSession, values: list[tuple[int, Any]]) -> RecordedSession:
-    """The same session with other values in its record."""
+    """The same session with other recorded values."""
     path = made.folder / "events.mcap"
     anchor = open_session(made.folder).clock.anchor
     path.unlink()
@@ -43,7 +43,7 @@ def rerecorded(made: RecordedSession, values: list[tuple[int, Any]]) -> Recorded
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
-    """People as perception tells them: with the stamp of the very frame."""
+    """Session in which people have the stamps of their frames, as real perception gives them."""
     made = make_session(
         tmp_path_factory.mktemp("sessions") / "one", seconds=16.0, cameras=("front",), people_hz=7.5, keep=True,
         utterance_every_s=2.0, llm_every_s=5.0,
@@ -182,7 +182,7 @@ def test_driving_is_cut_where_the_wizard_paused(made: RecordedSession, out: Path
                 continue
             ranges = [np.inf if value is None else value for value in step["state"]["scan"]["ranges_m"]]
             np.testing.assert_allclose(ranges, known[-1].ranges_m, atol=1e-4)
-            # Measured by the robot 8 ms before it arrived, by a clock known to 3 ms.
+            # Measured by the robot 8 ms before arrival, with a clock error of up to 3 ms.
             measured_ns = known[-1].stamp_ns - round(made.plan.network_delay_ms * 1e6)
             assert step["state"]["scan"]["age_s"] == pytest.approx((at_ns - measured_ns) / 1e9, abs=0.004)
             placed = [value for arrived, value in poses if arrived < at_ns]

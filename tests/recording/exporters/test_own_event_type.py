@@ -1,4 +1,4 @@
-"""An event type declared in the stream table alone is recorded, read and exported."""
+"""An event type declared only in the stream table is recorded, read and exported."""
 
 import csv
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tests.recording.minute import make_session
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer on a form."""
+    """One answer in a questionnaire."""
 
     item: str
     points: int | None
@@ -24,7 +24,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class QuestionnaireFilled:
-    """Somebody filled in a questionnaire. ``condition`` is a name that the exports use themselves."""
+    """A completed questionnaire. ``condition`` is also a column name of the exports."""
 
     stamp_ns: int
     title: str

@@ -1,4 +1,4 @@
-"""Parquet exports, as pyarrow and DuckDB read them."""
+"""Parquet exports, read with pyarrow and DuckDB."""
 
 import json
 from pathlib import Path
@@ -113,7 +113,7 @@ def test_one_query_reads_a_whole_study(out: Path) -> None:
         SELECT condition, participant, count(*) FILTER (said), sum(duration_s),
                abs(date_diff('minute', min(utc), now())) < 60
         FROM '{out}/*/utterances.parquet' GROUP BY ALL ORDER BY condition
-        """  # noqa: S608 - the path is ours
+        """  # noqa: S608 - the path is of this test
     ).fetchall()
     assert answer == [("A", "P0", 2, 3.5, True), ("B", "P1", 2, 3.5, True)]
     ((nearest_m,),) = duckdb.sql(f"SELECT min(list_min(ranges_m)) FROM '{out}/*/scan.parquet'").fetchall()  # noqa: S608
@@ -144,7 +144,7 @@ def test_values_that_fit_no_column_are_left_out_and_the_rest_kept(
     from caris_desktop.domain.events import CommandSent
     from caris_desktop.domain.geometry import Twist2D
 
-    # As versions wrote them that did not look whether they can be read.
+    # As older versions wrote them, without a check for readability.
     monkeypatch.setattr(json_encoding, "_require_readable", lambda *_: None)
     odd: Any = "seven"
     make_session(

@@ -1,4 +1,4 @@
-"""Report and methods sheet: what they say, that nothing said becomes markup, that they need nothing else."""
+"""Report and methods sheet: content, escaped markup, and independence of other files."""
 
 import csv
 import json
@@ -45,7 +45,7 @@ EVIL = '</title><script>alert("1")</script><img src=x onerror=alert(2)> & "quote
 
 
 class Page(HTMLParser):
-    """Parses a page and fails on anything that is not closed, or closed in another order."""
+    """HTML parser that fails on unclosed and wrongly nested elements."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(convert_charrefs=True)
@@ -100,7 +100,7 @@ def report_of(folder: Path, out: Path) -> Page:
 
 def drawings(page: Path) -> list[ElementTree.Element]:
     return [
-        ElementTree.fromstring(svg)  # noqa: S314 - our own
+        ElementTree.fromstring(svg)  # noqa: S314 - written by this program
         for svg in re.findall(r'<svg xmlns=.*?class="drawing[a-z ]*">.*?</svg>', page.read_text(encoding="utf-8"))
     ]
 
@@ -123,7 +123,7 @@ def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None
         "emergency stop",
     ):
         assert words in page.text
-    # In the transcript, and with its time as a hint of the time line.
+    # In the transcript, and with its time as a tooltip of the timeline.
     fillers = measures.origins["filler"]
     assert len([item for item in page.texts if item == "Let me think..."]) == fillers
     assert len([item for item in page.texts if re.fullmatch(r"\d:\d\d to \d:\d\d Let me think...", item)]) == fillers
@@ -217,7 +217,7 @@ def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
     assert "The recording was cut off" in page.text
 
 
-# The methods sheet
+# Methods sheet
 
 
 def test_who_had_the_robot_speak_is_told_of_all(tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_who_had_the_robot_speak_is_told_of_all(tmp_path: Path) -> None:
         sheet = methods_sheet([open_session(tell(tmp_path / name, values, lasts_s=30.0))])
         return next(item.answer for item in sheet.sections[0].items if "autonomously" in item.question)
 
-    # Versions 1 and 2 do not tell; nobody else could.
+    # Versions 1 and 2 do not contain the actor.
     assert decided("alone", "wizard", "") == "The wizard decided what it said."
     assert decided("many", "wizard", "model", "console", "wizard:b", "model") == (
         "The wizard decided what it said, except for utterances by others"

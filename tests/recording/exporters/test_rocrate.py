@@ -1,4 +1,4 @@
-"""The archive of a session: read by the rocrate package, complete, true to the files, without names of people."""
+"""Archive of a session: readable by the rocrate package, complete, consistent with the files, without names."""
 
 import csv
 import hashlib
@@ -30,7 +30,7 @@ EVIL = '<script>alert("x")</script>'
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> RecordedSession:
-    """With annotations, an export inside, a link that leads out, and a file that somebody changed afterwards."""
+    """Session with annotations, an export inside, a link to the outside, and a file changed after the recording."""
     study = tmp_path_factory.mktemp("study")
     trial = {"study": EVIL, "participant": "P07", "condition": "B", "wizard": "Wilma Wizard"}
     made = make_session(
@@ -93,7 +93,7 @@ def test_what_an_archive_asks_for(made: RecordedSession, out: Path) -> None:
     assert (recording["startTime"], recording["endTime"]) == (
         session.clock.utc(session.started_ns), session.clock.utc(session.ended_ns)
     )  # fmt: skip
-    # Whatever refers to something refers to something that is there, or to the web.
+    # Every reference points to an entity of the crate or to the web.
     graph = json.loads((out / "ro-crate-metadata.json").read_text())["@graph"]
     ids = {entity["@id"] for entity in graph}
     assert len(ids) == len(graph)
@@ -171,7 +171,7 @@ def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made
         assert summary is not None
         assert summary.statistics is not None
         values = [value for _, value in open_session(made.folder).values()]
-        # Of each pose also where that puts the robot, for other programs.
+        # Each pose is also written as a transform for other programs.
         assert summary.statistics.message_count == len(values) + sum(isinstance(value, RobotPose) for value in values)
 
 

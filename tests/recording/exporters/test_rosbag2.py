@@ -1,4 +1,4 @@
-"""Sessions as bags, read by software that is not ours: rosbags for both, the plain mcap reader for that of ROS 2."""
+"""Sessions as bags, read with third-party software: rosbags for both versions, the mcap reader for ROS 2."""
 
 import json
 import subprocess
@@ -95,7 +95,7 @@ def stamp_ns(header: Any) -> int:
 
 
 def both(made: RecordedSession, kind: type[Any], messages: list[Read]) -> Iterator[tuple[Any, Any]]:
-    """Each recorded value with its message, which lies at the time of its arrival."""
+    """Pairs of a recorded value and its message, which is stamped with the arrival."""
     values = of(made, kind)
     assert len(values) == len(messages) > 0
     offset_ns = utc_ns(made, 0)
@@ -116,13 +116,13 @@ def test_scans_are_equal_and_stamped_when_they_were_measured(made: RecordedSessi
         )
         assert (message.range_max, message.header.frame_id) == (scan.range_max_m, "laser")
         wrong_ms.append((stamp_ns(message.header) - offset_ns - (scan.stamp_ns - way_ns)) / 1e6)
-    # The robot's clock is 2 s ahead, drifts, and is told with an error of up to 2 ms.
+    # The robot's clock is 2 s ahead with drift, and its estimate has an error of up to 2 ms.
     assert max(map(abs, wrong_ms)) < 3.5
 
 
 def test_motion_is_equal(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
     for command, message in both(made, CommandSent, bag["/cmd_vel"]):
-        # What the profile of this robot says, or does not say.
+        # Message type of the robot's profile, or the default.
         assert message.__msgtype__ == "geometry_msgs/msg/Twist"
         assert (message.linear.x, message.linear.y, message.angular.z) == (
             command.twist.forward_mps, command.twist.left_mps, command.twist.turn_radps
@@ -159,7 +159,7 @@ def test_the_frames_of_reference_lead_from_the_map_to_the_laser(
     assert parents == {"laser": "base_link", "base_link": "odom", "odom": "map"}
     (_, (transform,)) = bag["/tf_static"][0][0], bag["/tf_static"][0][1].transforms
     assert transform.transform.translation.x == pytest.approx(0.1)
-    # Here odometry and localization agree, so that odom lies on the map, however the robot drives meanwhile.
+    # Odometry and localization agree here, so odom stays on the map.
     for _, message in bag["/tf"]:
         for transform in message.transforms:
             if transform.child_frame_id == "odom":
@@ -180,7 +180,7 @@ def test_pictures_of_ros_1_are_those_of_their_moment(made: RecordedSession, out:
 
 
 def decoded(packets: Iterable[bytes]) -> list[Any]:
-    """What these packets show, by a decoder that has nothing else."""
+    """Frames decoded only from these packets."""
     decoder = av.CodecContext.create("h264", "r")
     frames = [frame for packet in packets for frame in decoder.decode(av.Packet(packet))]
     return [*frames, *decoder.decode(None)]
@@ -196,13 +196,13 @@ def test_ros_2_has_the_video_as_it_was_encoded(made: RecordedSession, out: Path)
         assert {(message.format, message.frame_id) for _, message in found} == {("h264", f"{camera}_optical_frame")}
         with av.open(str(made.folder / f"video-{camera}.mp4")) as video:
             frames = list(video.decode(video=0))
-        # The very same pictures, bit by bit: nothing was encoded anew.
+        # Bit-identical images: nothing was encoded again.
         for shown, frame in zip(decoded(packets), frames, strict=True):
             np.testing.assert_array_equal(shown.to_ndarray(format="yuv420p"), frame.to_ndarray(format="yuv420p"))
         keys = [number for number, frame in enumerate(frames) if frame.key_frame]
         assert len(keys) > 5
         for key, following in pairwise([*keys, len(frames)]):
-            # Each begins with what a decoder needs (the types of its units: parameters 7 and 8, then a key frame 5).
+            # Each group starts with the data for a decoder (unit types: parameters 7 and 8, then a key frame 5).
             units = [unit[0] & 31 for unit in packets[key].replace(b"\0\0\0\1", b"\0\0\1").split(b"\0\0\1")[1:]]
             assert units.index(7) < units.index(8) < units.index(5)
             assert len(decoded(packets[key:following])) == following - key
@@ -226,7 +226,7 @@ def test_its_video_comes_back_with_the_bag(made: RecordedSession, out: Path, tmp
 
 @pytest.mark.long
 def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) -> None:
-    """A decoder needs every packet, and a record may have lost its end."""
+    """A decoder needs every packet, and a recording may have lost its end."""
     made = make_session(tmp_path / "s", seconds=2.0, cameras=("front",), audio=(), keep=True)
     frames = of(made, FrameRef)
     lost = {ref.sequence for _, ref in (frames[3], *frames[-5:])}
@@ -322,7 +322,7 @@ def test_velocities_have_the_type_that_drives_the_robot(tmp_path: Path, caplog: 
     bag = messages_in(tmp_path / "out" / "session.bag")
     read = {topic: [message for _, message in found] for topic, found in bag.items()}
     assert "the recorded robot profile cannot be read" in caplog.text
-    # The second robot's are beside the others: two types under one name stop a whole graph of ROS 1.
+    # Separate topics for the second robot: two types on one topic break a ROS 1 graph.
     assert {message.__msgtype__ for message in read["/cmd_vel"]} == {"geometry_msgs/msg/TwistStamped"}
     assert {message.__msgtype__ for message in read["/cmd_vel_twist"]} == {"geometry_msgs/msg/Twist"}
     assert len(read["/cmd_vel"]) == sum(arrived_ns < plain.stamp_ns for arrived_ns, _ in commands)
@@ -381,7 +381,7 @@ def _isolated(*command: str) -> "subprocess.CompletedProcess[str]":
 
 @cache
 def python_with_rosbag() -> str | None:
-    """An interpreter of this system that has ROS 1's own reader of bags."""
+    """Python of this system with ROS 1's own bag reader."""
     for name in ("python3", "python3.13", "python3.12", "python3.11"):
         path = f"/usr/bin/{name}"
         if Path(path).exists() and not _isolated(path, "-c", "import rosbag").returncode:
@@ -411,7 +411,7 @@ def test_the_reader_of_ros_1_itself_reads_the_bag(made: RecordedSession, out: Pa
 
 @dataclass(frozen=True, slots=True)
 class DoorOpened:
-    """Somebody opened a door, which nobody had thought of when this was written."""
+    """Event type unknown to the exporters."""
 
     stamp_ns: int
     door: str

@@ -1,4 +1,4 @@
-"""TextGrids, as Praat itself reads them."""
+"""TextGrids, read by Praat."""
 
 import itertools
 import json
@@ -22,7 +22,7 @@ QUOTED = 'She said "hello"\nand left; "" \\ae'
 
 
 def tiers_of(path: Path) -> dict[str, list[tuple[float, float, str]]]:
-    """Each tier of a TextGrid as Praat has it: (start, end, text), of points the same time twice."""
+    """Tiers of a TextGrid as read by Praat: (start, end, text), with equal times for points."""
     grid = parselmouth.read(str(path))
     assert isinstance(grid, parselmouth.TextGrid)
     found = {}

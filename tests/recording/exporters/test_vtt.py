@@ -1,4 +1,4 @@
-"""Captions, as webvtt-py reads them."""
+"""Captions, read with webvtt-py."""
 
 import html
 import json
@@ -15,7 +15,7 @@ def captions(path: Path) -> list[tuple[float, float, str | None, str]]:
     def seconds(time: Any) -> float:
         return time.hours * 3600 + time.minutes * 60 + time.seconds + time.milliseconds / 1000
 
-    # webvtt-py leaves the escapes of cue text as they are.
+    # webvtt-py does not unescape cue text.
     return [
         (seconds(one.start_time), seconds(one.end_time), one.voice, html.unescape(one.text))
         for one in webvtt.read(str(path))

@@ -1,4 +1,4 @@
-"""Foreign bags as sessions: what is in them is found again, what is not understood is told, bad ones leave nothing."""
+"""Import of foreign bags as sessions: complete values, reports of unknown data, no files of a failed import."""
 
 import bz2
 import io
@@ -59,7 +59,7 @@ Written = tuple[str, str, int, Message]
 
 
 class Near:
-    """Equal to a pose that is about the same."""
+    """Compares equal to nearly the same pose."""
 
     def __init__(self, pose: Pose2D) -> None:
         self.pose = pose
@@ -79,7 +79,7 @@ def topics(report: ImportReport) -> dict[str, tuple[str, str]]:
     return {topic.topic: (topic.became, topic.reason) for topic in report.topics}
 
 
-# Bags made by a writer that is not ours
+# Bags of third-party writers
 
 
 def robot_messages() -> Iterator[Written]:
@@ -143,7 +143,7 @@ def raw_image(number: int, stamp_ns: int) -> Message:
 
 
 def jpeg_image(number: int, stamp_ns: int) -> Message:
-    # Half way the camera changes its resolution.
+    # The camera changes its resolution halfway.
     size = (160, 90) if number < 5 else (320, 180)
     _, jpeg = cv2.imencode(".jpg", picture_of(1, number, size))
     return message_conversion.encode_compressed_image(ROS2, jpeg.tobytes(), stamp_ns=stamp_ns)
@@ -250,7 +250,7 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
 
 
 def scans_before_the_mount(*, mounted_ms: int | None) -> Iterator[Written]:
-    """Scans from the beginning; how the laser is mounted is told later, or never."""
+    """Scans from the beginning; the transform of the laser comes later, or never."""
     for at in range(0, 500, 100):
         message = message_conversion.encode_laser_scan(ROS2, scan(30, stamp_ns=0), stamp_ns=T0_NS + at * MS)
         message["header"]["frame_id"] = "laser_link"
@@ -356,7 +356,7 @@ def test_what_this_program_exported_comes_back(
         assert one.robot_from_laser == Near(other.robot_from_laser)
     poses = [value for _, value in made.values if isinstance(value, RobotPose)]
     assert [pose.pose_in_map for pose in values(session, RobotPose)] == [Near(pose.pose_in_map) for pose in poses]
-    # The robot's stamps are UTC now, and the link's measurements say so: both map to the same moment.
+    # The robot's stamps are UTC, as the link quality states: both map to the same time.
     clocks = robot_clock(session), robot_clock(original)
     for one, other in zip(session.arrivals("scan"), original.arrivals("scan"), strict=True):
         moments = [
@@ -420,7 +420,7 @@ def test_messages_of_ros1_and_json_in_an_mcap(tmp_path: Path) -> None:
 
 
 def test_the_battery_of_an_older_ros(tmp_path: Path) -> None:
-    """Without temperatures, until ROS 1 Melodic; bzip2, as rosbag offers it."""
+    """ROS 1 until Melodic has no temperatures; bzip2 is a compression of rosbag."""
     text = (
         "Header header\nfloat32 voltage\nfloat32 current\nfloat32 charge\nfloat32 capacity\nfloat32 design_capacity\n"
         "float32 percentage\nuint8 power_supply_status\nuint8 power_supply_health\nuint8 power_supply_technology\n"
@@ -459,7 +459,7 @@ def only_unknown(folder: Path) -> Path:
 
 
 def zstd_bomb(folder: Path) -> Path:
-    """A chunk of a few kilobytes that says it unfolds to 100 bytes, and would to one gigabyte."""
+    """A chunk of a few kilobytes that claims 100 bytes, and expands to one gigabyte."""
     out = io.BytesIO()
     with zstandard.ZstdCompressor(level=1).stream_writer(out, closefd=False) as writer:
         for _ in range(64):
@@ -472,7 +472,7 @@ def huge_message(folder: Path) -> Path:
 
 
 def ros1_bomb(folder: Path) -> Path:
-    """Sixteen megabytes in a few bytes, said to be 50."""
+    """Sixteen megabytes compressed to a few bytes, declared as 50."""
 
     def record(data: bytes, **fields: bytes) -> bytes:
         head = b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in fields.items())
@@ -550,7 +550,7 @@ def test_what_is_no_use_is_told_and_leaves_nothing(kind: str, tmp_path: Path) ->
 
 
 def long_bag(folder: Path, kind: str) -> bytes:
-    """Six seconds of the robot, several parts of a file."""
+    """Six seconds of the robot in several chunks."""
     written = (replaced(written, 1000 * turn) for turn in range(6) for written in robot_messages())
     if kind == "ros1":
         return write_ros1(folder / "long.bag", written).read_bytes()
@@ -669,7 +669,7 @@ def _driven(from_ns: int, count: int) -> list[_Spoken]:
 
 
 def _speech(path: Path, spoken: list[_Spoken]) -> Path:
-    """A bag of what the robot says, in that order in the file."""
+    """A bag of robot speech, in this order in the file."""
     with path.open("wb") as file:
         writer = McapWriter(file)
         writer.start(profile="ros2", library="test")

@@ -1,6 +1,6 @@
-"""Forgets somebody in copies of a study, killed at the first change of a file, at the second, and so on.
+"""Erasure of a person in copies of a study, killed at each file change in turn.
 
-Each time it is asked again, and nothing of the person may be left. Prints how many changes there are.
+Each time the erasure is repeated, and no data of the person may remain. Prints the number of changes.
 """
 
 import functools
@@ -27,7 +27,7 @@ def erase(study: Path) -> None:
 
 
 def forget(study: Path) -> bool:
-    """As the command does: what the database does not know any more nobody looks for."""
+    """Erase the person as the command does; a person missing from the database is not searched for."""
     known = (study / "people.sqlite").exists()
     names = (NAME,) if known else ()
     if not known and PERSON not in unfinished_erasures(study):
@@ -37,8 +37,9 @@ def forget(study: Path) -> bool:
 
 
 def in_child(work: Callable[[], None]) -> int:
-    """How it ended. Each try is a process of its own, and this one decodes nothing: of the threads that a decoder
-    starts a fork has only their locks.
+    """Exit status of ``work`` in a forked process.
+
+    This process never decodes media: a fork would inherit the locks of decoder threads without the threads.
     """
     child = os.fork()
     if not child:

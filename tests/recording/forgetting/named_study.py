@@ -1,4 +1,4 @@
-"""A small study in which one of several people is named, seen, heard and photographed."""
+"""Small study in which one of several people is named, seen, heard and photographed."""
 
 import secrets
 from pathlib import Path
@@ -48,7 +48,7 @@ def every_file(study: Path) -> dict[str, bytes]:
 
 
 def portrait() -> bytes:
-    """A picture of noise, as JPEG."""
+    """Image of noise, as JPEG."""
     import cv2
 
     noise = np.frombuffer(secrets.token_bytes(64 * 64 * 3), np.uint8).reshape(64, 64, 3)

@@ -1,4 +1,4 @@
-"""Names and pictures are found in every form and packing in which files hold them, and nothing else is."""
+"""Search for names and images in every encoding and compression that files use, without false matches."""
 
 import base64
 import gzip
@@ -110,7 +110,7 @@ def _mcap(path: Path) -> None:
 def _sqlite(path: Path) -> None:
     with closing(sqlite3.connect(path)) as database:
         database.execute("CREATE TABLE said (text TEXT, picture BLOB)")
-        # So long that it does not lie in one piece.
+        # Long enough for overflow pages.
         database.execute("INSERT INTO said VALUES (?, ?)", ("x " * 3000 + SENTENCE, FACE))
         database.commit()
 

@@ -1,4 +1,4 @@
-"""Where somebody has to be covered: between looks, around them, and where nobody looked."""
+"""Area to cover for a person: between detections, with a margin, and without detections."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ SECOND_NS = 1_000_000_000
 def sightings(
     boxes: dict[float, tuple[float, float]], looks_s: list[float], *, person_id: str = "p-1", width: float = 0.1
 ) -> PersonTracks:
-    """Boxes by moment, at a place in the picture; ``width`` wide and half as high as it."""
+    """Boxes by time, at a position in the image; ``width`` wide and half as high."""
     made = [
         ("front", 7, round(at_s * SECOND_NS), person_id, Area(left, top, left + width, top + 0.5))
         for at_s, (left, top) in boxes.items()
@@ -112,5 +112,5 @@ def test_who_was_taken_for_whom_is_read_from_the_record(tmp_path: Path) -> None:
     for number, event in enumerate(happened):
         log.write(BY_TYPE[type(event)], event, number)
     log.close()
-    # Each channel is a stream of its own; their order is that of the record.
+    # Each channel is an independent stream, in the order of the recording.
     assert everyone_who_is(["p-1"], links_in(path)) == {"p-1", "p-3", "p-5"}

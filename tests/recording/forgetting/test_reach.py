@@ -1,4 +1,4 @@
-"""How far forgetting reaches: checksums, links, copies, media that nothing looked at, the user's own files."""
+"""Scope of an erasure: checksums, links, copies, unprocessed media, and the user's files."""
 
 import hashlib
 import json
@@ -50,7 +50,7 @@ def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def told_of(name: str) -> tuple[bytes, ...]:
-        """What is removed, with this name in it."""
+        """Erased contents with this name."""
         return f"{name} was early.\n".encode(), SCENARIO.format(name).encode(), name.encode()
 
     text = SCENARIO.format(NAME)
@@ -78,7 +78,7 @@ def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
     left = b"\n".join(path.read_bytes() for path in study.rglob("*") if path.is_file())
     left += b"\n".join(data for _, data in messages_of(folder / "events.mcap", lambda _topic: True))
     digests = {digest.decode() for digest in re.findall(rb"[0-9a-f]{64}", left)}
-    assert digests  # those of what is there now
+    assert digests  # of the present files
     for name in GUESSES:
         assert digests.isdisjoint(hashlib.sha256(content).hexdigest() for content in told_of(name)), name
     now = open_session(folder).header["scenario"]["sha256"]

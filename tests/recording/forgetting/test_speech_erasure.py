@@ -1,4 +1,4 @@
-"""Voice and words of a forgotten person, and of nobody knows whom while they were there."""
+"""Erasure of a person's speech, and of unattributed speech during the presence."""
 
 import re
 import wave
@@ -119,7 +119,7 @@ def test_what_nobody_is_known_to_have_said_waits_for_a_decision(two: Path) -> No
     assert SHORT in listed
     said = receipt_of(two)["utterances"]
     assert said["nobodys_waiting"] == outcome.waiting == len(participants(open_session(folder)))
-    # Until then these are heard, and nothing else of the time in which the person was there.
+    # Until then they are audible, and nothing else from the time of the presence.
     after = samples(folder)
     assert 0.2 < (after != before).mean() < 0.9
     assert np.abs(after).max() > 1000
@@ -160,7 +160,7 @@ def test_sentences_leave_exports_notes_logs_and_other_files(alone: Path) -> None
     assert left == []
     assert (alone / "notes.txt").read_text(encoding="utf-8") == f"They said: {FORGOTTEN}\nGood.\n"
     assert LONG not in log.read_text(encoding="utf-8")
-    # Somebody else said the same in another session.
+    # Another person said the same in another session.
     assert LONG in theirs
     assert texts_in(stranger) == theirs
     assert receipt_of(alone)["search_after"]["sentences"] == 0

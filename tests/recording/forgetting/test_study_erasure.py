@@ -1,4 +1,4 @@
-"""A person is forgotten in a whole study: film, sound, photos, words, exports; others stay as they were."""
+"""Erasure of a person in a whole study: video, sound, photos, texts and exports; other people stay unchanged."""
 
 import errno
 import io
@@ -97,7 +97,7 @@ def test_nothing_of_them_is_found_any_more_and_the_receipt_proves_it(study: Path
     assert receipt["search_after"]["bytes"] >= sum(map(len, every_file(study / "sessions").values()))
     assert PERSON not in unfinished_erasures(study)
     assert (study / "notes.txt").read_text(encoding="utf-8") == f"[forgotten] was early. {OTHER} was late.\n"
-    # What is exported from now on has nothing of them either.
+    # Later exports contain no data of the person either.
     export_all(ExportRequest(tuple(sessions_of(study)), ("csv", "eaf", "html", "parquet"), study / "exported"))
     assert (study / "exported").is_dir()
     assert hits_in(study) == {}
@@ -115,9 +115,9 @@ def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path
         assert session.losses == ()
         assert len(session.header["forgotten"]) == 1
         assert PERSON not in json.dumps(session.header)
-        # All else that was recorded is as it was, byte for byte.
+        # All other recorded data is unchanged, byte for byte.
         pairs = zip(messages_in(folder), recorded[folder.name], strict=True)
-        # Nor is anything left of what was said while they were there by nobody knows whom.
+        # Unattributed speech during the presence is erased too.
         named = ("Quillfeather", NAME, json.dumps(NAME)[1:-1], "What can you show me?")
         different = [old for new, old in pairs if new != old]
         assert different
@@ -153,7 +153,7 @@ def test_in_the_film_they_are_covered_where_they_were_and_frames_keep_their_time
             part = new_frames[number][y - 20 : y + 20, x - 8 : x + 8].astype(int)
             if box.person_id == PERSON:
                 assert np.abs(part - 112).max() <= 6
-        # What is far from them is as it was, but for the loss of encoding twice.
+        # Pixels far from the person are unchanged, apart from the second encoding.
         mine = [box for box in look.boxes if box.person_id == PERSON]
         far = np.ones(new_frames[number].shape[1], bool)
         for box in mine:
@@ -224,7 +224,7 @@ def test_film_and_photos_are_removed_where_asked(study: Path) -> None:
 
 def test_what_does_not_concern_them_is_byte_for_byte_as_it_was(study: Path) -> None:
     stranger = sessions_of(study)[1]
-    # A session in which they were neither seen nor named.
+    # A session in which the person was neither seen nor named.
     shutil.rmtree(stranger)
     make_session(stranger, seconds=4.0, cameras=("front",), fps=5.0, people=0, audio=(), utterance_every_s=0.0)
     (study / "plan.md").write_text("Nobody in particular.\n", encoding="utf-8")
@@ -252,7 +252,7 @@ def test_exports_that_name_or_show_them_go_and_what_others_wrote_stays(study: Pa
     assert {name for name in left if not name.startswith(("sessions/", "forgotten/"))} == {
         f"analysis/{mine.name}/csv/plot.R",
         f"analysis/{mine.name}/frames/README.md",
-        # Boxes of opaque ids, without a picture.
+        # Boxes with opaque ids, without an image.
         f"analysis/{mine.name}/frames/yolo/boxes.csv",
         f"analysis/{mine.name}/frames/yolo/data.yaml",
         "analysis/other/captions.vtt",

@@ -1,4 +1,4 @@
-"""Sound files that keep the session's time: gaps, clocks that drift, stamps that jitter, kills."""
+"""Sound files synchronised with the session: gaps, clock drift, stamp jitter and kills."""
 
 import wave
 from pathlib import Path
@@ -16,7 +16,7 @@ RATE_HZ = 16_000
 
 
 def tone(count: int, first: int = 0, channels: int = 1) -> NDArray[np.int16]:
-    """A hum of 200 Hz, int16, shape (samples, channels)."""
+    """Sine tone of 200 Hz, int16, shape (samples, channels)."""
     samples = np.sin(np.arange(first, first + count) * 2 * np.pi * 200 / RATE_HZ) * 8000
     return np.repeat(samples.astype(np.int16)[:, None], channels, axis=1)
 
@@ -26,7 +26,7 @@ def chunk(session_s: float, samples: NDArray[np.int16], rate_hz: int = RATE_HZ) 
 
 
 def samples_of(path: Path) -> NDArray[np.int16]:
-    """As Python's own reader sees the file."""
+    """Samples as read by Python's wave module."""
     with wave.open(str(path)) as file:
         assert file.getsampwidth() == 2
         data = file.readframes(file.getnframes())
@@ -40,7 +40,7 @@ def test_what_was_sent_is_in_the_file_and_the_blocks_say_where(tmp_path: Path) -
     for first in range(0, RATE_HZ, 800):
         blocks += writer.write(chunk(first / RATE_HZ, sound[first : first + 800]))
     writer.update_headers()
-    # Before it is closed, as after a kill.
+    # Not closed, as after a kill.
     assert np.array_equal(samples_of(tmp_path / "audio-microphone.wav"), sound)
     blocks += writer.close()
     assert np.array_equal(samples_of(tmp_path / "audio-microphone.wav"), sound)
@@ -76,7 +76,7 @@ def test_what_is_missing_is_silence_and_what_overlaps_is_cut(tmp_path: Path, gap
 @pytest.mark.parametrize("drift", [-300e-6, 300e-6])
 @pytest.mark.long("-0.0003")
 def test_a_clock_that_drifts_is_followed_without_a_click(tmp_path: Path, drift: float) -> None:
-    """Three minutes, stamps that jitter by 5 ms, a sound card that is 18 ms off each minute."""
+    """Three minutes with 5 ms jitter, and a sound card that drifts by 18 ms per minute."""
     rng = np.random.default_rng(5)
     writer = AudioWriter(tmp_path, on_full=lambda: False)
     sound = tone(180 * RATE_HZ)
@@ -91,7 +91,7 @@ def test_a_clock_that_drifts_is_followed_without_a_click(tmp_path: Path, drift: 
     writer.close()
     assert max(np.abs(errors_s)) < 0.004
     found = samples_of(tmp_path / "audio-microphone.wav")[:, 0].astype(int)
-    # No step is larger than those of the hum itself.
+    # No step is larger than those of the tone itself.
     assert np.abs(np.diff(found)).max() <= 1.02 * np.abs(np.diff(sound[:, 0].astype(int))).max()
     assert len(found) == pytest.approx(180 * RATE_HZ / (1 + drift), abs=0.004 * RATE_HZ)
 

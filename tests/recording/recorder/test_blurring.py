@@ -1,4 +1,4 @@
-"""Nobody is seen in what is kept: walking people with known truth, looks that come late, miss somebody, or fail."""
+"""Blurring of recorded people: walkers with ground truth, and detections that are late, incomplete or missing."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,14 +33,14 @@ WIDTH_PX, HEIGHT_PX, RATE_HZ, LOOK_HZ = 640, 360, 30, 8
 FRAMES = 500
 SECOND_NS = 1_000_000_000
 LATE_NS = 180_000_000
-"""How long after a frame perception tells of it."""
+"""Delay between a frame and its detections."""
 SURELY_THE_SAME = 0.05
-"""Share of pixels that a covered part may have in common with what it covers, by chance."""
+"""Share of pixels that a covered part may have in common with the original, by chance."""
 
 
 @dataclass(frozen=True)
 class Walker:
-    """Somebody who walks to and fro, swaying, from ``from_s`` to ``until_s``."""
+    """Person who walks back and forth from ``from_s`` to ``until_s``."""
 
     track: int
     width_px: float
@@ -50,7 +50,7 @@ class Walker:
     until_s: float
 
     def box(self, at_s: float) -> tuple[float, float, float, float] | None:
-        """Left, top, width, height; None while not in the picture."""
+        """Left, top, width, height; None while outside the image."""
         if not self.from_s <= at_s < self.until_s:
             return None
         way_px = WIDTH_PX + self.width_px
@@ -71,13 +71,11 @@ WALKERS = (
 
 
 FOLLOWED_AFTER_S = 0.6
-"""As a tracker waits for a good view of somebody who may be back."""
+"""Delay of a tracker that waits for a good view of a possibly known person."""
 
 
 def seen(at_s: float, random: np.random.Generator, *, known_from_s: dict[int, float]) -> People:
-    """What a detector and a tracker make of it: boxes that are a little off, somebody missed now and then, and nobody
-    followed from the first look on.
-    """
+    """Simulated detector and tracker: inaccurate boxes, occasional misses, and no identity at first."""
     boxes: list[PersonBox] = []
     unfollowed: list[PersonBox] = []
     for walker in WALKERS:
@@ -95,7 +93,7 @@ def seen(at_s: float, random: np.random.Generator, *, known_from_s: dict[int, fl
 
 
 def truth_of(what: BlurWhat, box: tuple[float, float, float, float]) -> tuple[int, int, int, int] | None:
-    """The pixels that are the person's, or the face's: left, top, right, bottom within the picture."""
+    """Pixels of the person or the face: left, top, right, bottom within the image."""
     left, top, width, height = box
     if what == "faces":
         left, width, height = left + 0.25 * width, 0.5 * width, height / 6
@@ -106,7 +104,7 @@ def truth_of(what: BlurWhat, box: tuple[float, float, float, float]) -> tuple[in
 
 @dataclass
 class Outcome:
-    """``bare`` are the (frame, track) of those who are seen; shares are of all frames together."""
+    """``bare`` are the (frame, track) of visible people; shares are of all frames together."""
 
     frames: list[int]
     bare: list[tuple[int, int]]
@@ -115,7 +113,7 @@ class Outcome:
 
 
 def play(what: BlurWhat, *, without: frozenset[int], frames: int = FRAMES) -> Outcome:
-    """Frames through the line that the recorder has; ``without``: the numbers of looks that never come."""
+    """Run frames through the recorder's queue; ``without`` are the indices of missing detections."""
     random = np.random.default_rng(7)
     noise = random.integers(0, 256, (HEIGHT_PX + 40, WIDTH_PX, 3), np.uint8)
     blurring = Blurring(blur)
@@ -216,7 +214,7 @@ def test_who_agreed_is_shown_and_who_did_not_is_not() -> None:
 
 
 def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
-    """The track of somebody who agreed may just have become somebody else's."""
+    """The track of a person with consent may have switched to another person."""
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("without_consent"))
     blurring.use_consents(UseConsents(video=frozenset({"p-ada"})))
@@ -273,7 +271,7 @@ CHECKS = np.repeat(
 
 
 class Checks:
-    """Each frame is the same: squares of two pixels, which no block keeps."""
+    """Constant frames with squares of two pixels, which mosaic blocks destroy."""
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8]:
         return CHECKS.copy()
@@ -281,7 +279,7 @@ class Checks:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """Three seconds of video, in which looks come for two, and a photo; Ben agreed to be filmed, and Ada to photos."""
+    """Three seconds of video with two detections, and a photo; Ben has consented to video, Ada to photos."""
     folder = tmp_path_factory.mktemp("study") / "s"
     told: list[Any] = []
     blurring = Blurring(blur)
@@ -304,7 +302,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 def contrast(image: NDArray[np.uint8], box: PersonBox) -> float:
-    """How much neighbouring pixels differ: the pattern of the picture, which blocks do not have."""
+    """Mean difference of neighbouring pixels: high for the pattern, low for mosaic blocks."""
     part = image[
         int(box.top_px) : int(box.top_px + box.height_px), int(box.left_px) : int(box.left_px + box.width_px)
     ].astype(float)
@@ -313,7 +311,7 @@ def contrast(image: NDArray[np.uint8], box: PersonBox) -> float:
 
 def test_nobody_is_seen_in_the_video(recorded: Session) -> None:
     frames = []
-    # A machine that is too slow for the encoder goes on in another file.
+    # A machine too slow for the encoder continues in another file.
     for video in sorted(recorded.folder.glob("*.mp4"), key=lambda path: (len(path.name), path.name)):
         with av.open(str(video)) as container:
             frames += [each.to_ndarray(format="bgr24") for each in container.decode(video=0)]
@@ -325,7 +323,7 @@ def test_nobody_is_seen_in_the_video(recorded: Session) -> None:
 
 
 def test_a_picture_that_waited_is_in_the_record_when_it_came(recorded: Session) -> None:
-    """Else a replay would show it half a second after the boxes around the people in it."""
+    """Otherwise a replay would show a frame half a second after the boxes of its people."""
     with (recorded.folder / "events.mcap").open("rb") as file:
         told = list(make_reader(file).iter_messages(log_time_order=False))
     arrivals = [message.log_time for _, _, message in told]

@@ -1,4 +1,4 @@
-"""What the recorder makes of free room, growth and delays."""
+"""Reaction of the recorder to free space, growth and delays."""
 
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 
@@ -9,7 +9,7 @@ GB, MB = 1_000_000_000, 1_000_000
 def run(
     watch: DiskWatch, seconds: range, *, free_at: tuple[int, int], grows: int = 0, delay_s: float = 0.0
 ) -> DiskState:
-    """One observation per second: free room at the first one and how it changes, and the session's growth."""
+    """One observation per second: initial free space with its change, and the growth of the session."""
     free_bytes, change = free_at
     for at, second in enumerate(seconds):
         watch.observe(
@@ -27,7 +27,7 @@ def test_plenty_of_room_at_an_ordinary_rate_is_no_matter() -> None:
 
 
 def test_the_forecast_warns_long_before_the_bytes_do() -> None:
-    # 5 GB are left, more than the limit, but at 10 MB/s they are gone in eight minutes.
+    # 5 GB are left, more than the limit, but at 10 MB/s they last only eight minutes.
     watch = DiskWatch(DiskLimits())
     assert run(watch, range(10), free_at=(5 * GB, -10 * MB), grows=10 * MB).stage == "ample"
     assert run(watch, range(10, 20), free_at=(5 * GB - 100 * MB, -10 * MB), grows=10 * MB).stage == "scarce"
@@ -44,7 +44,7 @@ def test_stages_follow_the_bytes_and_come_back_only_with_room_to_spare() -> None
     watch = DiskWatch(DiskLimits())
     stages = []
     for second, free_bytes in enumerate([2000 * MB, 1000 * MB, 250 * MB, 60 * MB, 90 * MB, 110 * MB, 700 * MB, 3 * GB]):
-        # Far apart, so that what is in the window is only the newest.
+        # Far apart, so that the window contains only the newest one.
         now_ns = second * 200 * SECOND
         stages.append(watch.observe(now_ns, free_bytes=free_bytes, written_bytes=0, delays_s=[]).stage)
     assert stages == ["ample", "scarce", "low", "out", "out", "low", "scarce", "ample"]

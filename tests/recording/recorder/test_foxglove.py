@@ -1,4 +1,4 @@
-"""What other programs see in ``events.mcap``: judged by Foxglove's own package, and by geometry done anew."""
+"""``events.mcap`` for other programs: validated with Foxglove's package and an independent computation of geometry."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ MODEL = CameraModel(640, 480, 500.0, 510.0, 320.0, 240.0, 0.1, -0.05, 1.2, headi
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One message as a program reads it that knows nothing of us."""
+    """A message as read by a foreign program."""
 
     schema: str
     told_schema: dict[str, Any]
@@ -78,8 +78,10 @@ def of(made: RecordedSession, kind: type[Any]) -> list[Any]:
 
 
 def schema_of_foxglove(name: str) -> dict[str, Any]:
-    """JSON Schema of ``foxglove.NAME``, made of the schema in Foxglove's package by the rules of its JSON messages:
-    names as they are, every field required, time as sec and nsec, bytes as base64, enumerations as numbers.
+    """JSON Schema of ``foxglove.NAME``, derived from the schema in Foxglove's package by the rules of its JSON
+    messages.
+
+    Unchanged names, all fields required, time as sec and nsec, bytes as base64, enumerations as numbers.
     """
     files = FileDescriptorSet.FromString(getattr(foxglove_messages, name).get_schema().data).file
     known = {f".{file.package}.{message.name}": message for file in files for message in file.message_type}
@@ -162,7 +164,7 @@ def test_the_moment_in_a_message_is_when_it_was_measured(seen: list[Seen]) -> No
 
 
 def placed(pose: dict[str, Any], points: np.ndarray) -> np.ndarray:
-    """Points of a pose's own frame in the one that it is told in."""
+    """Points in the frame of a pose, transformed to the parent frame."""
     position, turn = pose["position"], pose["orientation"]
     rotation = Rotation.from_quat([turn["x"], turn["y"], turn["z"], turn["w"]])
     moved: np.ndarray = rotation.apply(points) + np.array([position["x"], position["y"], position["z"]])
@@ -200,7 +202,7 @@ def test_the_robot_stands_in_the_map_where_it_was_and_its_camera_on_it(made: Rec
         ):
             ahead = value.pose_in_map @ Pose2D(1.0, 0.5, 0.0)
             np.testing.assert_allclose(placed(pose, np.array([[1.0, 0.5, 0.0]]))[0], [ahead.x_m, ahead.y_m, 0.0])
-    # That of the head turns with it, and has no place of its own.
+    # The head camera turns with the head, and has no fixed place.
     (camera,) = [one for one in transforms if one["child_frame_id"] != "base_link"]
     front = next(one.content for one in on(seen, "/lens") if one.content["camera"] == "front")
     assert (camera["parent_frame_id"], camera["child_frame_id"]) == ("base_link", front["frame_id"])

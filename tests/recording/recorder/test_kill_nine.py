@@ -1,4 +1,4 @@
-"""Kill -9 of the recorder at random moments under load: what is lost, by the sender's account, and what is left."""
+"""SIGKILL of the recorder at random times under load: data loss by the sender's account, and the remaining files."""
 
 import csv
 import os
@@ -18,7 +18,7 @@ from tests.recording.driving import start
 from tests.recording.export_checks import check_export, formats_there
 from tests.recording.loaded_console import CAMERAS, LoadedConsole
 
-# Every fifth kill comes while the session is being closed.
+# Every fifth kill happens while the session is being closed.
 EVERY_TIME = 4
 MOMENTS = [
     *range(2, 2 + EVERY_TIME),
@@ -34,7 +34,7 @@ def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
     tmp_path: Path, moment: int, request: pytest.FixtureRequest
 ) -> None:
     latest_s = 2.6 if moment < 2 + EVERY_TIME else 9.0
-    chosen = random.Random(moment)  # noqa: S311 - when to kill, no secret
+    chosen = random.Random(moment)  # noqa: S311 - a test, not cryptography
     kill_after_s, closing_s = chosen.uniform(0.05, latest_s), chosen.uniform(0.0, 0.25)
     while_closing = moment % 5 == 0
     folder = tmp_path / "session"

@@ -1,4 +1,4 @@
-"""Markers for other recorders: a real inlet on this computer hears them, at the right time of its own clock."""
+"""Markers for other recorders: a real inlet on this computer receives them with the right times."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ _NO_NETWORK = "needs a network interface on which Lab Streaming Layer finds its 
 
 @pytest.fixture
 def pylsl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """The library, listening on this computer alone, quietly."""
+    """The library, limited to this computer and without log output."""
     configuration = tmp_path / "lsl.cfg"
     configuration.write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -2\n")
     monkeypatch.setenv("LSLAPICFG", str(configuration))
@@ -82,7 +82,7 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
 def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "pylsl", None)  # importing it fails from here on
+    monkeypatch.setitem(sys.modules, "pylsl", None)  # makes its import fail
     recorder = RecorderUnderTest(in_thread=True)
     recorder.send(start(tmp_path / "s", lsl=True), mark("kept"))
     problem = recorder.wait_for(Problem)
@@ -94,7 +94,7 @@ def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_g
 
 
 class FailingLibrary:
-    """Stands for a library whose network goes away after the first sample."""
+    """Double of the library whose network fails after the first sample."""
 
     IRREGULAR_RATE, cf_string = 0.0, 3
 

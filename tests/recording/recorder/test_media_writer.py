@@ -1,4 +1,4 @@
-"""Encoders that do not keep their word, and a recorder that falls behind."""
+"""Encoders that fail or hang, and a recorder that falls behind."""
 
 import time
 from fractions import Fraction
@@ -26,7 +26,7 @@ CARD = Encoder("libx264", (("preset", "ultrafast"), ("tune", "zerolatency")), ti
 
 
 class HungStream:
-    """In place of PyAV's."""
+    """Double of PyAV's stream."""
 
     time_base = Fraction(1, 90_000)
 
@@ -122,7 +122,7 @@ def test_a_recorder_that_is_behind_says_so_once(tmp_path: Path) -> None:
     )
     for _ in range(2):
         recorder.write(mark("late"), clock.now_ns() - 3_000_000_000)
-        time.sleep(0.5)  # the next look at the disk is due by then
+        time.sleep(0.5)  # the next check of the disk is due by then
         recorder.tick()
     assert "the recorder is behind" in recorder.status().detail
     recorder.close("wizard")

@@ -1,4 +1,4 @@
-"""What people read without a program: movement, speech, people."""
+"""Text files for readers without a program: movement, speech, people."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_movement_shows_changes_of_command_and_where_the_robot_was(tmp_path: Pat
         files.add(CommandSent(at(tick * 0.1), tick, Twist2D(0.5 if tick < 10 else 0.0), "keyboard"))
     for tick in range(20, 60):
         files.add(RobotPose(at(tick * 0.1), None, Pose2D(0.95, 2.0, 0.0)))
-    # Flushed as it goes: this is read before the files are closed.
+    # Flushed continuously: read here before the files are closed.
     rows = [line.split() for line in lines(tmp_path / "movement.txt")][1:]
     assert [(row[1], row[2], row[3]) for row in rows if row[2] == "command"] == [
         ("0.000", "command", "0.500"),

@@ -1,4 +1,4 @@
-"""The recorder as it runs: a process of its own, fed over its pipe; judged by what is on disk."""
+"""Recorder in a separate process, fed over its pipe; the files are checked."""
 
 import csv
 import itertools
@@ -63,7 +63,7 @@ def ring() -> Iterator[FrameRing]:
 
 
 def mcap_messages(folder: Path) -> list[tuple[str, int, dict[str, Any]]]:
-    """Topic, publish time and content of every message, by the ``mcap`` package alone; each checked by its schema."""
+    """Topic, publish time and content of every message, read by the ``mcap`` package; each validated by its schema."""
     found = []
     with (folder / "events.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
@@ -76,7 +76,7 @@ def mcap_messages(folder: Path) -> list[tuple[str, int, dict[str, Any]]]:
 
 
 def mcap_counts(folder: Path) -> Counter[str]:
-    """How many messages of each topic the file holds, by the ``mcap`` package alone, read one by one."""
+    """Number of messages of each topic, read sequentially by the ``mcap`` package."""
     counts: Counter[str] = Counter()
     with (folder / "events.mcap").open("rb") as file:
         for _, channel, _ in make_reader(file).iter_messages(log_time_order=False):
@@ -85,7 +85,7 @@ def mcap_counts(folder: Path) -> Counter[str]:
 
 
 def video_times_s(path: Path) -> tuple[list[float], list[float]]:
-    """Times of all frames that decode, and of the key frames."""
+    """Times of all decodable frames, and of the key frames."""
     times, keys = [], []
     with av.open(str(path)) as container:
         try:
@@ -192,7 +192,7 @@ def test_a_session_is_a_folder_that_ordinary_programs_can_read(tmp_path: Path, r
 
 @dataclass(frozen=True, slots=True)
 class GazeMeasured:
-    """A kind of value that the program does not know."""
+    """Type of values unknown to the program."""
 
     stamp_ns: int
     angle_rad: float
@@ -239,7 +239,7 @@ def test_what_cannot_be_recorded_is_counted_and_written_down(tmp_path: Path, rin
         ("GazeMeasured", 1),
         ("scan", 3),
     }
-    # A machine that is too slow for one encoder goes on with another, in another file.
+    # A machine too slow for one encoder continues with another, in another file.
     assert sum(len(video_times_s(path)[0]) for path in (tmp_path / "s").glob("video-front*.mp4")) == SLOT_COUNT
 
 
@@ -320,7 +320,7 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     recorder = RecorderUnderTest(ring)
     recorder.send(start(tmp_path / "s"))
     recorder.wait_for(RecorderReport)
-    kill_after_s = random.Random(seed).uniform(1.0, 2.5)  # noqa: S311 - when to kill, no secret
+    kill_after_s = random.Random(seed).uniform(1.0, 2.5)  # noqa: S311 - a test, not cryptography
     begun_s, number, first_frame_ns, frame_ns, sent_ns = time.monotonic(), 0, 0, 0, 0
     first_ns = clock.now_ns()
     while time.monotonic() - begun_s < kill_after_s:
@@ -338,7 +338,7 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     os.kill(recorder.process.pid, signal.SIGKILL)
     recorder.process.join()
 
-    # As it lies there, before anything is repaired.
+    # Before any repair.
     assert json.loads((tmp_path / "s" / "session.json").read_text())["ended_ns"] is None
     times_s, _ = video_times_s(tmp_path / "s" / "video-front.mp4")
     with (tmp_path / "s" / "video-front.frames.csv").open(newline="") as file:
@@ -394,7 +394,7 @@ def test_kill_of_the_console_closes_the_session_properly(tmp_path: Path) -> None
 
 
 def in_own_mounts(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run ``script`` where it may mount; skips where that is not permitted."""
+    """Run ``script`` in a separate mount namespace; skips if that is not permitted."""
     command_line = ["unshare", "--mount", "--propagation", "private", "sh", "-ec", script, "sh", *arguments]
     try:
         probe = subprocess.run([*command_line[:5], "-c", "mount -t tmpfs none /mnt"], capture_output=True, check=False)
@@ -406,7 +406,7 @@ def in_own_mounts(script: str, *arguments: str) -> subprocess.CompletedProcess[s
 
 
 def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
-    """What the recorder said while a disk of 12 MiB filled up, and a copy of the session."""
+    """Messages of the recorder while a disk of 12 MiB filled up, and a copy of the session."""
     disk, kept = tmp_path / "disk", tmp_path / "kept"
     disk.mkdir()
     result = in_own_mounts(
@@ -424,14 +424,14 @@ def fill_disk(tmp_path: Path, how: str) -> tuple[dict[str, Any], Path]:
 @pytest.mark.long
 def test_a_disk_that_fills_up_ends_the_video_first_and_then_the_session(tmp_path: Path) -> None:
     said, kept = fill_disk(tmp_path, "slowly")
-    # On a crowded machine it is also told that it does not keep up with the video.
+    # On a busy machine a problem about the video rate is reported too.
     told = [problem for problem in said["problems"] if problem.startswith("The disk")]
     assert told[0].startswith("The disk is filling up")
     assert told[1].startswith("The disk is nearly full")
     assert told[2].startswith("The disk is full: from now on, only events")
     assert told[3:] == ["The disk is full."]
     head = check_session_of_full_disk(said, kept)
-    # The video had room for its index and is an ordinary mp4.
+    # The video had space for its index and is an ordinary mp4.
     assert len(video_times_s(kept / "video-front.mp4")[0]) == head["videos"][0]["frames"] > 0
 
 
@@ -439,7 +439,7 @@ def test_a_disk_that_is_suddenly_full_keeps_what_was_recorded(tmp_path: Path) ->
     said, kept = fill_disk(tmp_path, "suddenly")
     assert said["problems"][-1] == "The disk is full."
     head = check_session_of_full_disk(said, kept)
-    # Of the last half second nobody could be told any more whether it still found room.
+    # For the last half second the recorder could not report whether it was written.
     assert len(video_times_s(kept / "video-front.mp4")[0]) >= head["videos"][0]["frames"] > 0
 
 

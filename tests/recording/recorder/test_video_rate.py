@@ -1,4 +1,4 @@
-"""A machine that cannot keep up: frames are left out evenly, told once, counted, and come back."""
+"""Overloaded machine: frames are dropped evenly, reported once, counted, and recorded again later."""
 
 import itertools
 import json
@@ -24,7 +24,7 @@ SECOND = 1_000_000_000
 
 
 def encode(rate: VideoRate, seconds: float, *, took_s: float, at_ns: int = 0) -> tuple[list[int], int]:
-    """A camera of 30 Hz and an encoder that takes so long for a frame: the steps it went through, and the time."""
+    """Camera with 30 Hz and an encoder with this time per frame: the steps, and the final time."""
     steps, free_ns, now_ns = [rate.step], at_ns, at_ns
     for number in range(int(seconds * 30)):
         now_ns = at_ns + number * SECOND // 30
@@ -58,7 +58,7 @@ def test_a_machine_at_its_limit_is_not_asked_again_and_again() -> None:
     changes = 0
     _, at_ns = encode(rate, 10, took_s=0.05)
     for second in itertools.takewhile(lambda second: second < 300, itertools.count(0, 10)):
-        # Each time that all frames come back, it is too much again.
+        # Each return to all frames causes overload again.
         steps, at_ns = encode(rate, 10, took_s=0.05 if rate.step == 1 else 0.01, at_ns=at_ns)
         changes += len(steps) - 1
         assert second < 300
@@ -81,9 +81,7 @@ def test_when_no_more_frames_can_wait_nobody_waits_a_second() -> None:
 
 @pytest.fixture
 def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Encoding takes 70 ms a frame for the first frames, then as long as it does; patience ends after 1.5 s, and
-    the encoder is the fastest from the beginning.
-    """
+    """Encoding takes 70 ms for each of the first frames, the timeout is 1.5 s, and the encoder is the fastest."""
     write = video_writer.VideoFileWriter.write
     left = itertools.count(36, -1)
 
@@ -137,10 +135,10 @@ def test_a_machine_that_cannot_keep_up_leaves_out_frames_evenly_and_says_so_once
     gaps = [value for _, value in session.values("event/gap")]
     assert all(isinstance(gap, Gap) and gap.stream == "frame" for gap in gaps)
     assert sum(gap.count for gap in gaps) == head["dropped"]["frame"]
-    # Whatever happens to the video, no event is lost.
+    # Events are never lost, whatever happens to the video.
     assert head["counts"]["event/marked"] == sent
 
 
 def lately_whole(recorder: RecorderUnderTest) -> bool:
-    """Every frame is recorded again."""
+    """True if every frame is recorded again."""
     return [message.detail for message in recorder.heard if isinstance(message, RecorderReport)][-1] == ""

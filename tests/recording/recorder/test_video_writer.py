@@ -1,4 +1,4 @@
-"""Video files: names, odd sizes, uneven times, a kill in the middle, and the index beside them."""
+"""Video files: names, odd sizes, uneven times, kills, and the index file."""
 
 import csv
 from dataclasses import replace
@@ -83,7 +83,7 @@ def test_a_closed_video_is_whole_and_an_abandoned_one_lacks_half_a_second_at_mos
 def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tmp_path: Path) -> None:
     stamps_ms = [0, 10, 10, 300, 301, 900, 2000, 2600]
     video = write(tmp_path / "video-front.mp4", stamps_ms)
-    # As after a kill: what is in the video now is in the index too.
+    # As after a kill: every frame in the video is in the index too.
     with av.open(str(tmp_path / "video-front.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) <= len(index_of(video.path))
     assert len(index_of(video.path)) == len(stamps_ms) - 1
@@ -100,7 +100,7 @@ def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tm
 
 
 def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path: Path) -> None:
-    """Taken every 100 ms, under way for longer and longer, and the first one of an unknown moment."""
+    """Taken every 100 ms with increasing delay; the time of the first one is unknown."""
     path = tmp_path / "video-front.mp4"
     video = VideoFileWriter(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
     taken_ms, came_ms = [None, 100, 200, 300, 400], [80, 140, 260, 380, 500]
@@ -163,7 +163,7 @@ def test_an_encoder_is_used_only_if_it_really_makes_a_video() -> None:
     assert works(FASTEST)
     assert works(x264("veryfast"))
     assert not works(Encoder("h264_of_another_world", ()))
-    # It can do it, but holds frames back: a kill would cost them.
+    # It works, but delays frames, which a kill would lose.
     assert not works(Encoder("libx264", (("preset", "medium"), ("rc-lookahead", "40"))))
     encoders = Encoders((Encoder("h264_of_another_world", ()), FASTEST))
     encoders.probe()

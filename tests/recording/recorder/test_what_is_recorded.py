@@ -1,4 +1,4 @@
-"""Pauses, sound, arrival, what heads and closes a session: one recorder process, judged by what is on disk."""
+"""Pauses, sound, arrival times, and start and end of a session, with one recorder process."""
 
 import csv
 import json
@@ -47,7 +47,7 @@ RATE_HZ = 16_000
 
 @dataclass(frozen=True, slots=True)
 class QuestionAsked:
-    """An event of another room, of a later day."""
+    """Event type of another package and a later version."""
 
     stamp_ns: int
     question: str
@@ -72,7 +72,7 @@ def sound(count: int, level: int, stamp_ns: int | None = None, source: str = "mi
 
 @dataclass
 class Recorded:
-    """A session with a pause, and what was sent."""
+    """A session with a pause, and the sent values."""
 
     folder: Path
     heard: list[Any]
@@ -129,7 +129,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
 
 
 def messages(folder: Path, topic: str) -> list[tuple[int, int, dict[str, Any]]]:
-    """Log time, publish time and content of a topic, by the ``mcap`` package alone."""
+    """Log time, publish time and content of a topic, read by the ``mcap`` package."""
     with (folder / "events.mcap").open("rb") as file:
         return [
             (message.log_time, message.publish_time, json.loads(message.data))
@@ -143,7 +143,7 @@ def test_a_message_keeps_when_it_was_made_and_when_it_arrived(recorded: Recorded
     assert publish_time == anchor.utc_ns_at(recorded.stamp_ns)
     assert log_time == anchor.utc_ns_at(recorded.arrived_ns)
     assert data["stamp_ns"] == recorded.stamp_ns
-    # What cannot be read is counted, and costs nothing else.
+    # Unreadable messages are counted, and have no other effect.
     ((_, _, gap),) = messages(recorded.folder, "/event/gap")
     assert (gap["stream"], gap["count"]) == ("unknown", 1)
 
@@ -285,7 +285,7 @@ def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None
     time.sleep(0.01)
     recorder.send(PauseRecording(False))
     resumed: RecordingPaused = recorder.wait_for(RecordingPaused, paused=False)
-    # One block that began in the pause and ends well after it.
+    # One block that begins in the pause and ends well after it.
     recorder.send(sound(RATE_HZ, 7000, stamp_ns=private_ns))
     recorder.stop_session()
     recorder.close()

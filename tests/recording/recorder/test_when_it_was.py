@@ -1,4 +1,4 @@
-"""When the robot's values were measured and its pictures taken: in the record, the video, captions and ELAN."""
+"""Measurement times of robot values and frames in recording, video, captions and ELAN."""
 
 import json
 import pickle
@@ -34,7 +34,7 @@ LATE_NS = 180 * MS
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Ten pictures that were under way for 180 ms; while the fourth was taken, the robot said something."""
+    """Ten frames with a delay of 180 ms; the robot speaks while the fourth one is taken."""
     folder = tmp_path_factory.mktemp("moments") / "s"
     ring = FrameRing.create(640 * 480 * 3)
     recorder = RecorderUnderTest(ring)
@@ -87,15 +87,15 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     header = json.loads((session / "session.json").read_text())
     began_ms = (header["videos"][0]["first_stamp_ns"] - header["started_ns"]) / MS
     [eaf] = (tmp_path / "elan").glob("*.eaf")
-    descriptors = ET.parse(eaf).iterfind("HEADER/MEDIA_DESCRIPTOR")  # noqa: S314 - our own
+    descriptors = ET.parse(eaf).iterfind("HEADER/MEDIA_DESCRIPTOR")  # noqa: S314 - written by this program
     [descriptor] = [media for media in descriptors if "video" in media.get("MEDIA_URL", "")]
-    # Before the session began the video is cut by its origin; after that it has been moved into its place.
+    # A video that starts before the session is cut by its origin, a later one was moved.
     assert float(descriptor.get("TIME_ORIGIN", "0")) == pytest.approx(max(0.0, -began_ms), abs=1.0)
     assert "accurate to 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
 
 
 def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp_path: Path) -> None:
-    """A replay shows each value from its arrival on, and never before what stands before it in the record."""
+    """A replay shows each value from its arrival on, and never before earlier values of the recording."""
     recorder = RecorderUnderTest(in_thread=True)
     begun_ns = clock.now_ns() - 4000 * MS
 
@@ -108,7 +108,7 @@ def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp
     for at_ms in range(200, 1200, 100):
         arrived(at_ms, AudioChunk(begun_ns + (at_ms - 100) * MS, "microphone", 16_000, np.ones((1600, 1), np.int16)))
     arrived(1300, StatusShown(begun_ns + 1300 * MS, "camera", "rear"))
-    # A gap, of which the recorder tells by itself, at the latest in a pause.
+    # A gap reported by the recorder itself, at the latest in a pause.
     arrived(1320, AudioChunk(begun_ns + 200 * MS, "microphone", 16_000, np.ones((160, 1), np.int16)))
     arrived(1350, PauseRecording(True))
     arrived(1400, PauseRecording(False))
@@ -127,7 +127,7 @@ def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp
 
 
 def test_a_head_made_anew_does_not_take_a_measured_moment_for_an_arrival(tmp_path: Path) -> None:
-    """What is left of the events begins with a picture."""
+    """The remaining events start with a frame."""
     anchor = clock.ClockAnchor(5_000 * MS, OFFSET_NS)
     file = DiskFile(tmp_path / "events.mcap", on_full=lambda: False)
     log = EventLog(file, anchor=anchor, metadata={})

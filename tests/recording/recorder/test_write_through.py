@@ -1,4 +1,4 @@
-"""What is recorded reaches the disk itself: seen in the system calls, and when the disk is slow."""
+"""Recorded data reaches the disk: verified by system calls, and with a slow disk."""
 
 import json
 import os
@@ -29,7 +29,7 @@ _LINE = re.compile(r"(\d+) +([\d.]+) (?:(\w+)\(\d+<([^>]*)>|<\.\.\. (\w+) resume
 
 
 def traced(folder: Path, trace: Path) -> None:
-    """Record a session under ``strace``; skips where that is not there or not permitted."""
+    """Record a session under ``strace``; skips if that is missing or not permitted."""
     if shutil.which("strace") is None:
         pytest.skip("needs strace to see the system calls")
     probe = subprocess.run(["strace", "-f", "-o", os.devnull, "true"], capture_output=True, check=False)
@@ -47,7 +47,7 @@ def traced(folder: Path, trace: Path) -> None:
 
 
 def calls(trace: Path) -> list[tuple[str, str, float, float]]:
-    """Call, path, and when it began and ended, of every call that succeeded."""
+    """Call, path, start and end of every successful call."""
     begun: dict[str, tuple[str, str, float]] = {}
     found = []
     for line in trace.read_text(errors="replace").splitlines():
@@ -74,7 +74,7 @@ def test_all_that_is_written_is_on_the_disk_within_a_second(tmp_path: Path) -> N
     for call, path, begin_s, end_s in calls(trace):
         if not path.startswith(str(folder)):
             continue
-        # A file that is put in its place as a whole is written under another name.
+        # A file that is replaced as a whole is written under another name.
         name = re.sub(r"\.(.+)\.[0-9a-f]{8}\.part", r"\1", Path(path).name)
         (written if "write" in call else synced)[name].append((begin_s, end_s))
     grown = {"events.mcap", "video-front.mp4", "video-front.frames.csv", "audio-microphone.wav", "movement.txt"}
@@ -85,14 +85,14 @@ def test_all_that_is_written_is_on_the_disk_within_a_second(tmp_path: Path) -> N
             done_s = [sync_end_s for sync_begin_s, sync_end_s in synced[name] if sync_begin_s >= end_s]
             assert done_s, f"{name} was written and never brought to the disk"
             delays_s.append(min(done_s) - end_s)
-    assert {"s", "photos"} <= synced.keys()  # the names of the files too
-    # A busy machine may hold one up, but not one in ten.
+    assert {"s", "photos"} <= synced.keys()  # folder entries too
+    # A busy machine may delay single calls, but not one in ten.
     within = sum(delay_s <= 1.0 for delay_s in delays_s) / len(delays_s)
     assert within > 0.9, sorted(delays_s)[-20:]
 
 
 def body_on_a_slow_disk(connection: Connection, ring_names: tuple[str, ...], limits: DiskLimits) -> None:
-    """Every confirmation of the disk takes longer, until a file named ``fast`` appears in the folder's parent."""
+    """Every sync of the disk takes longer, until a file named ``fast`` appears in the parent folder."""
     sync = os.fdatasync
 
     def sync_slowly(descriptor: int) -> None:

@@ -1,4 +1,4 @@
-"""An hour of recording: how fast it opens, and how fast any moment of it is on show."""
+"""An hour of recording: time to open it, and time to seek."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Any moment of a session: the same as reading it from the beginning, whatever state its record is in."""
+"""State at any time of a session: equal to sequential reading, whatever the state of the recording."""
 
 import random
 import shutil
@@ -31,12 +31,12 @@ def timeline(whole_session: RecordedSession) -> Iterator[SessionTimeline]:
 
 
 def plain(values: list[Any]) -> list[Any]:
-    """Values that compare, arrays and all."""
+    """Comparable values, including arrays."""
     return [(type(value).__name__, to_jsonable(value)) for value in values]
 
 
 def state_by_reading(values: tuple[Arrived, ...], at_ns: int) -> list[Any]:
-    """The newest value of each topic, found by going through all of them."""
+    """The newest value of each topic, by sequential search."""
     newest: dict[str, tuple[int, Any]] = {}
     for number, (arrived_ns, value) in enumerate(values):
         spec = BY_TYPE[type(value)]
@@ -46,7 +46,7 @@ def state_by_reading(values: tuple[Arrived, ...], at_ns: int) -> list[Any]:
 
 
 def moments(made: RecordedSession, count: int) -> list[int]:
-    chosen = random.Random(5)  # noqa: S311 - where to look, no secret
+    chosen = random.Random(5)  # noqa: S311 - a test, not cryptography
     arrivals = [arrived_ns for arrived_ns, _ in made.values]
     anywhere = [chosen.randrange(made.plan.started_ns, made.plan.ended_ns) for _ in range(count)]
     exactly = [arrived_ns + by for arrived_ns in chosen.sample(arrivals, count) for by in (-1, 0)]
@@ -131,10 +131,10 @@ def test_a_damaged_block_is_left_out(whole_session: RecordedSession, tmp_path: P
 
 
 def test_times_that_jump_back_do_not_hide_or_repeat_anything(tmp_path: Path) -> None:
-    """Recordings of version 1 told when a value was measured, not when it arrived."""
+    """Recordings of version 1 contain the measurement time of a value instead of its arrival."""
     anchor = ClockAnchor(0, 10**18)
     log = EventLog(DiskFile(tmp_path / "events.mcap"), anchor=anchor, metadata={})
-    chosen = random.Random(3)  # noqa: S311 - where to look, no secret
+    chosen = random.Random(3)  # noqa: S311 - a test, not cryptography
     for number in range(400):
         stamp_ns = number * 10**7 - chosen.choice((0, 0, 3 * 10**8))
         log.write(BY_TYPE[Marked], Marked(stamp_ns, str(number)), max(0, stamp_ns))

@@ -1,4 +1,4 @@
-"""Frames of a session by moment and number: each is the one that was on show, seen in its pixels."""
+"""Frames of a session by time and number, verified by their pixels."""
 
 import json
 import random
@@ -24,7 +24,7 @@ def folder(whole_session: RecordedSession, tmp_path: Path) -> Path:
 
 
 def test_the_frame_of_a_moment_is_the_newest_until_then(whole_session: RecordedSession) -> None:
-    chosen = random.Random(2)  # noqa: S311 - where to look, no secret
+    chosen = random.Random(2)  # noqa: S311 - a test, not cryptography
     with VideoReader(open_session(whole_session.folder)) as videos:
         assert videos.cameras == ("front", "rear")
         for camera in videos.cameras:
@@ -73,7 +73,7 @@ def test_forwards_backwards_and_by_key_frames(whole_session: RecordedSession) ->
 
 
 def test_several_files_of_a_camera_are_one(folder: Path, whole_session: RecordedSession) -> None:
-    """The camera changed its size after a pause."""
+    """The camera changed its resolution after a pause."""
     session = open_session(folder)
     begin_ns = whole_session.plan.ended_ns + 5 * 10**9
     video = VideoFileWriter(

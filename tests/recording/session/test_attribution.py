@@ -1,4 +1,4 @@
-"""Whose words a participant's are: of who was alone there, as the console said, or as a wizard did."""
+"""Attribution of participants' utterances: to the only person present, by the console, or by a wizard."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_what_the_console_or_a_wizard_decided_stays() -> None:
     utterance = said(ANA, events=(*SAID, by_console))
     assert (utterance.person_id, utterance.person_by, utterance.person_confidence) == ("p-ben", CONSOLE, 0.83)
     by_wizard = corrected(person_id="p-cyd", actor="wizard:Ann")
-    # The console's comes later, and undoes nothing of the wizard's.
+    # The later one of the console does not override the wizard's.
     utterance = said(ANA, events=(*SAID, by_wizard, by_console))
     assert (utterance.person_id, utterance.person_by, utterance.person_confidence) == ("p-cyd", "wizard:Ann", None)
 

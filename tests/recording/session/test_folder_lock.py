@@ -1,4 +1,4 @@
-"""The lock on a folder that is being written, seen from other processes."""
+"""Lock of a folder in use, seen from other processes."""
 
 import subprocess
 import sys

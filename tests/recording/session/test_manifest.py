@@ -1,4 +1,4 @@
-"""The checksums that close a session, judged by ``sha256sum`` too."""
+"""Checksums of a closed session, also verified with ``sha256sum``."""
 
 import shutil
 import subprocess

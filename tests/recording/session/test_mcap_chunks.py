@@ -1,4 +1,4 @@
-"""MCAP files block by block: of other writers, with junk between, with chunks that lie about themselves."""
+"""MCAP files chunk by chunk: of other writers, with junk in between, and with wrong chunk headers."""
 
 import io
 import struct
@@ -18,7 +18,7 @@ COUNT = 60
 
 
 def written(*, finish: bool = True, **options: object) -> bytes:
-    """Two channels in turn; the second is declared in the last chunk."""
+    """Two alternating channels; the second is declared in the last chunk."""
     file = io.BytesIO()
     writer = Writer(file, chunk_size=400, **options)  # type: ignore[arg-type]
     writer.start()

@@ -1,4 +1,4 @@
-"""The MCAP files we write, read by the ``mcap`` package with every checksum, by its index and record by record."""
+"""Written MCAP files, read by the ``mcap`` package with every checksum, by index and sequentially."""
 
 import errno
 import hashlib
@@ -17,7 +17,7 @@ TOPICS = ("/a", "/b/ü", "/c")
 
 
 def write(path: Path, messages: int, *, finish: bool = True) -> None:
-    """Messages in chunks of seven, their times not in order; ``/c`` never says anything."""
+    """Messages in chunks of seven, with unordered times; ``/c`` has no message."""
     file = DiskFile(path)
     writer = McapFile(file, library="test")
     writer.add_metadata("session", {"who": "tëst", "empty": ""})
@@ -102,7 +102,7 @@ def test_large_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
 
 
 class NarrowDisk(DiskFile):
-    """Takes ``room_bytes`` and no more."""
+    """Accepts only ``room_bytes``."""
 
     room_bytes = 10_000_000
 
@@ -124,7 +124,7 @@ def test_what_a_full_disk_did_not_take_is_there_once_it_has_room_again(tmp_path:
             writer.add_message(channel, noise, log_time=number, publish_time=number, sequence=number)
             added.append(number)
         except OSError:
-            pass  # the chunk in progress is as large as it may become
+            pass  # the present chunk reaches its maximum size
     assert set(range(20)) | set(range(41, 60)) <= set(added) and len(added) < 60
     file.room_bytes = file.size_bytes
     with pytest.raises(OSError, match="No space left"):

@@ -1,4 +1,4 @@
-"""Sessions as earlier versions recorded them: they open, replay and export as they did.
+"""Sessions of earlier versions: opening, replay and export are unchanged.
 
 ``tests/recording/formats/format-N`` was written by the recorder of that version, ``format-N.exported.json`` by the
 exporters of the last program that wrote version 2; descriptions that were reworded later have the present wording.
@@ -38,18 +38,18 @@ _ENTRY = re.compile(r" *<CV_ENTRY_ML .*?</CV_ENTRY_ML>\n", re.DOTALL)
 
 @pytest.fixture(params=[1, 2])
 def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A copy: opening may mend a session."""
+    """A copy, as opening may repair a session."""
     return Path(shutil.copytree(FORMATS / f"format-{request.param}", tmp_path / f"format-{request.param}"))
 
 
 def exported(folder: Path, out: Path) -> dict[str, str]:
-    """The texts that the exporters made of a session, by name of file."""
+    """Exported texts of a session, by file name."""
     written = [path for kind in ("csv", "eaf") for path in export_session(folder, kind, out / kind)]
     return {path.name: path.read_bytes().decode() for path in written if path.suffix in (".csv", ".eaf")}
 
 
 def as_it_was(name: str, now: str, then: str) -> str:
-    """``now`` without columns and entries of vocabularies that came later, and without when it was exported."""
+    """``now`` without columns and vocabulary entries that were added later, and without the export time."""
     if name.endswith(".eaf"):
         now = _ENTRY.sub(lambda entry: entry[0] if entry[0] in then else "", now)
         return _WHEN_EXPORTED.sub(_WHEN_EXPORTED.findall(then)[0], now)
@@ -59,7 +59,7 @@ def as_it_was(name: str, now: str, then: str) -> str:
 
 
 def raw_rows(text: str) -> list[tuple[list[str], str]]:
-    """The rows of a CSV file with the quotation marks and the line ends that they have."""
+    """Rows of a CSV file with quotation marks and line ends."""
     rows: list[tuple[list[str], str]] = []
     row: list[str] = []
     for found in _FIELD.finditer(text):
@@ -67,7 +67,7 @@ def raw_rows(text: str) -> list[tuple[list[str], str]]:
         if found["end"] != ",":
             rows.append((row, found["end"]))
             row = []
-    return rows if rows[-1] != ([""], "") else rows[:-1]  # after the last line end nothing begins
+    return rows if rows[-1] != ([""], "") else rows[:-1]  # nothing after the last line end
 
 
 def assert_exports_as_before(folder: Path, out: Path) -> None:
@@ -110,7 +110,7 @@ def test_it_opens_and_replays(folder: Path) -> None:
 
 
 def test_nobody_is_said_to_have_asked_for_what_it_holds(folder: Path, tmp_path: Path) -> None:
-    """Who that was came with version 3."""
+    """The actor was added in version 3."""
     asked = [value for _, value in open_session(folder).values() if hasattr(value, "actor")]
     assert len({type(value) for value in asked}) > 10
     assert {value.actor for value in asked} == {""}
@@ -123,7 +123,7 @@ def test_nobody_is_said_to_have_asked_for_what_it_holds(folder: Path, tmp_path: 
 
 
 def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Path) -> None:
-    """Every value of it, and so every export, through what is written today."""
+    """Every value and export is unchanged after recording with the present version."""
     session = open_session(folder)
     recorded = list(session.arrivals())
     again = tmp_path / "again" / folder.name
@@ -143,7 +143,7 @@ def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Pa
         (at_ns, to_jsonable(value)) for at_ns, _, value in recorded
     ]
     then, now = exported(folder, tmp_path / "then"), exported(again, tmp_path / "now")
-    # session.csv tells of the files themselves.
+    # session.csv describes the files themselves.
     for name in set(then) - {"session.csv"}:
         assert as_it_was(name, now[name], then[name]) == then[name], name
 

@@ -1,4 +1,4 @@
-"""Repairing sessions that were cut off: what comes back, what is kept, and what happens when the repair is cut off."""
+"""Repair of interrupted sessions: recovered data, saved originals, and interrupted repairs."""
 
 import json
 import re
@@ -40,7 +40,7 @@ REPOSITORY = Path(__file__).parents[3]
 
 @pytest.fixture
 def folder(killed_session: RecordedSession, tmp_path: Path) -> Path:
-    """A killed session of one's own."""
+    """A copy of a killed session."""
     shutil.copytree(killed_session.folder, tmp_path / "session")
     return tmp_path / "session"
 
@@ -99,7 +99,7 @@ def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        # Of each pose also where that puts the robot, for other programs.
+        # Each pose is also written as a transform for other programs.
         poses = sum(isinstance(value, RobotPose) for _, value in killed_session.values)
         assert summary.statistics.message_count == len(killed_session.values) + poses + 1
         assert len(summary.chunk_indexes) == summary.statistics.chunk_count
@@ -221,7 +221,7 @@ def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None
     expected = labels(open_session(folder, repair=False))
     session = open_session(folder)
     assert labels(session) == expected
-    # Their numbers tell how many are missing, although nobody wrote down how many there were.
+    # Sequence numbers show the number of missing values, although no count was written.
     left = Counter(spec.name for spec, _ in session.values())
     lost = whole - left
     assert session.header["lost"] == dict(sorted(lost.items()))
@@ -242,7 +242,7 @@ def test_a_record_without_a_single_event_is_an_empty_session(folder: Path, conte
 
 @pytest.fixture
 def finished(whole_session: RecordedSession, tmp_path: Path) -> Path:
-    """A session of one's own that was closed properly."""
+    """A copy of a properly closed session."""
     shutil.copytree(whole_session.folder, tmp_path / "finished")
     return tmp_path / "finished"
 
@@ -259,9 +259,9 @@ def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path)
     left = Counter(spec.name for spec, _ in session.values())
     recorded = Counter(head["counts"])
     lost = recorded - left
-    del lost["event/session_ended"]  # told by session.json, and put back
+    del lost["event/session_ended"]  # restored from session.json
     assert lost.total() > recorded.total() * 0.9
-    # The end of the session is not among what is counted: it is put back.
+    # The end of the session is not counted: it is restored.
     told = f"{lost.total()} of the {recorded.total() - 1} recorded values are missing from events.mcap"
     assert session.losses[0].startswith(told)
     assert re.search(r"it ends 1[456]\.\d s before the recording did", session.losses[0])
@@ -511,7 +511,7 @@ def test_where_nothing_can_be_written_the_session_is_shown_as_it_was_left(folder
 
 
 def in_own_mounts(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run ``script`` where it may mount; skips where that is not permitted."""
+    """Run ``script`` in a separate mount namespace; skips if that is not permitted."""
     command = ["unshare", "--mount", "--propagation", "private", "sh", "-ec", script, "sh", *arguments]
     try:
         probe = subprocess.run([*command[:5], "-c", "mount -t tmpfs none /mnt"], capture_output=True, check=False)

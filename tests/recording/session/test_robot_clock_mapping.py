@@ -1,4 +1,4 @@
-"""Robot stamps on the session clock: drift, noise, clocks that are set, clocks that nobody knows."""
+"""Robot stamps on the session clock: drift, noise, clock steps and unknown clocks."""
 
 import itertools
 import random
@@ -20,8 +20,8 @@ UTC = 1_790_000_000 * S
 def estimates(
     robot_ns: Callable[[int], int], *, seconds: int = 120, bound_ms: float = 2.0, seed: int = 1
 ) -> list[LinkQuality]:
-    """What a link tells each second of a clock: somewhere within the bound of the truth."""
-    rng = random.Random(seed)  # noqa: S311 - noise
+    """Clock estimates of a link once a second, within the bound of the true offset."""
+    rng = random.Random(seed)  # noqa: S311 - a test, not cryptography
     told = []
     for second in range(seconds):
         at_ns = START + second * S + rng.randrange(S // 10)

@@ -1,4 +1,4 @@
-"""The recorded scenario, as a reader of any session meets it: whatever it holds, it is read quickly or left."""
+"""Recorded scenario text: read quickly or skipped, whatever it contains."""
 
 import time
 

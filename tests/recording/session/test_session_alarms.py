@@ -1,4 +1,4 @@
-"""What was wrong while it was recorded is in the figures, the report, the tables and the methods sheet."""
+"""Alarms of a recording in measures, report, tables and methods sheet."""
 
 import csv
 from pathlib import Path
@@ -38,7 +38,7 @@ def test_what_came_back_is_one_alarm_and_what_nobody_ended_stood_to_the_end() ->
 
 
 def test_what_was_over_while_it_was_paused_did_not_stand_on() -> None:
-    """And what is wrong still is raised once more when it goes on, which is no second time."""
+    """Alarms that persist are raised again after the pause, and count once."""
     pauses = [(at(10.0), at(40.0))]
     both = [alarm(5.0, "link", "raised"), alarm(6.0, "disk", "raised"), alarm(40.1, "disk", "raised")]
     link, disk = alarms_of(both, ended_ns=at(60.0), pauses=pauses)

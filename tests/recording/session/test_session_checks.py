@@ -1,4 +1,4 @@
-"""What was checked before a recording is in its record, its report and its methods sheet."""
+"""Preflight checks in recording, report and methods sheet."""
 
 from pathlib import Path
 from typing import Any

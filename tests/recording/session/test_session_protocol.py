@@ -1,4 +1,4 @@
-"""The protocol planned against actual: of events, in the tables, on the page and in the methods sheet."""
+"""Planned and actual protocol: from events, in tables, report and methods sheet."""
 
 import csv
 from pathlib import Path

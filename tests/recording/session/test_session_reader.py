@@ -1,4 +1,4 @@
-"""Reading sessions: whole ones, broken-off ones, and what is none."""
+"""Reading of complete and interrupted sessions, and of other folders."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ LIMITS = DiskLimits(reserve_bytes=4096)
 
 
 def record(folder: Path, values: list[Any], *, head: SessionHeader | None = None) -> list[Any]:
-    """A whole session, recorded in this process; what the recorder said."""
+    """Record a whole session in this process; returns the recorder's messages."""
     said: list[Any] = []
     begin = start(folder)
     if head is not None:
@@ -65,7 +65,7 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
     whole = (tmp_path / "s" / "events.mcap").read_bytes()
     head = json.loads((tmp_path / "s" / "session.json").read_text())
     (tmp_path / "s" / "session.json").write_text(json.dumps({**head, "ended_ns": None, "reason": None}))
-    # Even with every index written, the session says itself how it ended.
+    # The session contains its end even if only the indexes were written.
     session = open_session(tmp_path / "s", repair=False)
     assert (session.closed_properly, session.reason) == (True, "wizard")
 
@@ -134,7 +134,7 @@ def test_values_of_a_neighbouring_version_are_read_as_far_as_they_fit(tmp_path: 
     shutil.rmtree(tmp_path / "s")
     record(tmp_path / "s", [mark("x")])
     path = tmp_path / "s" / "events.mcap"
-    from mcap.writer import Writer  # the file as another version would have written it
+    from mcap.writer import Writer  # a writer of another version
 
     with path.open("wb") as file:
         writer = Writer(file)

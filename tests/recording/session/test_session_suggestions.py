@@ -1,4 +1,4 @@
-"""Every suggestion that was displayed has exactly one fate, from the files of the session alone."""
+"""Outcome of every displayed suggestion, from the files of the session alone: exactly one."""
 
 import os
 import signal

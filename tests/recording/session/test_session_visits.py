@@ -1,4 +1,4 @@
-"""Whose a visit was, where that turned out later, or was taken back."""
+"""Identity of visits that was decided later, or revoked."""
 
 import pytest
 

@@ -1,6 +1,4 @@
-"""A robot whose clock is two seconds ahead and drifts: recorded through the real link, exported, and compared with what
-the robot itself wrote down.
-"""
+"""Robot with a clock two seconds ahead and drifting: a session through the real link compared with the robot's log."""
 
 import csv
 import json
@@ -30,14 +28,14 @@ TOPIC_OF = {"odometry": "/odom", "scan": "/scan"}
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A session, the log of the robot, and the moment in UTC from which the robot's clock was wrong."""
+    """A session, the log of the robot, and the UTC time at which the clock error starts."""
 
     folder: Path
     sent: list[dict[str, int]]
     wrong_from_ns: float
 
     def truth_ns(self, robot_stamp_ns: int) -> float:
-        """When that was, in UTC of this computer."""
+        """True time of a robot stamp, in UTC of this computer."""
         return self.wrong_from_ns + (robot_stamp_ns - AHEAD_NS - self.wrong_from_ns) / (1.0 + DRIFT)
 
 
@@ -90,7 +88,7 @@ def test_two_clocks_that_disagree_are_aligned_and_the_uncertainty_is_stated(tmp_
             uncertainty_s = float(row["measured_uncertainty_s"])
             stated_s.append(uncertainty_s)
             off_s.append(measured_s - (recorded.truth_ns(stamp_ns) - started_ns) / 1e9)
-            # By the robot's own account, which is written once it was sent, and by ours of when it arrived.
+            # By the robot's log, written after sending, and by the recorded arrival.
             sent_s = (sent_at_ns[stamp_ns] - started_ns) / 1e9
             assert measured_s - uncertainty_s <= min(sent_s, float(row["session_s"]))
         print(f"{name}: {len(off_s)} rows, off by {max(map(abs, off_s)) * 1e3:.2f} ms at most")

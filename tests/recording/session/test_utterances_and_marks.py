@@ -1,4 +1,4 @@
-"""What was said and what was marked, put together from the events."""
+"""Utterances and marks assembled from events."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -92,13 +92,13 @@ def test_a_heard_turn_whose_verdict_is_not_in_the_record_was_not_said() -> None:
     lost_inside = replace(begun, stamp_ns=300, utterance_id="lost")
     told = [*spoken_before, lost_inside, begun]
     assert [one.utterance_id for one in spoken_utterances(told, ended_ns=1000) if one.said] == ["p"]
-    # Somebody who listened to it wrote down what was said.
+    # A listener transcribed it.
     corrected = UtteranceCorrected(950, "lost", text="Hello.")
     assert [one.utterance_id for one in spoken_utterances([*told, corrected], ended_ns=1000) if one.said] == [
         "p",
         "lost",
     ]
-    # A robot or a wizard that was still speaking did say it.
+    # An unfinished utterance of a robot or a wizard counts as spoken.
     own = said(950, "own", "started", speaker="wizard", origin="own_voice", text="")
     assert [one.utterance_id for one in spoken_utterances([own], ended_ns=1000) if one.said] == ["own"]
 

@@ -1,4 +1,4 @@
-"""Figures of a session, against what was told it."""
+"""Measures of a session with known values."""
 
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ def test_a_response_is_what_the_robot_says_right_after_a_participant(tmp_path: P
     measures = measured(
         tmp_path,
         [
-            *said(1, 0.5, 1.0, 2.0, "Hello."),  # answers nobody
+            *said(1, 0.5, 1.0, 2.0, "Hello."),  # not an answer
             *heard(1, 3.0, 5.0, "Hi, who are you?"),
             *said(2, 5.4, 5.75, 6.5, "Let me think...", origin="filler"),
             *said(3, 7.0, 7.5, 9.0, "I am a robot."),  # not the first
@@ -63,7 +63,7 @@ def test_a_response_is_what_the_robot_says_right_after_a_participant(tmp_path: P
             *heard(3, 22.0, 23.0, "Second"),  # this one is answered
             *said(4, 23.2, 24.5, 25.0, "Yes."),
             *heard(4, 30.0, 33.0, "A long story"),
-            *said(5, 31.0, 32.0, 34.0, "Interrupting."),  # before the participant has ended
+            *said(5, 31.0, 32.0, 34.0, "Interrupting."),  # before the end of the participant's turn
             *heard(5, 40.0, 41.0, "Hello?"),
             *said(6, 71.5, 72.0, 73.0, "Much later."),  # 31 s
             *heard(6, 80.0, 81.0, "And now?"),
@@ -86,7 +86,7 @@ def test_a_wizard_reacts_to_what_came_last(tmp_path: Path) -> None:
             exchange(1, 3.5, 5.0, "An arm."),
             exchange(2, 5.1, 5.2, "", outcome="failed"),
             *said(1, 6.25, 6.5, 8.0, "An arm.", origin="assistant"),  # 1.25 s after the answer
-            *said(2, 9.0, 9.1, 9.5, "And a hand."),  # after nothing
+            *said(2, 9.0, 9.1, 9.5, "And a hand."),  # not an answer
             *heard(2, 20.0, 21.0, "Aha"),
             *said(3, 21.5, 25.0, 26.0, "Yes."),
         ],
@@ -170,26 +170,26 @@ def odometry(session_s: float, x_m: float, forward_mps: float) -> Odometry:
 def test_what_nobody_heard_was_not_used(tmp_path: Path) -> None:
     answer = "About three kilograms."
     values = [
-        # By its id; words that are said otherwise meanwhile do not count for it.
+        # By its id; other edited text does not count for it.
         exchange(1, 1.0, 2.0, answer),
         *silenced(1, 3.0, answer),
         AnswerUsed(at(3.0), "x-1", "said", answer, "u-1"),
         *said(2, 4.0, 4.1, 6.0, answer),
-        # An older record, without ids.
+        # An older recording, without ids.
         exchange(3, 11.0, 12.0, "Yes."),
         AnswerUsed(at(13.0), "x-3", "said", "Yes."),
         *silenced(3, 13.0, "Yes."),
-        # Silenced at first, then heard.
+        # Interrupted at first, then spoken.
         exchange(4, 21.0, 22.0, "No."),
         *silenced(4, 23.0, "No."),
         AnswerUsed(at(23.0), "x-4", "said", "No.", "u-4"),
         *said(5, 25.0, 25.1, 26.0, "No!", origin="assistant"),
         AnswerUsed(at(25.0), "x-4", "edited", "No!", "u-5"),
-        # Cut short, but a part of it was heard.
+        # Interrupted, but partly spoken.
         exchange(6, 31.0, 32.0, "This is a long story."),
         *silenced(6, 33.0, "This is a long story.", after_s=0.8),
         AnswerUsed(at(33.0), "x-6", "said", "This is a long story.", "u-6"),
-        # The voice failed.
+        # The speech backend failed.
         exchange(7, 41.0, 42.0, "Hello."),
         UtteranceChanged(at(43.0), "u-7", "robot", "Hello.", "assistant", "requested"),
         AnswerUsed(at(43.0), "x-7", "said", "Hello.", "u-7"),
@@ -207,13 +207,13 @@ def test_what_nobody_heard_was_not_used(tmp_path: Path) -> None:
 
 def test_identities_are_not_people(tmp_path: Path) -> None:
     values = [
-        # One person, whom the tracker loses twice; whoever is lost counts as here for a moment.
+        # One person whom the tracker loses twice; a lost person counts as present for a moment.
         PersonAppeared(at(1.0), "p-1", 1, 1),
         PersonAppeared(at(20.0), "p-2", 2, 2),
         PersonLeft(at(21.4), "p-1", 1),
         PersonAppeared(at(40.0), "p-3", 3, 3),
         PersonLeft(at(41.4), "p-2", 2),
-        # Who left during a pause is not announced when the recording goes on.
+        # Leaving during a pause is not reported when the recording resumes.
         RecordingPaused(at(60.0), True),
         PersonAppeared(at(69.9), "p-4", 9, 4),
         RecordingPaused(at(70.0), False),
@@ -238,7 +238,7 @@ def test_driving(tmp_path: Path) -> None:
         odometry(1.0, 0.0, 0.1),
         odometry(2.0, 0.4, 0.45),
         odometry(3.0, 0.8, -0.6),
-        odometry(3.1, 50.0, 0.0),  # its origin was set anew
+        odometry(3.1, 50.0, 0.0),  # its origin was reset
         odometry(4.0, 50.5, 0.0),
         RobotPose(at(1.0), None, Pose2D(7.0, 7.0, 0.0)),
         StopRequested(at(5.0)),
@@ -365,7 +365,7 @@ def test_overlapping_stretches_count_once() -> None:
 
 
 def _one_number(facts: SessionData) -> tuple[float, float, float, float]:
-    """Driving time by the measures, the report, and the two tiers of it."""
+    """Driving time by the measures, the report, and its two tiers."""
     tiers = session_tiers(facts.session)
     names = {tier.tier_id: tier.name for tier in tiers.tiers}
 
@@ -394,14 +394,14 @@ def test_driving_time_is_one_number_everywhere_however_slow_or_seldom(
     events += [CommandSent(at(moments[-1] + 0.2), 99, Twist2D(), "stop")]
     events += [CommandSent(at(29.9), 100, Twist2D(speed_mps, 0.0, turn_radps), "keyboard")]
     tell(tmp_path / "s", events, lasts_s=30)
-    expected_s = 19 * min(every_s, 0.3) + 0.2 + 0.1  # the last one holds until the end
+    expected_s = 19 * min(every_s, 0.3) + 0.2 + 0.1  # the last one lasts until the end
     assert _one_number(read_facts(open_session(tmp_path / "s"))) == pytest.approx((expected_s,) * 4, abs=0.05)
 
 
 def test_without_odometry_the_distance_is_not_known_and_without_places_it_is_the_integrated_speed(
     tmp_path: Path,
 ) -> None:
-    # As a localisation tells it that corrects itself by some centimetres each time.
+    # Poses of a localisation with corrections of some centimetres.
     poses = [RobotPose(at(moment / 10), None, Pose2D(0.1 * (moment % 2), 0.0, 0.0)) for moment in range(200)]
     tell(tmp_path / "s", poses, lasts_s=30)
     facts = read_facts(open_session(tmp_path / "s"))

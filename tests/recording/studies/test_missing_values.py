@@ -1,4 +1,4 @@
-"""A closed session that was damaged since: every place that tells of it gives the same number."""
+"""Closed session that was damaged later: every report states the same number of missing values."""
 
 import json
 import re
@@ -22,7 +22,7 @@ _TOLD = re.compile(r"(\d+) of the (\d+) recorded values are missing from events\
 
 @pytest.fixture(scope="module")
 def damaged(whole_session: RecordedSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A block and the lists of its messages behind it are overwritten, the index at the end is whole."""
+    """A chunk and its message index are overwritten, the index at the end is intact."""
     folder = tmp_path_factory.mktemp("study") / "sessions" / "s"
     shutil.copytree(whole_session.folder, folder)
     path = folder / "events.mcap"
@@ -49,7 +49,7 @@ def test_what_is_gone_is_told_alike_wherever_a_session_is_read(damaged: Path, tm
     assert _told(list(session.losses)) == expected
     facts = read_facts(session)
     measures = measure(facts)
-    assert _told(list(data_quality_problems(facts, measures))) == expected  # the report
+    assert _told(list(data_quality_problems(facts, measures))) == expected  # report
     (figure,) = (figure for figure in MEASURES if figure.name == "missing_values")
     assert figure.of(measures) == gone  # statistics and its tables
     answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
@@ -59,7 +59,7 @@ def test_what_is_gone_is_told_alike_wherever_a_session_is_read(damaged: Path, tm
     index.update()
     (entry,) = index.sessions()
     index.close()
-    assert _told(list(entry.losses)) == expected  # the list of sessions and the command
+    assert _told(list(entry.losses)) == expected  # list of sessions and command
     assert _told(_verify([damaged])) == expected
     told = export_all(ExportRequest((damaged,), ("csv",), tmp_path / "out"))
     assert _told([*told.notices, *told.problems]) == expected

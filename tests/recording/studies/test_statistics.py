@@ -1,4 +1,4 @@
-"""Statistics of a study: DuckDB's figures against those computed session by session, and with Python's own."""
+"""Statistics of a study by DuckDB, compared with each session and with Python's statistics."""
 
 import argparse
 import csv
@@ -35,7 +35,7 @@ from tests.recording.told_session import TRIAL, at, exchange, silenced, stepped,
 
 
 def interrupted_turns() -> list[Any]:
-    """The robot speaks over a participant, a filler comes before an answer, and what was heard was the robot itself."""
+    """The robot interrupts a participant, a filler precedes an answer, and the robot hears itself."""
 
     def said(turn_id: str, speaker: Speaker, origin: UtteranceOrigin, from_s: float, to_s: float) -> list[Any]:
         begun = UtteranceChanged(at(from_s), turn_id, speaker, "Words.", origin, "started")
@@ -52,7 +52,7 @@ def interrupted_turns() -> list[Any]:
 
 
 def hard_to_count() -> list[Any]:
-    """An answer that nobody heard, a goal from before, and one person under two identities."""
+    """An unspoken answer, an earlier goal, and one person under two identities."""
     goal = GoalChanged(at(-0.5), "g-before", "reached", Pose2D(1.0, 1.0, 0.0))
     return [
         exchange(700, 80.0, 81.0, "Nobody hears this."),
@@ -66,7 +66,7 @@ def hard_to_count() -> list[Any]:
 
 
 def wrong(number: int) -> list[Any]:
-    """The link twice, which is one alarm, a full disk that somebody saw to, and what stood at the end."""
+    """The link twice as one alarm, a full disk that was acknowledged, and alarms that persist to the end."""
 
     def alarm(s: float, name: str, state: str, times: int = 1, actor: str = "") -> AlarmChanged:
         return AlarmChanged(at(s), name, name, state, "error", f"{name} {s:.0f}", "", "", times, actor=actor)  # type: ignore[arg-type]
@@ -201,7 +201,7 @@ def test_the_sql_runs_as_it_stands(made: StudyStatistics, monkeypatch: pytest.Mo
     with duckdb.connect() as database:
         database.execute(text)
         found = database.execute("SELECT count(*), sum(n) FROM summary WHERE of = 'study'").fetchone()
-        # What a researcher may go on with.
+        # Usable as input for further analysis.
         spoken = database.execute("SELECT count(*) FROM utterances WHERE said AND length(text) > 3").fetchone()
     study_rows = [row for row in made.summary if row.condition is None]
     assert found == (len(study_rows), sum(row.n for row in study_rows))

@@ -1,4 +1,4 @@
-"""Finding sessions: by what heads them, by what was said in them, whatever happens to the index."""
+"""Search for sessions by header and by transcript, with any state of the index."""
 
 import argparse
 import json
@@ -29,7 +29,7 @@ from tests.support.translated_messages import untranslated_part
 
 
 def session(folder: Path, *texts: str, closed: bool = True, later_s: float = 0.0, **trial: str) -> Path:
-    """A session in which a participant says these."""
+    """A session in which a participant says these texts."""
     values = [
         value for number, text in enumerate(texts) for value in heard(number, 10 * number + 1, 10 * number + 3, text)
     ]
@@ -330,12 +330,12 @@ def test_a_read_only_study_is_searched_all_the_same(study: Path, *, indexed: boo
 
 @pytest.mark.usefixtures("trial_language")
 def test_what_a_session_lacks_can_be_told_in_another_language(study: Path) -> None:
-    """Its head keeps it as plain English, and so does the index."""
+    """Header and index contain plain English."""
     folder = study / "sessions" / "a"
     head = folder / "session.json"
     kept = "video-front.mp4 is missing: all 189 frames of camera front."
     head.write_text(json.dumps({**json.loads(head.read_text("utf-8")), "losses": [kept]}), "utf-8")
-    for _ in range(2):  # read from the folder, and then from the index
+    for _ in range(2):  # from the folder, and then from the index
         index = StudyIndex.of_study(study)
         index.update()
         (found,) = (entry for entry in index.sessions() if entry.folder == folder)
