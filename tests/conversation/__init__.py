@@ -1,1 +1,1 @@
-"""Tests of the Conversation Module."""
+"""Tests of the conversation package."""

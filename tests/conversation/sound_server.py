@@ -1,4 +1,4 @@
-"""A PulseAudio server of the tests' own, with one sink whose sound can be listened to."""
+"""PulseAudio server of the tests, with one sink that is recorded."""
 
 import os
 import shutil
@@ -29,9 +29,10 @@ def require_pulseaudio() -> None:
 
 
 class SoundServer:
-    """PulseAudio with a null sink that is listened to all the time. Nothing outside ``folder`` is read or written.
+    """PulseAudio with a continuously recorded null sink. Nothing outside ``folder`` is read or written.
 
-    Being listened to also keeps the sink's latency as low as real hardware's: an idle null sink stalls for two seconds.
+    The recording also keeps the latency of the sink as low as that of real hardware: an idle null sink stalls for two
+    seconds.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -86,12 +87,12 @@ class SoundServer:
         self._server = self._recorder = None
 
     def listen(self) -> "Listening":
-        """What is heard from now on."""
+        """Sound from now on."""
         return Listening(self._recording, skip_bytes=self._recording.stat().st_size // 2 * 2)
 
     @contextmanager
     def stamped(self) -> Iterator["StampedSound"]:
-        """What is heard while this is open, with the time of each sample."""
+        """Sound while this is open, with the time of each sample."""
         words = ("parec", "--device=speaker.monitor", "--latency-msec=5", "--format=s16le", f"--rate={RATE_HZ}")
         with subprocess.Popen(
             [*words, "--channels=1"], env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
@@ -110,7 +111,7 @@ class SoundServer:
 
 
 class StampedSound:
-    """The sound of a sink and when each sample of it came: the quickest delivery tells how late the others were."""
+    """Sound of a sink with the arrival time of its samples; the fastest delivery gives the delay of the others."""
 
     def __init__(self) -> None:
         self._parts: list[NDArray[np.int16]] = []
@@ -125,7 +126,7 @@ class StampedSound:
             self._begun_ns = min(self._begun_ns, now_ns - self.length * 1_000_000_000 // RATE_HZ)
 
     def loud_between(self, from_ns: int, to_ns: int, *, least: int) -> tuple[int, int]:
-        """When the first and the last sample of at least ``least`` were heard."""
+        """Times of the first and the last sample of at least ``least``."""
         samples = np.concatenate(self._parts)
         first, last = (max(0, (at_ns - self._begun_ns) * RATE_HZ // 1_000_000_000) for at_ns in (from_ns, to_ns))
         loud = np.flatnonzero(np.abs(samples[first:last].astype(np.int32)) >= least) + first
@@ -135,19 +136,19 @@ class StampedSound:
 
 
 class Listening:
-    """The sound of a sink from some moment on."""
+    """Sound of a sink from some time on."""
 
     def __init__(self, path: Path, *, skip_bytes: int) -> None:
         self._path = path
         self._skip_bytes = skip_bytes
 
     def samples(self) -> NDArray[np.float64]:
-        """Everything heard so far, -1..1, at ``RATE_HZ``."""
+        """All sound so far, -1..1, at ``RATE_HZ``."""
         raw = self._path.read_bytes()[self._skip_bytes :]
         return np.frombuffer(raw[: len(raw) // 2 * 2], dtype="<i2").astype(np.float64) / 32768.0
 
     def loud_span_s(self, *, from_s: float = 0.0) -> float:
-        """From the first to the last loud 20 ms window."""
+        """Duration from the first to the last loud 20 ms window."""
         loud = np.flatnonzero(self._loudness(from_s) > 0.01)
         return 0.0 if loud.size == 0 else float(loud[-1] - loud[0] + 1) * 0.02
 

@@ -1,4 +1,4 @@
-"""The embedded language model, end to end: a real server process asked by our own client."""
+"""The embedded language model end to end: a real server process and the real client."""
 
 import asyncio
 import hashlib
@@ -31,7 +31,7 @@ _CONTEXT = multiprocessing.get_context("spawn")
 
 
 class Server:
-    """The server process as the console sees it."""
+    """The server process as started by the console."""
 
     def __init__(self, *settings: int) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
@@ -48,7 +48,7 @@ class Server:
 def server() -> Iterator[Server]:
     if missing := missing_for_embedded():
         pytest.skip(missing)
-    # Not behind everything else that a busy machine does: that would be a verdict on the machine.
+    # Normal priority, so that a busy machine does not decide the result.
     server = Server(0)
     yield server
     server.connection.close()
@@ -60,7 +60,7 @@ def server() -> Iterator[Server]:
 def url(server: Server) -> str:
     ready = server.wait()
     assert isinstance(ready, EmbeddedReady)
-    os.environ[EMBEDDED_KEY] = ready.key  # as the console does for its own run
+    os.environ[EMBEDDED_KEY] = ready.key  # as the console does for its process
     return ready.url
 
 
@@ -136,7 +136,7 @@ def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
 
 @pytest.mark.long
 def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
-    """A question and suggestions alternate without either having to be read again, and run beside one another."""
+    """Prompts of questions and suggestions stay in the cache while both alternate or run in parallel."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
 
     async def read_tokens(system: str, question: str) -> int:
@@ -163,7 +163,7 @@ def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
 
 @pytest.mark.long
 def test_a_question_begins_where_the_one_was_that_it_takes_the_place_of(url: str) -> None:
-    """As when the last words turn out to be others: it is asked again, while the other is still being read."""
+    """Repeated with other last words while the first prompt is still processed."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
 
     def body(question: str) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The microphone and the robot's voice on one clock: beside the loudspeaker, one hears when the other speaks."""
+"""Microphone and robot speech on one clock: a microphone at the loudspeaker."""
 
 import contextlib
 import multiprocessing
@@ -32,7 +32,7 @@ _CONTEXT = multiprocessing.get_context("spawn")
 
 
 class Body:
-    """A process body, and everything that it has said."""
+    """A process entry point, and its messages."""
 
     def __init__(self, target: Any, *arguments: Any) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
@@ -74,7 +74,7 @@ def sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundServ
 
 
 def _loudness(chunks: list[AudioChunk], *, window_ns: int = 10_000_000) -> tuple[int, NDArray[np.float64]]:
-    """Stamp of the first window, and how loud each 10 ms are, by the stamps of the chunks alone."""
+    """Stamp of the first window, and the loudness of each 10 ms, by the stamps of the chunks alone."""
     first_ns = chunks[0].stamp_ns
     last = chunks[-1]
     end_ns = last.stamp_ns + len(last.samples) * 1_000_000_000 // last.sample_rate_hz
@@ -124,7 +124,7 @@ def pactl(*words: str) -> str:
 
 @pytest.mark.long
 def test_another_default_input_is_followed_and_one_that_is_unplugged_replaced(sound: SoundServer) -> None:
-    """The tone is at the loudspeaker's monitor alone: what hears it has gone there from another input."""
+    """The tone is only in the loudspeaker's monitor: recording it requires a switch from another input."""
     desk = pactl("load-module", "module-null-sink", "sink_name=desk")
     pactl("set-default-source", "desk.monitor")
     microphone = Body(run_microphone)

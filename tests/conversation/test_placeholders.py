@@ -1,4 +1,4 @@
-"""Gaps in what is to be said."""
+"""Placeholders in robot speech."""
 
 import pytest
 

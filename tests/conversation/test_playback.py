@@ -1,4 +1,4 @@
-"""Sound that is played as it comes: evenly, never late, told with the moment at which it is heard."""
+"""Streamed playback: continuous, without delay, with the time at which sound is heard."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_what_comes_all_at_once_is_dropped_rather_than_heard_late() -> None:
 def test_what_piled_up_is_made_up_for_in_the_next_pause_and_no_word_is_lost() -> None:
     buffer = JitterBuffer(RATE_HZ, most_s=2.0)
     loud, quiet = np.full(320, 5000, np.int16), np.full(320, 100, np.int16)
-    for _ in range(25):  # half a second that came while the output was opened
+    for _ in range(25):  # half a second that arrives while the output opens
         buffer.push(loud)
     played = []
     for piece in [loud] * 10 + [quiet] * 40:

@@ -1,4 +1,4 @@
-"""Prompts and transcript: what a model is told, and how events become turns."""
+"""Prompts and transcript: context for a model, and turns from events."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How long a participant waits, from what is said and heard."""
+"""Response times for a participant, from speech events."""
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.response_timing import ResponseTimes, waiting
@@ -27,7 +27,7 @@ def heard(turn_id: str, state: UtteranceState, at_s: float) -> UtteranceChanged:
 
 
 def told(*events: UtteranceChanged | UtteranceCorrected | SuggestionChanged) -> list[ResponseTimed]:
-    """Each heard of 0.3 s after it happened."""
+    """Each event is reported 0.3 s after it happened."""
     times = ResponseTimes()
     return [timed for event in events for timed in times.take(event, event.stamp_ns + 300_000_000)]
 
@@ -72,7 +72,7 @@ def test_who_speaks_over_somebody_answers_before_they_are_done() -> None:
 
 
 def test_an_answer_may_come_before_its_turn_was_understood() -> None:
-    """The end of the voice is known only after a while of silence."""
+    """The end of speech is known only after some silence."""
     timed = told(heard("p", "started", 1.0), said("r", "started", 2.4), heard("p", "finished", 2.0))
     assert gaps_s(timed) == [("p", "r", "typed", 0.4)]
 
@@ -114,7 +114,7 @@ def test_what_the_robot_says_by_itself_is_nobody_s_answer() -> None:
     assert told(heard("p", "finished", 2.0), said("r", "started", 3.0, "heard")) == []
 
 
-# How it stands now
+# Present waiting time
 
 
 def turn(turn_id: str, speaker: Speaker, started_s: float, ended_s: float | None) -> Turn:

@@ -1,4 +1,4 @@
-"""Speech on this computer, end to end: real voice, real sound server, real processes that hang and die."""
+"""Speech on this computer end to end: real voice, real sound server, real processes that hang and die."""
 
 import multiprocessing
 import queue
@@ -49,7 +49,7 @@ NOWHERE = "unix:/nonexistent/no-sound-server"
 
 
 class Speech:
-    """The speech process as the console sees it."""
+    """The speech process as started by the console."""
 
     def __init__(self, deadlines: SynthesisDeadlines) -> None:
         self._connection, theirs = _CONTEXT.Pipe()
@@ -71,7 +71,7 @@ class Speech:
         return clock.now_ns()
 
     def wait(self, matches: Callable[[Any], bool], what: str, *, timeout_s: float = 30.0) -> Any:
-        """The next message that ``matches``; those before it are kept in ``heard``."""
+        """The next message that ``matches``; earlier ones are stored in ``heard``."""
         until_s = time.monotonic() + timeout_s
         while self._connection.poll(max(0.0, until_s - time.monotonic())):
             message = self._connection.recv()
@@ -99,7 +99,7 @@ class Speech:
 
     @property
     def actors(self) -> set[tuple[str, str]]:
-        """Who did what, of all utterances."""
+        """State and actor of all utterance events."""
         return {(event.state, event.actor) for event in self.heard if isinstance(event, UtteranceChanged)}
 
     @property
@@ -176,7 +176,7 @@ def test_a_sentence_is_heard_for_as_long_as_the_events_say(sound: SoundServer, s
 
 @pytest.mark.long
 def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, start_speech: StartSpeech) -> None:
-    """20 ms are what a listener's threshold and the blocks of a sound server leave open."""
+    """20 ms is the resolution given by the loudness threshold and the blocks of a sound server."""
     speech = start_speech(sound)
     assert speech.wait_ready().audible
     late_ms: list[float] = []
@@ -190,7 +190,7 @@ def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, star
             began_ns, ended_ns = heard.loud_between(start.stamp_ns - 250_000_000, until_ns, least=60)
             late_ms += [(start.stamp_ns - began_ns) / 1e6, (end.stamp_ns - ended_ns) / 1e6]
     print("late by ms:", [round(each) for each in late_ms])
-    # A machine that is full may hold up the thread that plays, and its reading of the clock with it, now and then.
+    # A busy machine may delay the playback thread, and its clock reading, now and then.
     assert sorted(map(abs, late_ms))[-4] < 20.0
 
 
@@ -208,7 +208,7 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
     speech.wait_state("u3", "interrupted")
     wait_for(lambda: listening.length_s > heard_until_s + 1.0, "another second is recorded")
     assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted"), ("u3", "interrupted")]
-    # At once beside the three seconds that were left of it.
+    # At once compared with the remaining three seconds.
     assert (end.stamp_ns - silenced_ns) / 1e9 < 1.0
     assert listening.loud_span_s(from_s=heard_until_s) < 1.0
     assert 0.8 < _seconds(start, end) < 4.0
@@ -264,7 +264,7 @@ def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_t
 
 
 class ToldEngine:
-    """An engine of which the test tells what it says."""
+    """Engine with scripted speech."""
 
     number = 1
 
@@ -473,7 +473,7 @@ def test_preflight_finds_the_sound_or_says_what_is_missing(sound: SoundServer, m
 
 
 def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
-    # What pyttsx3 does by chance when espeak has not quite ended the last utterance, made certain.
+    # pyttsx3 does this at random if espeak has not ended the last utterance; here it always happens.
     script = (
         "import pathlib, sys\n"
         "from caris_desktop.conversation.voices.espeak import EspeakVoice\n"

@@ -1,4 +1,4 @@
-"""Speech for tests, by a voice that is not the console's: espeak-ng, at the rate that recognisers want."""
+"""Speech for tests, synthesised with espeak-ng at the sample rate of the recogniser."""
 
 import io
 import subprocess
@@ -11,7 +11,7 @@ RATE_HZ = 16_000
 
 
 def spoken(text: str, *, voice: str = "en-gb", words_a_minute: int = 145) -> NDArray[np.int16]:
-    """``text`` said aloud, mono at 16 kHz, without the silence around it."""
+    """``text`` as speech, mono at 16 kHz, without surrounding silence."""
     asked = ["espeak-ng", "-v", voice, "-s", str(words_a_minute), "--stdout", text]
     told = subprocess.run(asked, capture_output=True, check=True, timeout=30).stdout
     with wave.open(io.BytesIO(told)) as file:

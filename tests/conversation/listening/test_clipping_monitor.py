@@ -1,4 +1,4 @@
-"""A microphone from which nothing comes is told once."""
+"""Single report of a silent microphone."""
 
 from caris_desktop.conversation.listening.recogniser import SignalWatch
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE

@@ -1,4 +1,4 @@
-"""What is played at a robot, in rooms that are made up, beside somebody who speaks."""
+"""Echo cancellation of robot speech in synthetic rooms, with and without a participant's speech."""
 
 from dataclasses import dataclass
 
@@ -43,7 +43,7 @@ def _padded(sound: NDArray[np.float64], before_s: float, whole_s: float) -> NDAr
 
 
 def _echo(robot: NDArray[np.float64] = _ROBOT, seed: int = 0, loudness_db: float = 0.0, **of_room: float):
-    """The robot as a microphone hears it, from 0.5 s on."""
+    """The robot as a microphone records it, from 0.5 s on."""
     response = room_impulse_response(np.random.default_rng(seed), **of_room)
     return convolved(response, _padded(robot, _BEFORE_S, 3.6)) * 10 ** (loudness_db / 20)
 
@@ -121,7 +121,7 @@ def test_the_share_is_told_while_it_is_heard() -> None:
     shares = np.array(_hear(_echo() + somebody, _played()).shares)
     seconds = (shares[:, 0] - _START_NS) / 1e9
     assert np.median(shares[(seconds > 0.8) & (seconds < 1.9), 1]) > 0.96
-    # Between their syllables it is the robot alone.
+    # Only the robot between their syllables.
     assert np.quantile(shares[(seconds > 2.1) & (seconds < 2.9), 1], 0.3) < 0.8
     assert shares[seconds < 0.4, 1].max() == 0.0
 
@@ -177,7 +177,7 @@ def test_what_was_given_before_the_robot_was_found_is_given_once_more_without_it
 
 @pytest.mark.long
 def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> None:
-    """A busy machine gives its loudspeaker nothing for a while: all that follows is heard later than was told."""
+    """A busy machine pauses the playback: all later sound is heard later than announced."""
     robot = speech_like(6.0, 3)
     cut = round(2.0 * RATE_HZ)
     fallen_behind = np.concatenate((robot[:cut], np.zeros(round(0.4 * RATE_HZ)), robot[cut:]))

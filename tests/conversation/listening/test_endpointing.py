@@ -1,4 +1,4 @@
-"""Turns by voice and silence alone, on a clock that is the sound's."""
+"""Endpointing by voice activity, with the clock of the sound."""
 
 import pytest
 
@@ -10,7 +10,7 @@ BOUNDS = SilenceBounds()
 
 
 class Talk:
-    """Feeds a turn taking; ``changes`` are what it said and when, in seconds."""
+    """Feeds an endpointer; ``changes`` are its results with their times in seconds."""
 
     def __init__(self, silence: SilenceOfPeople | None = None) -> None:
         self.turns = TurnTaking(silence or SilenceOfPeople(), BOUNDS)

@@ -1,4 +1,4 @@
-"""Words on which two passes agree stay; the others may still change."""
+"""Local agreement: words confirmed by two passes are final, others may change."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What is taken of what faster-whisper makes of a stretch of sound, window by window."""
+"""Filtering of faster-whisper's segments, window by window."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +11,7 @@ from caris_desktop.conversation.listening.recogniser_messages import RecogniserS
 
 
 def segment(seek_s: float, text: str) -> SimpleNamespace:
-    """Of the window from ``seek_s`` on: one word every 0.2 s."""
+    """Segment of the window from ``seek_s`` on, with one word every 0.2 s."""
     words = [
         SimpleNamespace(word=f" {word}", start=seek_s + 0.2 * at, end=seek_s + 0.2 * (at + 1), probability=0.9)
         for at, word in enumerate(text.split())
@@ -20,7 +20,7 @@ def segment(seek_s: float, text: str) -> SimpleNamespace:
 
 
 class Model:
-    """Says that there were these windows."""
+    """Model double that returns these windows."""
 
     model = SimpleNamespace(is_multilingual=False)
     see_s = 30
@@ -36,8 +36,8 @@ class Model:
     ("voice_s", "heard"),
     [
         (3.7, "It is safe. Who built you?"),
-        (2.2, "It is safe."),  # the voice ended with the first sentence: nobody said the second one
-        (0.0, "It is safe."),  # nobody knows
+        (2.2, "It is safe."),  # the voice ended with the first sentence: the second one is a hallucination
+        (0.0, "It is safe."),  # unknown
     ],
 )
 def test_a_second_sentence_is_taken_where_somebody_still_spoke_and_silence_is_no_sentence(

@@ -1,4 +1,4 @@
-"""The recogniser as the console has it: a process, its real models, sound in and words out."""
+"""The recogniser as a process with its real models: sound in, words out."""
 
 import contextlib
 import multiprocessing
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.skipif(
 
 
 class Talk:
-    """What the recogniser is told, and everything that it has said."""
+    """Messages to and from the recogniser."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -56,7 +56,7 @@ class Talk:
         raise AssertionError(f"no {kind.__name__} {fields} within {within_s:.0f} s: {self.heard}")
 
     def hear(self, source: str, sound: NDArray[np.int16]) -> int:
-        """All at once, as if the microphone had been open up to now; gives when the first sample was."""
+        """Send the sound at once, as if recorded up to now; returns the stamp of the first sample."""
         first_ns = clock.now_ns() - len(sound) * 1_000_000_000 // RATE_HZ
         for at in range(0, len(sound), _CHUNK):
             stamp_ns = first_ns + at * 1_000_000_000 // RATE_HZ
@@ -91,7 +91,7 @@ def test_what_is_said_becomes_text_with_the_moments_of_its_voice(recogniser: Tal
     assert (finished.speaker, finished.origin, finished.language) == ("participant", "heard", "en")
     assert finished.confidence is not None
     assert finished.confidence > 0.5
-    # The stamps are those of the sound, however long the words took.
+    # The stamps are those of the sound, independent of the recognition time.
     assert (started.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s, abs=0.1)
     assert (finished.stamp_ns - first_ns) / 1e9 == pytest.approx(before_s + voice_s, abs=0.1)
 
@@ -143,7 +143,7 @@ def test_the_wizards_words_are_there_as_soon_as_their_key_is_let_go(recogniser: 
 
 @contextlib.contextmanager
 def in_thread(settings: RecogniserSettings) -> Iterator[Talk]:
-    """The same body beside the test, for what needs no process of its own."""
+    """The process entry point in a thread, for tests that need no process."""
     ours, theirs = multiprocessing.Pipe()
     body = threading.Thread(target=run_recogniser, args=(theirs, settings))
     body.start()

@@ -1,4 +1,4 @@
-"""Where the weights of a recogniser are found, and what is said when they are not usable."""
+"""Search for recogniser weights, and error messages for unusable ones."""
 
 import hashlib
 import io
@@ -83,7 +83,7 @@ def test_the_right_checksum_is_taken(folders: tuple[Path, Path]) -> None:
 
 class _Quiet(SimpleHTTPRequestHandler):
     def log_message(self, *_args: Any) -> None:
-        """Says nothing."""
+        """No log output."""
 
 
 @pytest.fixture

@@ -188,7 +188,7 @@ def test_without_a_word_there_is_nothing_to_tell() -> None:
 
 
 def _heard(text: str, from_s: float, until_s: float) -> list[tuple[str, int]]:
-    """Words that come one after the other, all of the same length."""
+    """Consecutive words of equal duration."""
     words = text.split()
     each_s = (until_s - from_s) / len(words)
     return [(word, _ns(from_s + (number + 1) * each_s)) for number, word in enumerate(words)]
@@ -223,7 +223,7 @@ def test_a_word_whose_end_is_told_seconds_too_late_is_still_the_robots() -> None
 @pytest.mark.parametrize(
     ("text", "from_s", "until_s"),
     [
-        (_SAYS, 10.1, 13.1),  # nobody goes on behind it
+        (_SAYS, 10.1, 13.1),  # no words follow it
         ("I would like to see the kitchen please", 13.5, 15.4),
         ("Do you have a question about the tour or the lab?", 11.0, 13.0),
     ],
@@ -238,7 +238,7 @@ def test_no_beginning_is_the_robots_where_it_is_all_its_own_or_none_of_it(
 @pytest.mark.parametrize(
     ("says", "lasts_s", "heard", "from_s", "until_s"),
     [
-        # As it was recorded: the robot told its beginning half a second late.
+        # As recorded: the robot reported the start half a second late.
         ("That is a good question. Let us have a look.", 2.12, "That's him, I've got the quest.", 9.45, 10.38),
         (
             "The professor is in a meeting until three in the afternoon.",

@@ -1,4 +1,4 @@
-"""A server that turns speech into text, well or badly, and what becomes of it here."""
+"""Transcription by a server: good and bad answers, and their handling."""
 
 import io
 import json

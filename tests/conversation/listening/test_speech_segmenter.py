@@ -1,4 +1,4 @@
-"""One microphone from sound to what the console is told; what its models would say is given."""
+"""Speech segmenter of one microphone, from sound to messages, with model doubles."""
 
 import itertools
 from collections.abc import Callable
@@ -27,14 +27,14 @@ WORDS_A_SECOND = 2
 
 
 class Loud:
-    """What is loud is a voice."""
+    """Voice activity double: loud sound is voice."""
 
     def probability(self, window: NDArray[np.float32]) -> float:
         return float(np.abs(window).max() > 0.1)
 
 
 class Plain(EchoCanceller):
-    """Takes nothing out; ``share`` is what it says of the robot."""
+    """Echo canceller double that changes nothing; ``share`` is its estimate of the robot's part."""
 
     share = 0.0
     again = np.zeros(0, np.float32)
@@ -48,7 +48,7 @@ class Plain(EchoCanceller):
 
 
 class Known(RobotSpeechFilter):
-    """The robot says what is in ``words``."""
+    """Filter double that treats ``words`` as robot speech."""
 
     words = ""
 
@@ -64,7 +64,7 @@ def _word(number: int) -> str:
 
 
 class Bench:
-    """An ear whose recogniser hears two words in a second of voice: w0, w1, ... of each turn, five a sentence."""
+    """Segmenter whose recogniser returns two words per second of voice: w0, w1, ... of each turn, five per sentence."""
 
     def __init__(
         self, source: str = ROBOT_MICROPHONE, turn_over: float = 0.95, own_words: RobotSpeechFilter | None = None
@@ -215,7 +215,7 @@ PARTICIPANT_SAYS = "Thank you. What is there to see?"
 
 
 def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> HeardText:
-    """The words of each loud stretch: which text it is, is in its level."""
+    """Words of each loud interval: its level selects the text."""
     words: list[HeardWord] = []
     for level, text in texts.items():
         at = np.flatnonzero(np.abs(np.abs(sound) - level / 32768) < 1e-3) / RATE_HZ
@@ -231,7 +231,7 @@ def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> HeardText:
 @pytest.mark.parametrize("between_s", [0.1, 1.2], ids=["at once", "after a pause"])
 @pytest.mark.parametrize("late_s", [-1.0, 0.0, 0.8, 1.6, 2.4, 3.2])
 def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(late_s: float, between_s: float) -> None:
-    """A robot with a voice of its own, on a busy machine: its sound comes ``late_s`` after what is told of it."""
+    """On-board robot speech on a busy machine: the sound comes ``late_s`` after its report."""
     own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     bench.answer = lambda stretch: _said(stretch.sound, {7000: ROBOT_SAYS, 9000: PARTICIPANT_SAYS})
@@ -259,7 +259,7 @@ def test_the_robots_words_are_not_the_participants_however_late_they_are_heard(l
 
 
 def _unasked(own_words: RobotSpeechFilter, at_s: float, text: str = ROBOT_SAYS, *, estimated: bool = True) -> None:
-    """A robot that speaks of its own accord tells of it, then."""
+    """Report of unprompted robot speech."""
     told = UtteranceChanged(round(at_s * 1e9), "r-1", "robot", text, "heard", "started", estimated=estimated)
     own_words.robot_says(told)
 

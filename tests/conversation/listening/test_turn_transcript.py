@@ -1,4 +1,4 @@
-"""What was said says whether more is to come, beside how it sounds."""
+"""Prediction from the transcript, in addition to the sound, whether a turn continues."""
 
 import pytest
 

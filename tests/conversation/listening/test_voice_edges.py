@@ -1,4 +1,4 @@
-"""When a voice begins and ends is told from its samples, within 50 ms of an energy detector's answer."""
+"""Start and end of speech from the samples, within 50 ms of an energy detector's result."""
 
 import io
 import subprocess
@@ -30,7 +30,7 @@ _BEGAN_NS = 10**12
 
 
 def _espeak(text: str, voice: str) -> NDArray[np.float64]:
-    """With the silence that the voice puts around it."""
+    """With the silence that espeak-ng adds."""
     asked = ["espeak-ng", "-v", voice, "-s", "145", "--stdout", text]
     told = subprocess.run(asked, capture_output=True, check=True, timeout=30).stdout
     with wave.open(io.BytesIO(told)) as file:
@@ -41,7 +41,7 @@ def _espeak(text: str, voice: str) -> NDArray[np.float64]:
 
 
 def _by_energy(sound: NDArray[np.float64]) -> tuple[float, float]:
-    """From and until when clean sound is within 40 dB of its loudest 5 ms, in seconds."""
+    """Start and end of the part of clean sound within 40 dB of its loudest 5 ms, in seconds."""
     frames = np.sqrt((sound[: len(sound) // 80 * 80].reshape(-1, 80) ** 2).mean(axis=1))
     loud = np.flatnonzero(frames > frames.max() * 0.01)
     return loud[0] * 80 / RATE_HZ, (loud[-1] + 1) * 80 / RATE_HZ
@@ -49,7 +49,7 @@ def _by_energy(sound: NDArray[np.float64]) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[NDArray[np.int16], list[tuple[float, float, str]]]:
-    """Sentences with pauses between them in the noise of a room; when each is heard."""
+    """Sentences separated by pauses in room noise, with their times."""
     random = np.random.default_rng(3)
     pieces, said, at_s = [np.zeros(RATE_HZ)], [], 1.0
     for voice in _VOICES:
@@ -119,7 +119,7 @@ def test_a_robot_with_a_voice_of_its_own_is_timed_by_what_is_heard_of_it(
     samples, said = scene
     own = RobotSpeechFilter()
     for number, (first_s, end_s, text) in enumerate(said):
-        # As a robot tells it that counts the silence of its voice: a little early, and a third of a second late.
+        # Report of a robot that includes the silence of its voice: slightly early, and a third of a second late.
         for state, at_s in (("started", first_s - 0.1), ("finished", end_s + 0.35)):
             stamp_ns = _BEGAN_NS + round(at_s * 1e9)
             own.robot_says(UtteranceChanged(stamp_ns, f"u-{number}", "robot", text, "typed", state))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A small transcription server, which answers as it is told."""
+"""Small transcription server with scripted answers."""
 
 import contextlib
 import json
@@ -21,7 +21,7 @@ VERBOSE = {
 
 
 class Server(ThreadingHTTPServer):
-    """Answers with ``status`` and ``body`` after ``wait_s``, or as ``answers`` says; keeps what was asked."""
+    """Answers with ``status`` and ``body`` after ``wait_s``, or from ``answers``; records the requests."""
 
     daemon_threads = True
 
@@ -42,7 +42,7 @@ class Server(ThreadingHTTPServer):
         return request, address
 
     def drop_connections(self) -> None:
-        """As a server does with one that nobody used for a while."""
+        """Close connections, as a server does with idle ones."""
         for connection in self._open:
             with contextlib.suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
@@ -73,7 +73,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_args: Any) -> None:
-        """Says nothing."""
+        """No log output."""
 
 
 @contextmanager

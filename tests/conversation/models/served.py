@@ -1,4 +1,4 @@
-"""A model server of our own on loopback, which behaves, misbehaves or vanishes as a test wants it."""
+"""Model server on loopback that answers correctly, misbehaves or vanishes."""
 
 import asyncio
 import contextlib
@@ -18,14 +18,14 @@ from caris_desktop.domain.events import ChatMessage
 QUESTION = (ChatMessage("system", "You guide tours."), ChatMessage("user", "Where is the café?"))
 SSE_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"
 LINES_HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/x-ndjson\r\nConnection: close\r\n\r\n"
-# Nothing of a test hangs on how long a full machine takes, but where waiting is what is tested.
+# No test depends on the speed of the machine, except tests of timeouts.
 PATIENT = ChatTimeouts(connect_s=20.0, first_token_s=20.0, between_tokens_s=20.0)
 AT_ONCE = Retries(at_most=0)
 
 
 @dataclass
 class Served:
-    """One server: what it was asked, and whether its client went away before it had finished."""
+    """One server: its requests, and whether a client disconnected before the end of an answer."""
 
     url: str = ""
     heads: list[str] = field(default_factory=list)
@@ -41,8 +41,7 @@ async def serving(answer: Answer, *, tls: ssl.SSLContext | None = None) -> Async
     served = Served()
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        # The end of the loop cancels what still speaks, and a client that gave up says nothing or half of it; a stream
-        # server calls both errors.
+        # Cancelled tasks at the end of the loop and disconnected clients are errors to a stream server.
         with contextlib.suppress(asyncio.CancelledError, asyncio.IncompleteReadError, ConnectionError):
             await converse(reader, writer)
 

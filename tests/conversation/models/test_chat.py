@@ -1,4 +1,4 @@
-"""Streaming chat against real HTTP servers on loopback that behave, misbehave and vanish."""
+"""Streaming chat with real HTTP servers on loopback that answer correctly, misbehave or vanish."""
 
 import asyncio
 import json
@@ -70,7 +70,7 @@ def test_a_seed_goes_to_servers_that_take_one() -> None:
     options = asyncio.run(body_of("ollama"))["options"]
     assert isinstance(options, dict)
     assert options["seed"] == 77
-    # One that copies OpenAI's API may refuse what it does not know.
+    # A server with a copy of OpenAI's API may refuse unknown parameters.
     foreign = ModelEndpoint("openai", "https://models.example.org/v1", "m")
     assert "seed" not in openai.request(foreign, Question(QUESTION, 9, 0.0, seed=77)).body
     assert ModelEndpoint("openai", "https://api.openai.com/v1", "m").takes_seed
@@ -319,7 +319,7 @@ def test_pieces_before_the_line_was_cut_are_kept() -> None:
 
 @pytest.mark.parametrize("head", [b"", SSE_HEAD, SSE_HEAD + b": ping\n\n" * 3])
 def test_a_server_that_never_begins_is_given_up(head: bytes) -> None:
-    # To connect and to begin is one wait.
+    # The timeout covers the connection and the first token.
     short = ChatTimeouts(connect_s=0.5, first_token_s=0.2, between_tokens_s=20.0)
     error = refused(sends(head, then_waits=True), timeouts=short)
     assert "did not start to answer" in error.what
@@ -435,7 +435,7 @@ RETRY_AT_ONCE = Retries(first_s=0.01)
 
 
 def in_turn(*replies: bytes) -> Answer:
-    """Another reply to each who asks; the last one from then on."""
+    """A different reply to each request; the last one repeatedly."""
     left = list(replies)
 
     async def answer(writer: asyncio.StreamWriter) -> None:
@@ -496,7 +496,7 @@ def test_the_time_that_a_server_asks_for_is_given_up_to_a_bound(
     really_sleep = asyncio.sleep
 
     async def sleep(seconds: float) -> None:
-        if seconds >= 0.005:  # the server of the test rests between its parts
+        if seconds >= 0.005:  # the test server pauses between its parts
             waited.append(seconds)
         await really_sleep(0)
 

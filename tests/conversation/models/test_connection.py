@@ -1,4 +1,4 @@
-"""Connections to model servers: what a question costs before anything is sent, and whom an address is trusted to."""
+"""Connections to model servers: setup time before the first request, and trust in an address."""
 
 import asyncio
 import ssl

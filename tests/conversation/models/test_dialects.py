@@ -1,6 +1,6 @@
-"""What is asked and answered in each dialect, in the shapes of its public reference.
+"""Requests and answers of each dialect, in the format of its public reference.
 
-The texts are our own; the keys, their nesting and what comes in which message follow the reference named at each.
+The texts are invented; the keys, their nesting and the sequence of messages follow the reference given at each.
 """
 
 import asyncio
@@ -135,7 +135,7 @@ def test_openai() -> None:
         "seed": 7,
         "response_format": {
             "type": "json_schema",
-            # Not strict, which would want every object closed and every key of it required.
+            # Not strict, which requires every object to be closed and every key to be required.
             "json_schema": {"name": "answer", "strict": False, "schema": SCHEMA},
         },
     }
@@ -204,7 +204,7 @@ def test_gemini(monkeypatch: pytest.MonkeyPatch) -> None:
             },
         ],
         "generationConfig": {
-            # What it thinks would count against the limit; the answer is held to it here.
+            # Reasoning tokens count against the limit; the console limits the answer itself.
             "maxOutputTokens": 20 + REASONING_TOKENS,
             "thinkingConfig": {"thinkingBudget": 0},
             "temperature": 0.5,
@@ -280,7 +280,7 @@ _DATA = {"object": "list", "data": [{"id": "small", "object": "model"}, {"id": "
 def test_no_mutation_of_a_list_of_models_does_harm(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, provider: Any, plain: dict[str, Any]
 ) -> None:
-    """Whatever stands in it, there are names fit to be shown, and no folder in them."""
+    """Any mutation gives names that can be displayed, without folders."""
     monkeypatch.setenv(EMBEDDED_KEY, "key")
     replies = [b'{"models": [{"name": []}], "data": [{"id": {}}]}']
     whole = json.dumps(plain).encode()

@@ -1,4 +1,4 @@
-"""Answers as servers really give them: with reasoning, odd chunks, refused parameters, a limit used up by thinking."""
+"""Answers as given by real servers: with reasoning, odd chunks, refused parameters, and limits used up by reasoning."""
 
 import asyncio
 import contextlib
@@ -66,7 +66,7 @@ def asked(
     times: int = 1,
     max_tokens: int = 20,
 ) -> tuple[list[str], AnswerNotes, Served]:
-    """What is said of each answer, what was found out about the last, and what the server was asked."""
+    """Text of each answer, notes of the last one, and the server with its requests."""
 
     async def run() -> tuple[list[str], AnswerNotes, Served]:
         said, notes = list[str](), AnswerNotes()
@@ -378,7 +378,7 @@ def test_one_connection_serves_question_after_question() -> None:
                 chunked = b"%x\r\n%s\r\n0\r\n\r\n" % (len(body), body)
                 writer.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + chunked)
                 if drops.pop(0):
-                    break  # as a server does with a connection that nobody used for a while
+                    break  # as a server does with an idle connection
         writer.close()
 
     async def run() -> list[str]:
@@ -445,8 +445,8 @@ MUTATIONS = 200
 
 
 def test_no_mutation_of_an_answer_kills_anything_or_lets_reasoning_out() -> None:
-    """Each is answered, or is a failure with words for it; what was thought is never said."""
-    chance = random.Random(25)  # noqa: S311 - the same mutations each time
+    """Each mutation gives an answer or an error message; reasoning is never spoken."""
+    chance = random.Random(25)  # noqa: S311 - a test, not cryptography
     good = sse(*words(f"<think>{SECRET}</think>{ANSWER}"), STOP, {"choices": [], "usage": {}})
     lines = LINES_HEAD + b"".join(
         json.dumps({"message": {"content": part}, "done": False}).encode() + b"\n" for part in ("The lab ", "closes.")
@@ -493,7 +493,7 @@ def test_no_mutation_of_an_answer_kills_anything_or_lets_reasoning_out() -> None
 
 
 def _joined(body: bytes) -> bytes:
-    """The text of a mutated stream: where the mutation hit the mark itself nobody can know what was thought."""
+    """Text of a mutated stream; a mutated reasoning mark makes the reasoning indistinguishable."""
     text = ""
     for line in body.split(b"\n"):
         try:

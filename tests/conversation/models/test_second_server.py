@@ -1,8 +1,8 @@
-"""A second server that others wrote, `python -m llama_cpp.server`: what it was recorded to answer, and itself.
+"""A third-party server, `python -m llama_cpp.server`: recorded answers, and the server itself.
 
-With the address of such a server (or of any with OpenAI's API) in CARIS_TEST_MODEL_SERVER the real one is asked, too:
-``pip install "llama-cpp-python[server]"`` in an environment of its own, then
-``python -m llama_cpp.server --model WEIGHTS.gguf --n_ctx 512 --port 18099``.
+With the address of such a server (or any other with OpenAI's API) in CARIS_TEST_MODEL_SERVER the real one is tested,
+too: ``pip install "llama-cpp-python[server]"`` in a separate environment, then ``python -m llama_cpp.server --model
+WEIGHTS.gguf --n_ctx 512 --port 18099``.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ real = pytest.mark.skipif(not SERVER, reason="CARIS_TEST_MODEL_SERVER names no m
 Result = TypeVar("Result")
 SCHEMA = replies_schema(whole_sentences=True)
 
-# As llama-cpp-python 0.3.36 sent them, but for the numbers.
+# Recorded from llama-cpp-python 0.3.36, except the numbers.
 _CHUNK = {"id": "chatcmpl-475df8ac", "model": "smollm2", "created": 1795423910, "object": "chat.completion.chunk"}
 BEGIN: dict[str, Any] = {"index": 0, "delta": {"role": "assistant"}, "logprobs": None, "finish_reason": None}
 END: dict[str, Any] = {"index": 0, "delta": {}, "logprobs": None, "finish_reason": "length"}
@@ -59,7 +59,7 @@ def test_an_answer_as_it_was_recorded() -> None:
 @pytest.mark.parametrize(
     "parts",
     [
-        # Beyond its context it says nothing more; of two questions at a time it drops one.
+        # Beyond its context it stops answering; of two concurrent questions it drops one.
         (SSE_HEAD,),
         (SSE_HEAD, chunk(BEGIN), DONE),
     ],
@@ -122,7 +122,7 @@ def test_what_it_refuses_both_ways_is_left_out() -> None:
     assert text == "{}" and "response_format" not in served.bodies[-1]
 
 
-# The real one
+# Real server
 
 
 def with_the_real_one(talk: "Coroutine[Any, Any, Result]") -> Result:

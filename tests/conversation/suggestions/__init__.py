@@ -1,1 +1,1 @@
-"""Tests of the Conversation Module."""
+"""Tests of suggestions and proposals."""

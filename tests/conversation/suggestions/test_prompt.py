@@ -1,4 +1,4 @@
-"""The question for replies: what others said and are called stays a quotation, whatever it is."""
+"""Prompt for replies: speech and names of other people are always quoted."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A language model chooses among what is offered here and now; the whole table of intents is tried on it."""
+"""Actions that a language model may propose, tested with the whole table of intents."""
 
 import json
 import math

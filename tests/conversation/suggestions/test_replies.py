@@ -1,4 +1,4 @@
-"""Replies come out of an answer as it is written, and only what can be said does."""
+"""Replies parsed from a streamed answer, limited to speakable text."""
 
 import json
 from itertools import pairwise

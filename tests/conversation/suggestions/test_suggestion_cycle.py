@@ -1,4 +1,4 @@
-"""A round begins at each pause, what comes too late reaches nobody, and each reply that was shown has one fate."""
+"""Suggestion cycle: one per pause, late answers are dropped, and each displayed reply has one outcome."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ ROBOT = UtteranceChanged(7 * S, "u-1", "robot", "It stops.", "typed", "requested
 
 @dataclass
 class Follower:
-    """Writes down what it is told."""
+    """Records the reports of the cycle."""
 
     asked: list[Round] = field(default_factory=list)
     dropped: list[str] = field(default_factory=list)
@@ -60,7 +60,7 @@ def rounds(heard: Follower) -> SuggestionCycle:
 
 
 def begun(rounds: SuggestionCycle, heard: Follower, *texts: str) -> Round:
-    """A round at the first pause, with these replies shown at 5.5 s."""
+    """A cycle at the first pause, with these replies displayed at 5.5 s."""
     rounds.hear(SILENT)
     rounds.pass_time(5 * S + PAUSE_NS)
     for text in texts:

@@ -1,4 +1,4 @@
-"""The voice of the system speaks as it was tuned, whatever espeak makes of its own work."""
+"""Tuning of the system voice, independent of espeak's state."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def test_a_rate_holds_though_espeak_was_cancelled_before_it_heard_of_it(tmp_path
     lengths: dict[float, list[int]] = {1.8: [], 0.9: []}
     for rate in 4 * list(lengths):
         voice.tune(rate, 1.0)
-        # As pyttsx3 does where espeak still seems busy with the last sentence, which on a busy computer it often does.
+        # As pyttsx3 does if espeak still seems busy with the last sentence, which is frequent on a busy computer.
         _espeak.Cancel()
         lengths[rate].append(sum(len(part) for part in voice.parts("Ja, das ist gut.", Stop())))
     assert min(lengths[0.9]) > 1.8 * max(lengths[1.8]), lengths

@@ -1,4 +1,4 @@
-"""Piper voices are found by name, by path and by language, and nothing else is taken for one."""
+"""Search for Piper voices by name, path and language, without other files."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the sound card takes of a sound that is still being made."""
+"""Streaming buffer for the sound card."""
 
 import threading
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ TIMES = SimpleNamespace(outputBufferDacTime=0.0, currentTime=0.0)
 
 
 class Card:
-    """A sound card that asks for ``blocks`` at once as it starts; its clock is moved by hand."""
+    """Sound card that requests ``blocks`` when it starts, with a simulated clock."""
 
     def __init__(self) -> None:
         self.sound = StreamingBuffer(RATE_HZ, lambda: None)
@@ -64,7 +64,7 @@ def test_before_it_runs_dry_it_gets_silence() -> None:
     card.sound.append(sounding(150))
     card.ask(8)
     card.waits_behind(7)
-    card.now_ns = 100_000_000  # of the 140 ms that it has taken
+    card.now_ns = 100_000_000  # of the 140 ms that it has buffered
     assert list(card.end()[140:]) == [7] * 10 + [0] * 10
     assert card.sound.append(sounding(50)) == 160, "what comes late is heard whole"
 

@@ -1,4 +1,4 @@
-"""A real Piper voice: its pieces are the whole, it is loud and fast as asked, and it is interrupted at once."""
+"""Real Piper voice: pieces, loudness, speed and interruption."""
 
 import threading
 import time
@@ -42,7 +42,7 @@ def test_its_pieces_are_the_sound_of_the_whole(voice: PiperVoice, monkeypatch: p
     run, planned = voice._run, {}
 
     def with_one_plan(session: Any, given: dict[str, Any], stop: Stop) -> Any:
-        """What a voice plans differs each time."""
+        """The first step of a voice is random."""
         if session is not voice._steps[0]:
             return run(session, given, stop)
         return planned.setdefault("plan", run(session, given, stop))
@@ -82,7 +82,7 @@ def test_what_nobody_wants_ends_while_it_is_made(voice: PiperVoice) -> None:
     begun_s = time.monotonic()
     with pytest.raises(RenderingStoppedError):
         list(parts)
-    # All of it would take some fifty times as long as its first piece.
+    # Complete synthesis would take about fifty times as long as the first piece.
     assert time.monotonic() - begun_s < 10 * piece_s + 0.5
 
 

@@ -1,4 +1,4 @@
-"""What is wanted now goes first: before what is made ahead of time, at once, and nothing of it is lost."""
+"""Priority of synthesis: requested utterances before those made in advance, without loss."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from tests.support.polling import wait_for
 
 
 class SlowVoice:
-    """Each letter is a part of ten samples; waits before each ``_`` until it is let go on, or interrupted."""
+    """Each letter is a part of ten samples; waits before each ``_`` until it is released or interrupted."""
 
     name = "espeak:slow"
     rate_hz = 1000

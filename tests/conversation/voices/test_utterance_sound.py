@@ -1,4 +1,4 @@
-"""Sound of an utterance: trimmed as a whole however it is cut up, whole and in time however it is taken, bounded."""
+"""Sound of an utterance: trimmed as a whole, independent of its chunks, and bounded."""
 
 import numpy as np
 from hypothesis import given
