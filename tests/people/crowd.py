@@ -1,4 +1,4 @@
-"""People made up of vectors: each has a direction of their own, from which single looks stray a little."""
+"""Synthetic people as vectors: one direction per person, with variation per embedding."""
 
 from datetime import datetime, timedelta
 
@@ -17,7 +17,7 @@ _LENGTH = 512
 
 
 def direction(number: int) -> Vectors:
-    """Of a negative number somebody who looks much like the positive one's; of one above 1000 somebody a little so."""
+    """Embedding of a person. A negative number is very similar to the positive one, a number above 1000 slightly."""
     if number > 1000:
         return unit(direction(number - 1000) + np.float32(0.48) * direction(number - 500))
     if number < 0:
@@ -26,7 +26,7 @@ def direction(number: int) -> Vectors:
 
 
 class Room:
-    """A camera in front of which people come and go; ``stray`` is how much their looks differ from one to the next."""
+    """Camera with people who come and go; ``stray`` is the variation of their embeddings."""
 
     def __init__(
         self,
@@ -49,14 +49,14 @@ class Room:
         return self.morning + timedelta(microseconds=self.now_ns / 1000.0)
 
     def look(self, number: int) -> Vectors:
-        """As somebody looks in one frame."""
+        """Embedding of a person in one frame."""
         strays = unit(self._chance.normal(size=_LENGTH).astype(np.float32))
         return unit(direction(number) + self._stray * strays)
 
     def visit(
         self, *numbers: int, frames: int = 12, kind: LooksKind = "clothing", leaves: bool = True, quality: float = 0.9
     ) -> list[str]:
-        """These people come, in a frame each 250 ms, and leave; gives the ids of their visits."""
+        """Let these people appear in frames every 250 ms, and leave; returns the ids of their visits."""
         tracks = {self._track + 1 + index: number for index, number in enumerate(numbers)}
         self._track += len(numbers)
         self.see(tracks, frames=frames, kind=kind, quality=quality)
@@ -66,7 +66,7 @@ class Room:
         return [rows[track] for track in tracks]
 
     def see(self, tracks: dict[int, int], *, frames: int, kind: LooksKind = "clothing", quality: float = 0.9) -> None:
-        """Who is seen as which track."""
+        """Detect each person as the given track."""
         for _ in range(frames):
             self.now_ns += FRAME_NS
             boxes = tuple(PersonBox(track, "", 10.0 * track, 20.0, 30.0, 90.0, 0.9) for track in tracks)
@@ -77,7 +77,7 @@ class Room:
                 self.events += self.presence.add_embeddings(looks)
 
     def wait(self, seconds: float) -> None:
-        """Nobody is seen for a while."""
+        """Detect nobody for this time."""
         self.now_ns += round(seconds * 1e9)
         self.events += self.presence.tick(self.now_ns)
 

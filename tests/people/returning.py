@@ -1,4 +1,4 @@
-"""People who leave and return, told apart by how they look: what the identities make of it, against the truth."""
+"""Evaluation of re-identification with people who leave and return, against ground truth."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,12 +27,12 @@ MORNING = datetime(2026, 11, 23, 9, 0)
 _CONFIDENCE = 0.8
 _LEAST_PX = (20.0, 60.0)
 _SAME_BOX = 0.4
-_NAMED_AFTER = 3  # frames, so that nobody is named for whom they cover just now
+_NAMED_AFTER = 3  # frames, to exclude people who are covered when they appear
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """One frame: who is in it, how they look, and who each of the tracks really is, where somebody stands there."""
+    """One frame: detected people, their embeddings, and the true person of each track."""
 
     people: People
     looks: tuple[PersonLooks, ...]
@@ -41,12 +41,12 @@ class Sight:
 
 @dataclass
 class Outcome:
-    """Of the true visits of known people after their first: how often the console was right.
+    """Results for the true visits of known people after their first one.
 
-    Of each visit the row counts that stood for it longest: ``suggested`` where the right person was among its first two
-    suggestions at the end, or was its name, ``named`` where the console had given it that name by itself. ``wrong``
-    counts every identification by itself that was not right, of strangers and of rows in passing too. ``told`` has
-    each confidence that was shown, and whether that was right.
+    Each visit is assessed by the row that represented it longest: ``suggested`` if the right person was among its first
+    two suggestions at the end, or was its name; ``named`` if the console had identified it automatically. ``wrong``
+    counts all false automatic identifications, including strangers and temporary rows. ``told`` has each displayed
+    confidence with its correctness.
     """
 
     returns: int = 0
@@ -67,8 +67,8 @@ class Outcome:
 def visits_of(
     people: Sequence[int], *, rounds: int, seed: int, clothes: Sequence[int] = (0,), stays_s: float = 6.0
 ) -> list[Visit]:
-    """Everybody comes once a round, each time in another order, two or three at a time; ``clothes`` of each round."""
-    chance = Random(f"{seed}/returns")  # noqa: S311 - walks, no secrets
+    """Visits in which everybody comes once per round in random order, two or three at a time; ``clothes`` by round."""
+    chance = Random(f"{seed}/returns")  # noqa: S311 - a test, not cryptography
     visits, comes_s = [], 0.0
     for number in range(rounds):
         for person in chance.sample(people, len(people)):
@@ -80,7 +80,7 @@ def visits_of(
 
 
 def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Sight]:
-    """What perception would tell if it found everybody, and knew every track to its end."""
+    """Result of a perfect detector and tracker."""
     for frame in frames:
         boxes = [box for box in frame.boxes if box.width_px >= _LEAST_PX[0] and box.height_px >= _LEAST_PX[1]]
         if not boxes:
@@ -101,7 +101,7 @@ def seen(frames: Iterable[FilmedFrame], network: AppearanceModel) -> Iterator[Si
 
 
 def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight]:
-    """What perception does tell: with its own detector and tracker, and whoever overlaps a track most is its person."""
+    """Result of the real detector and tracker; a track belongs to the person with the largest overlap."""
     for number, frame in enumerate(frames):
         height_px, width_px = frame.image_bgr.shape[:2]
         ref = FrameRef(frame.stamp_ns, None, "front", "", 0, number, width_px, height_px)
@@ -121,7 +121,7 @@ def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight
 
 
 def _whose(people: Sequence[PersonBox], true_boxes: Sequence[TrueBox]) -> dict[int, TrueBox]:
-    """The true box of each track; none where nobody stands there."""
+    """True box of each track with an overlap."""
     if not people or not true_boxes:
         return {}
     share = overlaps(_corners(people), _corners(true_boxes))
@@ -147,14 +147,14 @@ def recognised(
     known: Iterable[int],
     settings: RecognitionSettings = RecognitionSettings(),
 ) -> Outcome:
-    """The wizard names the ``known`` at their first visit, and does nothing any more."""
+    """Results if the wizard names the ``known`` at their first visit and does nothing else."""
     to_name = set(known)
     everybody = frozenset(to_name)
     now_ns = 0
     knowing = KnownPeople(now=lambda: MORNING + timedelta(microseconds=now_ns / 1000.0))
     presence = PresenceTracker(knowing, confirm_frames=1, settings=settings)
-    sights_of: dict[str, Counter[int]] = defaultdict(Counter)  # of each visit: as whom it was seen how often
-    rows_of: dict[int, Counter[str]] = defaultdict(Counter)  # of each true visit: which row stood for it how often
+    sights_of: dict[str, Counter[int]] = defaultdict(Counter)  # by visit: number of frames per person
+    rows_of: dict[int, Counter[str]] = defaultdict(Counter)  # by true visit: number of frames per row
     person_of: dict[int, int] = {}
     named_at_first: set[str] = set()
     first_visits: set[int] = set()

@@ -1,4 +1,4 @@
-"""One person before two cameras: by place and time, by looks, and never on a mere chance."""
+"""Matching of one person in two cameras: by place and time, by appearance, and never by chance."""
 
 import math
 
@@ -24,7 +24,7 @@ def walk(
     spread_m: float = 0.15,
     off_m: float = 0.0,
 ) -> None:
-    """Somebody walks, and a camera sees where, with an error that is the same all the time."""
+    """Let a person walk in front of a camera that locates them with a constant error."""
     for at_ms in range(begin_ms, until_ms, every_ms):
         seconds = at_ms / 1000.0
         together.see(track, at_ms * MS)

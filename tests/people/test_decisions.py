@@ -1,4 +1,4 @@
-"""What is decided about people: each is an event without words, and can be taken back; forgetting cannot."""
+"""Identity decisions: each is an event without names and can be undone, except an erasure."""
 
 from collections.abc import Iterator
 from pathlib import Path

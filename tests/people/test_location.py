@@ -1,4 +1,4 @@
-"""People's places from a picture and a scan, against a scene whose truth is known."""
+"""Locations of people from an image and a scan, compared with a known scene."""
 
 import math
 from dataclasses import replace
@@ -16,7 +16,7 @@ BEAMS = 720
 
 
 def scan_of(*people: tuple[float, float], walls_m: float = 6.0, stamp_ns: int = 0) -> LaserScan:
-    """A round room with people, (x, y) in the robot frame, as cylinders of 0.15 m."""
+    """Scan of a round room with people at (x, y) in the robot frame, as cylinders of 0.15 m."""
     angles = -math.pi + 2.0 * math.pi / BEAMS * np.arange(BEAMS)
     ranges = np.full(BEAMS, walls_m)
     for x_m, y_m in people:
@@ -31,7 +31,7 @@ def scan_of(*people: tuple[float, float], walls_m: float = 6.0, stamp_ns: int = 
 
 
 def seen(*people: tuple[float, float], camera: CameraModel = CAMERA, stamp_ns: int = 0) -> People:
-    """The boxes that people of 1.7 m at these places make."""
+    """Boxes of people of 1.7 m at these places."""
     boxes = []
     for track, (x_m, y_m) in enumerate(people, 1):
         feet, head = camera.pixel_of(x_m, y_m, 0.0), camera.pixel_of(x_m, y_m, 1.7)
@@ -65,7 +65,7 @@ def test_of_two_people_in_one_direction_each_gets_the_own_distance() -> None:
 
 
 def test_a_person_whom_only_the_camera_sees_gets_no_place() -> None:
-    # The wall is far behind where the feet stand: someone on a step, or on a poster.
+    # The wall is far behind the feet: a person on a step, or on a poster.
     assert located(seen((1.8, 0.0)), scan_of(walls_m=6.0), CAMERA, Pose2D(0.0, 0.0, 0.0)) == ()
 
 
@@ -109,7 +109,7 @@ def test_a_scan_that_was_taken_before_the_robot_turned_still_shows_the_person() 
 
 
 def depth_of(people: People, camera: CameraModel, *depths_m: float, stamp_ns: int = 0) -> DepthGrid:
-    """A wall in 6 m with these people before it, each at this depth along the camera's axis."""
+    """A wall at 6 m with these people in front, each at this depth along the camera's axis."""
     grid = np.full((45, 80), 6000, np.uint16)
     for box, depth_m in zip(people.boxes, depths_m, strict=True):
         across = slice(int(box.left_px / 8), int((box.left_px + box.width_px) / 8) + 1)
@@ -124,9 +124,9 @@ def test_a_camera_that_knows_depth_places_people_without_a_scan_and_before_one()
     locator = PeopleLocator()
     locator.take(RobotPose(0, None, Pose2D(1.0, 0.0, 0.0)))
     assert locator.locate(people, CAMERA) is None
-    # What the front of a body is from the camera, along its axis
+    # Distance from the camera to the front of a body, along its axis
     locator.take(depth_of(people, CAMERA, 2.0 - 0.12, 4.0 - 0.12))
-    for scan in (None, scan_of((3.0, 0.9), (1.2, -0.27))):  # of others, in the same directions
+    for scan in (None, scan_of((3.0, 0.9), (1.2, -0.27))):  # of other people in the same directions
         if scan is not None:
             locator.take(scan)
         places = locator.locate(people, CAMERA)
@@ -150,7 +150,7 @@ def test_depth_of_another_moment_or_camera_or_too_far_away_says_nothing() -> Non
 
 
 def test_who_is_cut_off_at_the_lower_edge_is_not_taken_for_what_stands_behind() -> None:
-    # A detector's box ends a little above the edge, where the floor would be farther away than the person.
+    # A detector's box ends slightly above the edge, where the floor would be farther away than the person.
     near, behind = (1.2, 0.0), (3.0, 0.0)
     (box,) = seen(near).boxes
     people = replace(seen(near), boxes=(replace(box, height_px=460.0 - box.top_px),))

@@ -1,4 +1,4 @@
-"""The people of a study on disk."""
+"""Database of the people of a study."""
 
 import contextlib
 import sqlite3
@@ -22,7 +22,7 @@ LOOKS = np.stack([unit(row) for row in np.random.default_rng(1).normal(size=(3, 
 
 
 def furnished(store: PeopleStore, about: About) -> str:
-    """Somebody of whom there is something in every table."""
+    """Add a person with data in every table."""
     person_id = store.add().person_id
     store.describe(person_id, about)
     store.store_embeddings(
@@ -37,7 +37,7 @@ def furnished(store: PeopleStore, about: About) -> str:
 
 
 def everything(path: Path) -> bytes:
-    """Every byte of the database, its log included."""
+    """All bytes of the database, including its log."""
     return b"".join(file.read_bytes() for file in path.parent.iterdir())
 
 
@@ -203,7 +203,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
     assert set(traces.blobs) == {PORTRAIT, PORTRAIT[::-1], *(row.tobytes() for row in LOOKS)}
 
     assert set(store.forget(guest)) == {forgotten, guest}
-    # Also while the database is still open: its write-ahead log held what was written.
+    # Also while the database is open: its write-ahead log contained the data.
     held = everything(path)
     for text in (*traces.person_ids, ABOUT.name, ABOUT.note, "Some lemonade?"):
         assert text.encode() not in held

@@ -1,4 +1,4 @@
-"""Whom to forget is found by id or name, with all that the database knows of them."""
+"""Selection of people to erase by id or name, with all their data in the database."""
 
 from contextlib import closing
 from pathlib import Path
@@ -13,7 +13,7 @@ from caris_desktop.people.person_erasure import erase, find_person
 
 @pytest.fixture
 def database(tmp_path: Path) -> Path:
-    """Ada, whom a second id was found to be, and two called Ben."""
+    """Ada with a merged second id, and two people called Ben."""
     path = tmp_path / "people.sqlite"
     with closing(PeopleStore(path)) as store:
         ada, again, *bens = (store.add().person_id for _ in range(4))

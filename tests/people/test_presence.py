@@ -1,4 +1,4 @@
-"""Who is here, on injected time."""
+"""Presence of people, with an injected clock."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,7 +27,7 @@ def _seen(stamp_ns: int, *tracks: int) -> People:
 
 
 def _watch(presence: PresenceTracker, frames: list[list[int]], *, start: int = 0) -> list[Event]:
-    """Frames at 10 Hz, each with its tracks; all events."""
+    """Process frames at 10 Hz with these tracks; returns all events."""
     events = []
     for index, tracks in enumerate(frames, start):
         events += presence.update(_seen(index * FRAME_NS, *tracks))[1]
@@ -42,7 +42,7 @@ def store(tmp_path: Path) -> Iterator[PeopleStore]:
 
 
 def test_who_is_seen_in_pictures_that_are_known_late_does_not_leave_before_the_next_one_is() -> None:
-    """On a busy machine a look takes longer than it used to, and until it is known nobody knows better."""
+    """A slow detection on a busy machine must not end a presence before its result is known."""
     presence, events, late_ns = PresenceTracker(), list[object](), 1_800_000_000
     for index in range(12):
         taken_ns = index * 500_000_000
@@ -111,14 +111,14 @@ def test_people_leave_also_when_no_frames_arrive() -> None:
 
 
 def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
-    """A camera that a busy computer looks at every 1.7 s."""
+    """Camera processed every 1.7 s by a busy computer."""
     presence = PresenceTracker()
     events: list[Event] = []
     for index in range(10):
         now_ns = index * 1_700_000_000
         events += presence.update(_seen(now_ns, 1))[1]
         events += presence.tick(now_ns + 1_650_000_000)
-    # Until it is known how rarely it is looked at, somebody may be given up too early.
+    # Before the detection rate is known, a person may be dropped too early.
     assert [type(event) for event in events].count(PersonLeft) <= 1
     assert presence.persons()
     last_ns = 9 * 1_700_000_000
@@ -141,7 +141,7 @@ def test_a_track_that_returns_soon_is_the_same_person_at_once(store: PeopleStore
 
 
 def test_a_track_that_returns_after_a_while_has_to_be_recognised_unless_nobody_is() -> None:
-    """A tracker takes who is like somebody for that one; a name takes more than that."""
+    """A tracker reuses a track for a similar person; an identity requires more similarity."""
     for recognise, people in (("clothing", 2), ("nobody", 1)):
         presence = PresenceTracker(settings=RecognitionSettings(recognise))  # type: ignore[arg-type]
         _watch(presence, [[7]] * 3 + [[]] * 20)
@@ -182,7 +182,7 @@ def test_naming_somebody_unknown_is_refused_in_words() -> None:
 
 
 class FullDisk(PeopleStore):
-    """A database whose disk is full."""
+    """Database on a full disk."""
 
     def add(self) -> StoredPerson:
         raise PeopleStoreError("The disk is full.")

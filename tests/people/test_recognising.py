@@ -1,4 +1,4 @@
-"""Who comes back is known again, and nobody is taken for somebody else, on injected time and made-up looks."""
+"""Re-identification: returning people are recognised and not confused, with simulated time and appearance."""
 
 from datetime import datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ ADA, BO, CY = 1, 2, 3
 
 
 def named(room: Room, **names: int) -> dict[str, str]:
-    """They come one after the other and get their names; gives the ids."""
+    """Let people come one after another and name them; returns the ids."""
     ids = {}
     for name, number in names.items():
         (visit,) = room.visit(number)
@@ -218,7 +218,7 @@ def test_nobody_is_asked_about_who_left_without_a_name(tmp_path: Path) -> None:
     (row,) = room.presence.persons()
     assert row.suggestions == ()
     assert room.of(PersonSuggested) == []
-    # The wizard may know all the same.
+    # The wizard may still confirm it.
     (event,) = room.presence.do(intents.ConfirmPerson(visit, stranger), room.now_ns)
     assert isinstance(event, PersonIdentified)
     assert room.presence.persons()[0].person_id == stranger
@@ -241,7 +241,7 @@ def test_nobody_is_asked_about_below_the_line_of_the_scenario(stray: float) -> N
 
 
 def test_a_name_is_not_lost_to_those_who_left_without_one() -> None:
-    """Somebody known was seen several times without being recognised; each time is one more who looks like them."""
+    """A known person was seen several times without recognition; each visit is a further similar person."""
     room = Room(settings=ASK_FIRST)
     ids = named(room, Ada=ADA, Bo=BO)
     for _ in range(6):

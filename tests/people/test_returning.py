@@ -1,4 +1,4 @@
-"""Drawn people who leave and return, through a real re-identification network: the short form of the benchmark."""
+"""Returning people with a real re-identification network: short version of the benchmark."""
 
 import pytest
 
@@ -12,9 +12,9 @@ pytestmark = pytest.mark.skipif(not OSNET_WEIGHTS.is_file(), reason=f"needs {OSN
 PEOPLE, KNOWN = (2, 5, 9, 18), (2, 9, 18)
 
 
-@pytest.mark.long  # the rules alone are in test_recognising and test_decisions
+@pytest.mark.long  # test_recognising and test_decisions test the rules alone
 def test_in_the_same_clothes_they_get_their_names_back_in_others_nobody_does_and_nobody_a_wrong_one() -> None:
-    """One film, looked at twice: they come in one set of clothes, return in it, and return in the other."""
+    """One film evaluated twice: people appear in one set of clothes, return in it, and return in another."""
     visits = visits_of(PEOPLE, rounds=3, seed=3, clothes=(0, 0, 1), stays_s=3.0)
     sights = list(seen(film(visits, rate_hz=RATE_HZ, seed=3), AppearanceModel(OSNET_WEIGHTS)))
     changed = {number for number, visit in enumerate(visits) if visit.clothes == 1}

@@ -1,4 +1,4 @@
-"""Tracks of one person in one visit: joined by how they look and where they stand when the camera has turned."""
+"""Tracks of one person in one visit: joined by appearance, and by place after a camera rotation."""
 
 import pytest
 
@@ -14,7 +14,7 @@ HERE, THERE = (2.0, 1.0), (9.0, -4.0)
 
 
 def see(room: Room, tracks: dict[int, int], spots: dict[int, tuple[float, float]], *, frames: int = 8) -> None:
-    """Who is seen as which track, and where that stands."""
+    """Detect each person as the given track at the given place."""
     for _ in range(frames):
         room.see(tracks, frames=1)
         places = tuple(
@@ -24,7 +24,7 @@ def see(room: Room, tracks: dict[int, int], spots: dict[int, tuple[float, float]
 
 
 def turn_away(room: Room, seconds: float) -> None:
-    """The camera goes on looking, at nobody."""
+    """Process frames without people."""
     for _ in range(round(seconds * 1e9 / FRAME_NS)):
         room.see({}, frames=1)
 
@@ -89,9 +89,9 @@ def test_who_is_in_view_is_not_taken_for_a_new_track() -> None:
 
 @pytest.mark.parametrize(("name", "joined"), [("", True), ("Ada", False)])
 def test_by_the_place_alone_no_name_is_passed_on(name: str, joined: bool) -> None:
-    """Where nothing tells how people look."""
+    """Without appearance embeddings."""
     room = Room(settings=RecognitionSettings("nobody"))
-    # The place of a track is known from its second picture on.
+    # The place of a track is known from its second frame on.
     room.presence._confirm_frames = 2
     see(room, {1: ADA}, {1: HERE}, frames=3)
     if name:

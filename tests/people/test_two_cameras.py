@@ -1,4 +1,4 @@
-"""A robot's camera and one on a desk see the same people, each from its own side: a row for each, whoever crosses."""
+"""The robot's camera and a desk camera with the same people: one row per person."""
 
 import math
 from collections.abc import Callable
@@ -23,7 +23,7 @@ ROBOT = Pose2D(1.0, 2.0, 0.0)
 FRONT = replace(
     CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(70)), x_m=0.15, z_m=1.1
 )
-# Beside the way, on a desk, looking across what the robot looks along.
+# On a desk beside the path, perpendicular to the robot's view.
 DESK = replace(FRONT, x_m=0.0, z_m=1.4, tilt_rad=0.2, stands_in_map=Pose2D(4.0, -1.8, math.pi / 2))
 BEAMS = 720
 Way = Callable[[float], tuple[float, float]]
@@ -32,9 +32,9 @@ Way = Callable[[float], tuple[float, float]]
 def box_of(
     camera: CameraModel, at_m: tuple[float, float], track: int, rng: np.random.Generator, base: Pose2D
 ) -> PersonBox | None:
-    """What a detector finds of somebody at that place in the map, a few pixels off; None out of the picture.
+    """Detected box of a person at this place in the map, with an error of a few pixels; None outside the image.
 
-    ``base`` is what the camera is mounted on.
+    ``base`` is the pose of the camera's mount.
     """
     at = base.inverse() @ Pose2D(*at_m, 0.0)
     feet, head = camera.pixel_of(at.x_m, at.y_m, 0.0), camera.pixel_of(at.x_m, at.y_m, 1.72)
@@ -62,7 +62,7 @@ def scan_of(people: list[tuple[float, float]], stamp_ns: int) -> LaserScan:
 
 
 class Scene:
-    """Looks at people with both cameras in turn, as the console does: the one on show three times as often."""
+    """Detection with alternating cameras as in the console: the displayed one three times as often."""
 
     def __init__(self, presence: PresenceTracker, *ways: Way) -> None:
         self.presence = presence
@@ -87,7 +87,7 @@ class Scene:
         return self.presence.persons()
 
     def _look(self, name: str, camera: CameraModel, people: list[tuple[float, float]], stamp_ns: int) -> None:
-        # The other camera's tracker counts the other way round.
+        # Reverse track numbers in the other camera.
         tracks = range(1, len(people) + 1) if name == "front" else range(len(people) + 20, 20, -1)
         base = ROBOT if camera.stands_in_map is None else camera.stands_in_map
         boxes = [box_of(camera, at, track, self.rng, base) for track, at in zip(tracks, people, strict=True)]
@@ -167,7 +167,7 @@ def test_somebody_elsewhere_is_never_taken_for_them() -> None:
 
 
 def test_visitors_of_the_simulated_robot_stand_where_both_cameras_say() -> None:
-    """Its LIDAR sees legs from the robot's side, and the camera on the desk sees the same people from behind."""
+    """The LIDAR sees legs from the robot's side, the desk camera sees the same people from behind."""
     robot = Robot(1, visits=[SimulatedVisit(0, 0.5, 30.0), SimulatedVisit(6, 4.0, 30.0)])
     desk = replace(
         FRONT, x_m=0.0, z_m=DESK_CAMERA_HEIGHT_M, tilt_rad=DESK_CAMERA_TILT_RAD, stands_in_map=DESK_CAMERA_IN_MAP
