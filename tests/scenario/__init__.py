@@ -1,1 +1,1 @@
-"""Scenario files."""
+"""Tests of scenario files."""

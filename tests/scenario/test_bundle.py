@@ -1,4 +1,4 @@
-"""A scenario as one file: what goes in comes out, whatever else is in it is refused, and nothing is replaced."""
+"""Scenario as one file: lossless round trip, refusal of other contents, and no overwritten file."""
 
 import json
 import random
@@ -135,7 +135,7 @@ def test_what_it_says_is_checked(
 def test_a_damaged_file_is_refused_or_means_the_same(tmp_path: Path) -> None:
     write_bundle(GIVEN, tmp_path / "a.caris")
     whole = (tmp_path / "a.caris").read_bytes()
-    chance = random.Random(5)  # noqa: S311 - which bytes are damaged
+    chance = random.Random(5)  # noqa: S311 - a test, not cryptography
     refused = 0
     for _ in range(200):
         damaged = bytearray(whole)

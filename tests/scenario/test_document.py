@@ -1,4 +1,4 @@
-"""A scenario file while it is edited: every field alone, undo and redo, mistakes that lose nothing."""
+"""Scenario file in the editor: single fields, undo and redo, and mistakes without data loss."""
 
 import re
 from collections.abc import Callable
@@ -50,7 +50,7 @@ def test_each_field_changes_its_own_lines_alone(
     for path, form in sampled(edited_leaves(edit)):
         value = other_value(edit, path, form)
         if value is ABSENT:
-            # Only together with something else: a place for a camera that has no mount.
+            # Only together with another value: a place for a camera without a mount.
             edit.set(path, "Other words")
             assert edit.mistakes
         else:
@@ -108,7 +108,7 @@ def test_what_is_set_back_to_its_default_leaves_the_file_as_it_was() -> None:
     assert edit.text != SMALL
     edit.set(("recording", "lsl"), False)
     assert edit.text == SMALL
-    # What the file says of its own accord it goes on saying.
+    # Explicit values stay in the file.
     edit.set(("permissions", "photos"), True)
     assert "  photos: true   # no consent\n" in edit.text
 
@@ -153,7 +153,7 @@ layout: {panel: video}
 
 def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
     edit = document(TWO_STEPS)
-    for name in ("Goodby", "", "Ask", "End", "Farewell"):  # as it is typed
+    for name in ("Goodby", "", "Ask", "End", "Farewell"):  # while typing
         edit.set(("protocol", "steps", 1, "title"), name)
         assert bool(edit.mistakes) is (name in ("", "Ask")), name
     changed = TWO_STEPS.replace("to: goodbye", "to: Farewell").replace("title: Goodbye", "title: Farewell")
@@ -171,7 +171,7 @@ def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
     edit.set(("protocol", "steps", 2, "id"), "colleague")
     assert edit.text == TWO_STEPS.replace("to: person", "to: colleague").replace("id: person", "id: colleague")
     edit.undo()
-    # A step that is known by its id stays so, whatever it is called.
+    # A step with an id keeps it under another title.
     edit.set(("protocol", "steps", 2, "title"), "Colleague")
     assert edit.text == TWO_STEPS.replace("title: Person", "title: Colleague")
 
@@ -197,7 +197,7 @@ def test_a_mistake_is_kept_and_told_with_its_line() -> None:
     assert not edit.mistakes
     assert edit.scenario is not None
     edit.set(("title",), "")
-    # As it was last without a mistake.
+    # The last valid state.
     assert edit.scenario.title == "Small"
 
 
@@ -281,7 +281,7 @@ def test_what_is_typed_while_it_is_saved_is_still_to_be_saved() -> None:
     edit.note_saved(sent, sent, edit.path)
     assert edit.changed
     assert [difference.path for difference in edit.differences()] == [("filler",)]
-    # Also where what was written is not quite what was sent.
+    # Also if the written text differs slightly from the sent one.
     edit.note_saved(sent, sent.replace("# By Anna", "# By Anna, a copy"), Path("copy.yaml"))
     assert edit.text.startswith("# By Anna, a copy\n")
     assert (edit.data["title"], edit.data["filler"]) == ("Sent", "Hm")

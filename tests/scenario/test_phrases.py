@@ -1,4 +1,4 @@
-"""Phrases of a scenario file: plain, with what goes along with them, in groups."""
+"""Phrases of a scenario file: plain, with actions, and in groups."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Protocols as people write them, and what they are told where they slip."""
+"""Protocols in scenario files, and messages for mistakes in them."""
 
 from pathlib import Path
 

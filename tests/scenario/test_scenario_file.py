@@ -1,4 +1,4 @@
-"""Scenario files: what loads, what is refused and in which words, what saving keeps."""
+"""Scenario files: loading, refusals with messages, and saving."""
 
 import dataclasses
 import hashlib
@@ -243,7 +243,7 @@ CONTROLS = (
 
 @st.composite
 def scenarios(draw: st.DrawFn) -> Scenario:
-    """Any scenario that a file can hold, every setting of it."""
+    """Any scenario that a file can hold, with every setting."""
     return Scenario(
         title=draw(labels),
         layout=draw(layouts()),
@@ -280,7 +280,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 
 def as_said(scenario: Scenario) -> Scenario:
-    """What a file says of it: poses to a tenth of a millimetre, nothing of the file itself."""
+    """Scenario as a file holds it: poses to a tenth of a millimetre, without path and checksum."""
     return dataclasses.replace(scenario, places=(), path=None, sha256="")
 
 
@@ -345,7 +345,7 @@ COMPLETE = Scenario(
         scenario_model.CameraSettings(
             "0", "desk", replace(FROM_DATA_SHEET, heading_rad=math.pi / 2.0, tilt_rad=math.pi / 6.0), "Kitchen"
         ),
-        # Angles that no number of degrees gives exactly
+        # Angles that no number of degrees represents exactly
         scenario_model.CameraSettings(
             "oak", "mast", replace(FROM_DATA_SHEET, fx_px=501.0, heading_rad=0.1, tilt_rad=0.3, on_head=True)
         ),
@@ -420,7 +420,7 @@ def test_the_complete_file_has_every_key(complete: str) -> None:
 @settings(max_examples=examples(100), deadline=None)
 def test_a_misspelled_key_is_told_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
     lines = complete.splitlines()
-    # Of two letters nobody can tell which word they were.
+    # Keys of two letters are too short to be recognised with a mistake.
     keys = [(number, found) for number, line in enumerate(lines) if (found := re.search(r"^[- ]*([a-z_]{3,}):", line))]
     assert len(keys) > 40
     number, found = data.draw(st.sampled_from(keys))

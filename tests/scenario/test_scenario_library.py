@@ -1,4 +1,4 @@
-"""Which scenarios there are."""
+"""List of available scenarios."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What editors are told of the scenario file is what its declaration says."""
+"""The JSON Schema of the scenario file agrees with its declaration."""
 
 import random
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ def shipped() -> Iterator[dict[str, Any]]:
 @pytest.mark.long
 def test_editors_and_the_program_refuse_the_same() -> None:
     validator = schema_validator("scenario.schema.json")
-    chance = random.Random(9)  # noqa: S311 - which of many mistakes is tried
+    chance = random.Random(9)  # noqa: S311 - a test, not cryptography
     refused = 0
     files = list(shipped())
     for data in files:

@@ -1,4 +1,4 @@
-"""Saving into a file that somebody wrote: what is concerned changes, every other character stays."""
+"""Edits of a hand-written file: only the affected text changes."""
 
 import dataclasses
 import difflib
@@ -76,7 +76,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def changes(before: str, after: str) -> list[str]:
-    """The lines that went and came."""
+    """Removed and added lines."""
     old, new = before.splitlines(), after.splitlines()
     found = []
     for what, start, end, new_start, new_end in difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
