@@ -1,4 +1,4 @@
-"""What of an address may be shown."""
+"""Displayable parts of an address."""
 
 import pytest
 

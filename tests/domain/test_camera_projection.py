@@ -1,4 +1,4 @@
-"""The pinhole camera on the robot: pixels to the floor and back."""
+"""Pinhole camera on the robot: from pixels to the floor and back."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""When the robot measured something, from its stamp and what is known of its clock."""
+"""Measurement time from the robot's stamp and the estimate of its clock."""
 
 import pytest
 
@@ -15,11 +15,11 @@ ARRIVAL_NS, OFFSET_NS = 1_000_000 * MS, 1_700_000_000_000 * MS
         (4_900, 1, 4_900),
         (9_000, 1, None),
         (0, 1, 0),
-        (-1, 2, 0),  # ahead by less than the error: it cannot have been taken after it came
+        (-1, 2, 0),  # ahead by less than the error: it cannot be measured after its arrival
         (-5, 2, None),
-        (11_000, 1, None),  # another clock's
+        (11_000, 1, None),  # of another clock
         (40, 100, 40),
-        (40, 101, None),  # known no better than guessed
+        (40, 101, None),  # too uncertain
     ],
 )
 def test_the_stamp_counts_where_it_can_be_right(late_ms: int, uncertainty_ms: int, found_ms: int | None) -> None:
@@ -47,7 +47,7 @@ def test_an_age_is_known_up_to_what_can_be_believed() -> None:
 
 def test_without_a_clock_the_quickest_of_the_last_while_is_the_measure() -> None:
     ages = StampAge()
-    for number in range(1200):  # two minutes, ten a second
+    for number in range(1200):  # two minutes, ten per second
         arrival_ns = ARRIVAL_NS + number * 100 * MS
         late_ms = 2000 if 300 <= number < 310 else 30 * (number % 2)
         ages.add(arrival_ns - late_ms * MS, arrival_ns=arrival_ns)

@@ -1,4 +1,4 @@
-"""Controls as data: templates, their YAML form, and what their declaration cannot say."""
+"""Controls as data: templates, YAML form, and limits of their declaration."""
 
 from dataclasses import replace
 from typing import Any
@@ -119,7 +119,7 @@ def test_a_control_counts_as_motion_unless_its_file_says_otherwise() -> None:
     assert lamp.is_motion
     assert not replace(lamp, moves=False).is_motion
     assert not replace(lamp, moves=False).is_held_by_stop
-    assert replace(wave, moves=False).is_motion  # a gesture, whatever the file says
+    assert replace(wave, moves=False).is_motion  # a gesture is motion, whatever the file claims
 
 
 def test_velocities_are_no_matter_of_a_control() -> None:

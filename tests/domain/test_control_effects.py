@@ -1,4 +1,4 @@
-"""What a control does to the robot is decided by names, types and values, never by what its file claims."""
+"""Effect of a control on the robot: decided by names, types and values, never by the file's claim."""
 
 import random
 from dataclasses import replace
@@ -16,7 +16,7 @@ ROBOT = RobotInterfaceNames(
 )
 Case = tuple[str, str, dict[str, Any], ControlClass]
 CASES: list[Case] = [
-    # Goals, poses, trajectories, heads, joysticks, velocities, parameters: by their type, or by their name.
+    # Goals, poses, trajectories, heads, joysticks, velocities, parameters: by type or by name.
     ("/move_base/goal", "move_base_msgs/MoveBaseActionGoal", {}, "motion"),
     ("/move_base_simple/goal", "geometry_msgs/PoseStamped", {}, "motion"),
     ("/x", "geometry_msgs/msg/PoseStamped", {}, "motion"),
@@ -46,14 +46,14 @@ CASES: list[Case] = [
     ("/controller_server/set_parameters", "rcl_interfaces/srv/SetParameters", {}, "motion"),
     ("/rosapi/set_param", "rosapi/SetParam", {}, "motion"),
     ("/mux/select", "topic_tools/MuxSelect", {}, "motion"),
-    # What the profile uses for motion, whatever its name and type.
+    # Interfaces used for motion in the profile, whatever their name and type.
     ("/base/twists", "my_msgs/Numbers", {}, "motion"),
     ("go/goal", "my_msgs/Numbers", {}, "motion"),
     ("/where", "std_msgs/String", {}, "motion"),
     ("/top_speed", "std_msgs/Float32", {}, "motion"),
     ("/local_planner_node/set_parameters", "my_msgs/Set", {}, "motion"),
     ("/pan_tilt", "std_msgs/String", {}, "motion"),
-    # The release of a stop, by the profile's names and by those that drivers use.
+    # Release of a stop, by names in the profile and common names of drivers.
     ("/halt_all", "my_msgs/Halt", {"on": False}, "stop_release"),
     ("/halt_all", "my_msgs/Halt", {"on": "$value"}, "stop_release"),
     ("halt_all/", "my_msgs/Halt", {}, "stop_release"),
@@ -73,7 +73,7 @@ CASES: list[Case] = [
     ("/move_base/cancel", "actionlib_msgs/GoalID", {}, "stop"),
     ("/emergency_stop", "std_msgs/Bool", {"data": True}, "stop"),
     ("/speech/stop", "std_srvs/Trigger", {}, "stop"),
-    # Known harmless kinds, and what nobody knows.
+    # Known harmless types, and unknown ones.
     ("/leds/color", "std_msgs/ColorRGBA", {}, "harmless"),
     ("/eyes/set", "std_srvs/srv/SetBool", {"data": "$value"}, "harmless"),
     ("/volume", "std_msgs/Float32", {"data": "$value"}, "harmless"),
@@ -82,7 +82,7 @@ CASES: list[Case] = [
     ("/cmd_lightring", "irobot_create_msgs/msg/LightringLeds", {}, "harmless"),
     ("/sound", "turtlebot3_msgs/srv/Sound", {"value": 1}, "harmless"),
     ("/lamp", "my_msgs/Whatever", {}, "unknown"),
-    # A number on an eye or a face may turn it.
+    # A number for an eye or a face may turn it.
     ("/eyes", "std_msgs/Float64", {"data": "$value"}, "unknown"),
     ("/face", "std_msgs/msg/Float32", {"data": "$value"}, "unknown"),
     ("/face/show", "std_msgs/String", {"data": "$value"}, "harmless"),
@@ -100,7 +100,7 @@ def test_what_is_sent_says_what_a_control_does(
 
 
 def test_no_claim_of_a_file_makes_motion_or_a_release_harmless() -> None:
-    chance = random.Random(25)  # noqa: S311 - no secrets
+    chance = random.Random(25)  # noqa: S311 - a test, not cryptography
     effects = (PublishMessage, CallService, SendActionGoal)
     for _ in range(200):
         name, type_name, message, wanted = chance.choice(CASES)

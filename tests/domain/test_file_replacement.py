@@ -1,4 +1,4 @@
-"""What the one way of replacing a file promises."""
+"""Guarantees of atomic file replacement."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Sentences with values in them, said in English here and in another language there."""
+"""Localized texts with values: English in the recording, translated in the window."""
 
 import ast
 import json
@@ -63,7 +63,7 @@ def test_a_value_is_never_taken_for_a_text() -> None:
 
 @pytest.mark.usefixtures("german")
 def test_a_marked_text_is_one_wherever_it_goes() -> None:
-    """As a value, out of a table or an error, and after it came from another process; a name that reads so is none."""
+    """A marked text is translated as a value, from a table or an error, and after pickling; an equal name is not."""
     reasons = {"silent": QT_TR_NOOP("no answer")}
     whys = (reasons["silent"], ValueError(QT_TR_NOOP("no answer")), pickle.loads(pickle.dumps(reasons))["silent"])  # noqa: S301
     told = [tr(localized("{camera} broke off: {why}.", camera="no answer", why=why)) for why in whys]
@@ -144,15 +144,15 @@ TOLD = {
     "RepairReport", "SecurityError", "SessionError", "UserFacingError", "UnknownFormError", "UnreadableMediaError",
     "WeightsError", "_away", "_miss", "_no", "_report_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
-"""What is called with what the wizard reads."""
+"""Calls whose arguments the wizard reads."""
 COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")
-"""Where sentences are gathered that the wizard reads later."""
+"""Calls that collect texts for the wizard."""
 OF_THE_TERMINAL = ("recording/studies/", "recording/session/manifest.py", "recording/replay/video_reader.py")
-"""What these gather is printed by a command, in English."""
+"""Files that collect texts for the terminal, which is English."""
 
 
 def glued(source: str, *, collects: bool = True) -> list[str]:
-    """Sentences with values in them that nobody could translate; ``collects``: the wizard reads what is gathered."""
+    """Concatenated texts that cannot be translated; ``collects``: collected texts are displayed."""
     found = []
     for call in (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)):
         told = [*call.args, *(one.value for one in call.keywords if one.arg != "searched")]
@@ -164,7 +164,7 @@ def glued(source: str, *, collects: bool = True) -> list[str]:
 
 
 def _is_glued(part: ast.expr) -> bool:
-    """A path is put together with a stroke."""
+    """True for a concatenation; a path uses a slash."""
     return isinstance(part, ast.JoinedStr) or (isinstance(part, ast.BinOp) and not isinstance(part.op, ast.Div))
 
 

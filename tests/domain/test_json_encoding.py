@@ -1,4 +1,4 @@
-"""Values as they lie in the record: read back as they were, and in shapes that other programs can make columns of."""
+"""Recorded JSON values: lossless round trip, and shapes that other programs can read as columns."""
 
 import dataclasses
 import json
@@ -36,7 +36,7 @@ NOON_NS = 1_790_000_000_000_000_123
 
 
 def written(value: Any) -> dict[str, Any]:
-    """What a reader finds in the file."""
+    """Value as in the file."""
     message: dict[str, Any] = json.loads(
         json.dumps(to_message(BY_TYPE[type(value)], value, at_utc_ns=NOON_NS), allow_nan=False)
     )
@@ -60,7 +60,7 @@ def test_every_stream_reads_back_as_it_was_and_fits_the_schema_that_its_channel_
         plain["points_in_map"] = [[1.0, 2.0]]
     for value in (
         from_jsonable(spec.value_type, plain),
-        # As little as there can be in it.
+        # Only with the required fields.
         from_message(spec, {name: plain[name] for name, field in fields.items() if _is_needed(field)}),
     ):
         message = written(value)
@@ -82,7 +82,7 @@ def test_what_json_does_not_know_is_a_number_in_a_scan_and_comes_back() -> None:
         np.testing.assert_array_equal(again.ranges_m, value.ranges_m)
         np.testing.assert_array_equal(again.intensities, value.intensities)
         assert again.frame_id == "laser"
-        # Whoever puts them into 32 bits, as viewers do, gets no distance of them that could be drawn.
+        # A conversion to 32 bits, as in viewers, gives no drawable distance.
         with np.errstate(over="ignore"):
             assert np.isfinite(np.array(message["ranges"]).astype(np.float32)).tolist() == [
                 True,
@@ -152,7 +152,7 @@ def test_what_is_none_is_not_written_and_reads_as_none() -> None:
     removed = PlacesChanged(1, "kitchen", None)
     assert written(removed) == {"stamp_ns": 1, "name": "kitchen", "actor": ""}
     assert from_message(BY_TYPE[PlacesChanged], written(removed)) == removed
-    # None inside of what has no schema of its own is content.
+    # None in a value without a schema is content.
     shown = StatusShown(1, "link", {"reason": None})
     assert from_message(BY_TYPE[StatusShown], written(shown)) == shown
     measured = TrafficMeasured(1, "robot", "json", 0, (TopicTraffic("/scan", "", 1.0, 2.0, None, None, 0),))
@@ -161,7 +161,7 @@ def test_what_is_none_is_not_written_and_reads_as_none() -> None:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WhoStopped:
-    """An event of a later day: one that tells who was behind it, which older records do not."""
+    """Event type of a later version with an actor, which older recordings lack."""
 
     stamp_ns: int
     actor: str = ""
@@ -185,8 +185,8 @@ def plain_properties(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 @pytest.mark.parametrize("topic", [*(f"/{spec.name}" for spec in STREAMS), *(derived.topic for derived in DERIVED)])
 def test_no_viewer_gives_up_on_a_channel(topic: str) -> None:
-    """The rules of Foxglove's and Lichtblick's reader of JSON Schemas: whatever is a property has one plain type, an
-    object has properties, a list has items of one plain type, and base64 stands for bytes.
+    """Rules of the JSON Schema readers of Foxglove and Lichtblick: each property has one plain type, an object has
+    properties, a list has items of one plain type, and base64 stands for bytes.
     """
     told = recorded_schema(topic)
     assert told is not None

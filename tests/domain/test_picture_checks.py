@@ -1,4 +1,4 @@
-"""What of a camera's pictures is shown, and what is refused in words."""
+"""Check of camera images: displayed, or refused with a message."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What the program writes is its user's alone, and what was open to others is so no more."""
+"""Files of the program are private to the user, including existing ones."""
 
 import os
 import stat
@@ -20,7 +20,7 @@ def mode(path: Path) -> int:
 
 
 def opened(folder: Path) -> list[Path]:
-    """Two files, one of them below another folder, as an earlier version left them."""
+    """Two files, one of them in a subfolder, as an earlier version left them."""
     (folder / "sessions" / "one").mkdir(parents=True)
     files = [folder / "people.sqlite", folder / "sessions" / "one" / "video.mp4"]
     for file in files:
@@ -65,7 +65,7 @@ def test_a_shared_study_stays_open_to_the_group(tmp_path: Path, monkeypatch: pyt
 def test_what_a_command_and_its_children_write_is_private_unless_it_is_shared(
     tmp_path: Path, shared: str, folders: int, files: int
 ) -> None:
-    """The search index (SQLite, with its log) beside the sessions, and an export of several formats."""
+    """The search index (SQLite, with its log) next to the sessions, and an export of several formats."""
     study = tmp_path / "study"
     tell(study / "sessions" / "one", [], lasts_s=2.0)
     before = set(tmp_path.rglob("*"))

@@ -1,4 +1,4 @@
-"""A process in the background says so for itself and, where it has one of its own, for its session."""
+"""Background priority of a process, and of its session if it has one."""
 
 import subprocess
 import sys
@@ -39,7 +39,7 @@ def test_a_process_that_steps_back_takes_its_own_session_along(own_session: bool
 
 
 def test_a_session_that_was_not_heard_says_it_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of several processes of a user that step back at once the system hears the first."""
+    """Of concurrent requests of a user's processes the system honours only the first."""
 
     class Deaf:
         said = 0

@@ -1,4 +1,4 @@
-"""What is plain English in the record is said in the language of whoever watches the replay."""
+"""English messages in a recording are translated into the language of the replay's user."""
 
 import json
 import re
@@ -18,7 +18,7 @@ def names_in(text: str) -> list[str]:
 
 
 def recorded(text: str) -> LocalizedText:
-    """The text as a process tells it, with a value in each place."""
+    """Message of a process, with a value for each placeholder."""
     values = dict(zip(names_in(text), VALUES, strict=False))
     return LocalizedText(text, {**({"%n": "5"} if "%n" in text else {}), **values})
 
@@ -53,7 +53,7 @@ def test_every_text_is_found_again() -> None:
 
 
 def _shape(why: str) -> str:
-    """The text with places that have no names: two that differ in them alone read alike."""
+    """Text with anonymous placeholders: texts that differ only in placeholder names are equal."""
     return re.sub(r"\{\w+\}", "{}", why.template) if isinstance(why, LocalizedText) else ""
 
 

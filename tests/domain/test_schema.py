@@ -1,4 +1,4 @@
-"""Domain values as JSON and back: grids deflated, and what does not fit refused."""
+"""Domain values as JSON and back, with compressed grids and errors for wrong types."""
 
 import dataclasses
 import json
@@ -67,12 +67,12 @@ def test_nothing_returned_and_invalid_stay_apart() -> None:
     data = json.loads(json.dumps(to_jsonable(scan), allow_nan=False))
     jsonschema.validate(data, json_schema(LaserScan))
     np.testing.assert_array_equal(from_jsonable(LaserScan, data).ranges_m, ranges_m)
-    # As older records have it.
+    # As in older recordings.
     del data["intensities"]
     assert from_jsonable(LaserScan, data).intensities.shape == (0,)
 
 
-# Every stream, with every wrong shape in every place
+# Every stream, with every wrong type in every place
 
 WRONG: tuple[Any, ...] = (
     None, True, "x", "5", "", 5, -1.5, 10**30, 10**400, math.nan, math.inf, [], [1], ["x"], [[]], [[1], [2, 3]],
@@ -83,7 +83,7 @@ WRONG: tuple[Any, ...] = (
 
 
 def example(kind: Any) -> Any:
-    """The plain form of some value of this type."""
+    """Plain form of an example value of this type."""
     kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Literal:

@@ -1,4 +1,4 @@
-"""Files declared once: what is checked, told, read and written follows from the declaration alone."""
+"""Declared files: validation, documentation, reading and writing follow from the declaration."""
 
 import json
 from collections.abc import Mapping
@@ -334,7 +334,7 @@ def test_a_value_may_be_written_as_another_declaration_and_under_another_word() 
     assert jsonschema.Draft202012Validator(file_schema(Fitting, title="A fitting")).is_valid(data)
     fitting = value_from(Fitting, data)
     assert fitting == Fitting((0.5, 0.2), Bulb(5), Plug("wall", 230), {"year": 1.0, "by": ["a"]}, 7)
-    # What nobody declares is not touched: 1.0 does not become 1.
+    # Undeclared data is not changed: 1.0 does not become 1.
     assert json.dumps(data_of(Fitting, fitting)["told"]) == json.dumps(data["told"])
     assert data_of(Fitting, fitting) == data
     assert data_of(Fitting, Fitting((0.0, 0.0), Bulb(1), label=True)) == {

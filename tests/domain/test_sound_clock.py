@@ -1,4 +1,4 @@
-"""Sound over a network: delay is made up for, and what is missing is found."""
+"""Sound over a network: compensation of delay, and detection of gaps."""
 
 from itertools import pairwise
 
@@ -9,7 +9,7 @@ PIECE_NS = 50 * _MS
 
 
 def heard(delays_ms: list[float | None], *, clock: SoundClock | None = None) -> list[tuple[int, int]]:
-    """(how far off the stamp is in ms, what is told missing in ms) of each piece; None: it was lost on the way."""
+    """(stamp error in ms, reported gap in ms) of each piece; a delay of None means a lost piece."""
     clock = clock or SoundClock()
     out = []
     for number, delay_ms in enumerate(delays_ms):

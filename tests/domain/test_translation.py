@@ -1,4 +1,4 @@
-"""Texts are found by Qt's own tool, and are what the translator makes of them."""
+"""Texts are found by lupdate, and translated by the translator."""
 
 import subprocess
 import sys

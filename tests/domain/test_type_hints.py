@@ -1,4 +1,4 @@
-"""Types as libraries declare them: as they are, and by the aliases that newer versions give."""
+"""Type hints of libraries: direct ones, and type aliases of newer versions."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.recording.exporters.tables import tables_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-# As numpy 2.5 declares its own.
+# As declared by numpy 2.5.
 AnyShape = TypeAliasType("AnyShape", tuple[Any, ...])
 Array = TypeAliasType("Array", np.ndarray[AnyShape, np.dtype[Scalar]], type_params=(Scalar,))
 Cells = TypeAliasType("Cells", Array[np.int8])
@@ -127,7 +127,7 @@ def test_a_type_of_which_no_form_is_known_is_an_error_and_no_guess(kind: Any, wi
         require_recordable(holder)
     with pytest.raises(TypeError):
         from_jsonable(holder, {"stamp_ns": 1, "what": []})
-    if kind != UNION:  # it can be described, and not told which of both a value is
+    if kind != UNION:  # it can be described, but the type of a value is ambiguous
         with pytest.raises(TypeError):
             json_schema(holder)
 
@@ -138,7 +138,7 @@ def test_the_error_says_which_field_it_is() -> None:
         require_recordable(holder)
 
 
-# Files that people write
+# Files written by people
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Value classes of ours are those of the standard library, made sooner."""
+"""Value classes equal standard dataclasses, but are created faster."""
 
 import copy
 import dataclasses
@@ -20,7 +20,7 @@ from caris_desktop.domain.value_class import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Ours:
-    """What both have."""
+    """Fields of both classes."""
 
     x: int
     names: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Ours:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Theirs:
-    """What both have."""
+    """Fields of both classes."""
 
     x: int
     names: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ def test_values_compare_hash_and_show_as_those_of_the_library(one: Any, other: A
 def test_values_go_through_a_pipe_and_are_copied(values: Any) -> None:
     for value in (Ours(*values), Longer(3, *values[1:], by_name="n"), Changing(3, [1]), Empty(), ByName(x=1)):
         for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
-            assert pickle.loads(pickle.dumps(value, protocol)) == value  # noqa: S301 - what was just written
+            assert pickle.loads(pickle.dumps(value, protocol)) == value  # noqa: S301 - written by this test
         assert copy.copy(value) == value
         assert copy.deepcopy(value) == value
 
@@ -116,7 +116,7 @@ def test_what_is_made_anew_is_made_each_time() -> None:
 
         @dataclass
         class _Shared:
-            items: list[int] = []  # noqa: RUF012 - that it is refused is the point
+            items: list[int] = []  # noqa: RUF012 - tests the refusal
 
 
 def test_what_is_wrong_is_refused_as_ever() -> None:
@@ -129,7 +129,7 @@ def test_what_is_wrong_is_refused_as_ever() -> None:
 
 def test_two_that_are_themselves_differ() -> None:
     value = Itself(1)
-    assert value == value  # noqa: PLR0124 - that is the question
+    assert value == value  # noqa: PLR0124 - tests equality
     assert value != Itself(1)
     assert len({value, Itself(1)}) == 2
 
@@ -163,7 +163,7 @@ def test_what_has_no_fields_and_what_holds_arrays() -> None:
 
 
 def _declared() -> list[type[Any]]:
-    """Every value class of the domain."""
+    """All value classes of the domain."""
     found = []
     for module in pkgutil.walk_packages(caris_desktop.domain.__path__, "caris_desktop.domain."):
         for each in vars(importlib.import_module(module.name)).values():

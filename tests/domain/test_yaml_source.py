@@ -1,4 +1,4 @@
-"""The one reader of YAML: what becomes of scalars, what is refused and at which line, and that nothing is evaluated."""
+"""YAML reader: scalars, refusals with line numbers, and no evaluation."""
 
 import math
 import time
