@@ -1,8 +1,8 @@
-"""``desktop_child`` that asks a language model again and again.
+"""``desktop_child`` that asks a language model repeatedly.
 
-More lines: ``choose MODEL``, ``ask_on QUESTION`` (and again whenever an answer has ended), ``ask_off``, and
-``clear_field``. Reports also ``told`` (what the Assistant panel says below the newest question), ``asking``,
-``failures`` (how many questions have failed) and ``spoken`` (what was said to its end).
+Further commands: ``choose MODEL``, ``ask_on QUESTION`` (and again whenever an answer has ended), ``ask_off``, and
+``clear_field``. Further reports: ``told`` (text below the newest question in the Assistant panel), ``asking``,
+``failures`` (number of failed questions) and ``spoken`` (completed utterances).
 """
 
 import sys
@@ -70,6 +70,6 @@ class AskingDriver(DesktopDriver):
 
 
 if __name__ == "__main__":
-    # What never comes is given up soon, so that it happens while keys are held.
+    # Short timeouts, so that they expire while keys are held.
     model_client._TIMEOUTS["question"] = WAIT
     sys.exit(main(sys.argv[1], Path(sys.argv[2]), AskingDriver, scenario=sys.argv[3]))

@@ -33,7 +33,7 @@ from tests.support.virtual_gamepad import VirtualGamepad
 
 
 class Driver(StateReporter):
-    """Carries out the lines and reports what is on show."""
+    """Executes the commands and reports the displayed state."""
 
     def __init__(self, run: ConsoleRun) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ class Driver(StateReporter):
             x_m, y_m, name = rest.split(maxsplit=2)
             self._run.console.do(intents.SavePlace(name, Pose2D(float(x_m), float(y_m), 0.0)))
         elif word == "robot":
-            # As after the wizard's answer to what the profile names.
+            # As after the wizard's confirmation of the profile's references.
             composition.confirm_robot(rest, accept_named=True)
             self._run.console.do(intents.UseRobot(rest))
         elif word == "use":
@@ -107,7 +107,7 @@ class Driver(StateReporter):
             self._alarms_raised.append(event.what)
 
     def _on_frame(self, frame: FrameRef) -> None:
-        """In the thread of the link: before anything is conflated."""
+        """Frame received in the thread of the link, before any conflation."""
         self._frames_missing += frame.sequence - self._frame.get(frame.camera, frame.sequence - 1) - 1
         self._frame[frame.camera] = frame.sequence
 
@@ -153,14 +153,14 @@ def _people_in_map(state: LiveState) -> tuple[PersonPlace, ...]:
 
 
 def _simulated_at(address: str, folder: Path) -> str:
-    """A profile of the simulated robot at this address: an address alone means a robot of which nothing is known."""
+    """Profile of the simulated robot at this address; an address alone means an unknown robot."""
     path = folder / "simulated-robot.yaml"
     save_profile(replace(load_profile("simulated"), address=address), path)
     return str(path)
 
 
 def main(address: str, study: Path, driver_type: type[Driver] = Driver, *, scenario: str = "") -> int:
-    """Run until the window is closed; ``driver_type`` understands the lines. ``scenario``: a file, or else the tour."""
+    """Run until the window is closed; ``driver_type`` executes the commands. ``scenario``: a file, or else the tour."""
     settings = QSettings(str(study.parent / "settings.ini"), QSettings.Format.IniFormat)
     camera = os.environ.get("CARIS_TEST_CAMERA")
     robot = _simulated_at(address, study.parent) if "://" in address else address

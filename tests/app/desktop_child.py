@@ -1,7 +1,7 @@
-"""``console_child`` for a virtual screen: real keys come from outside, and the gamepad is SDL's virtual one.
+"""``console_child`` for a virtual screen: with real key events and SDL's virtual gamepad.
 
-Prints ``TEXT`` and the Speak field's text whenever it changes,
-``KEYS`` and who has them, ``GAMEPAD`` and its name.
+Prints ``TEXT`` and the Speak field's text whenever it changes, ``KEYS`` and the owner of the focus, ``GAMEPAD`` and its
+name.
 """
 
 import sys

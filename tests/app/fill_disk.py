@@ -1,4 +1,4 @@
-"""The console records onto a small disk that somebody else fills; prints one JSON object with what was to be seen."""
+"""Console that records onto a small disk while the disk fills; prints one JSON object with the displayed state."""
 
 import json
 import sys

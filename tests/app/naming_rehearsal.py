@@ -1,4 +1,4 @@
-"""The rehearsal as ``caris-desktop rehearse`` plays it, in which the wizard names somebody, types and says the name.
+"""Rehearsal as of ``caris-desktop rehearse``, in which the wizard names a person, types and says the name.
 
 ``python -m tests.app.naming_rehearsal NAME SCENARIO --out DIR``
 """
@@ -12,7 +12,7 @@ from caris_desktop.people.presence import PersonRow
 
 
 class NamingRehearsal(rehearsal.Rehearsal):
-    """The same, with a name: in People, in a sentence, in a question and in a note."""
+    """Rehearsal with a name: in People, in a sentence, in a question and in a note."""
 
     name = ""
 

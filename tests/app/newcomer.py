@@ -1,7 +1,6 @@
-"""Somebody who has read the README's first page, sees the window, and knows nothing of how it is programmed.
+"""Simulated new user who has read the first page of the README and sees only the window.
 
-What can be seen is asked of the accessibility interface, as a screen reader does: names, places, what has the focus.
-What is done is done with the mouse and the keys.
+The visible content comes from the accessibility interface: names, positions and focus. Actions use mouse and keyboard.
 """
 
 import time
@@ -18,7 +17,7 @@ _LOOKS_EVERY_S = 0.05
 
 @dataclass(frozen=True)
 class Seen:
-    """Something in the window with a name, and where it is in the window."""
+    """Visible element of the window with its name and position."""
 
     name: str
     role: QAccessible.Role
@@ -26,14 +25,14 @@ class Seen:
 
 
 class Newcomer:
-    """Sits before ``window``. What is not found within ``patience_s`` is a failure of the window, not of theirs."""
+    """User of ``window``. An element not found within ``patience_s`` is a fault of the window."""
 
     def __init__(self, window: QWidget, *, patience_s: float = 60.0) -> None:
         self.window = window
         self.patience_s = patience_s
         self.log: list[str] = []
 
-    # Seeing
+    # Perception
 
     def everything(self) -> Iterator[Seen]:
         root = QAccessible.queryAccessibleInterface(self.window)
@@ -52,14 +51,14 @@ class Newcomer:
             place = QRect(self.window.mapFromGlobal(rect.topLeft()), rect.size())
             if place.isValid() and self.window.rect().intersects(place):
                 name = child.text(QAccessible.Text.Name) or child.text(QAccessible.Text.Value)
-                # What is chosen in a list over the window is told there.
+                # The current item of a list over the window has the focus.
                 for words in (name, child.text(QAccessible.Text.Description)):
                     if words:
                         yield Seen(words, child.role(), place)
             yield from self._below(child)
 
     def sees(self, words: str, *roles: QAccessible.Role) -> Seen | None:
-        """What is called so, exactly if there is such a thing, else the shortest name with these words in it."""
+        """Element with exactly this name, else with the shortest name that contains the words."""
         wanted = words.casefold()
         found = [seen for seen in self.everything() if not roles or seen.role in roles]
         found = [seen for seen in found if wanted in seen.name.casefold()]
@@ -81,7 +80,7 @@ class Newcomer:
         assert isinstance(found, Seen)
         return found
 
-    # Doing
+    # Actions
 
     def clicks(self, words: str, *roles: QAccessible.Role) -> None:
         where = self.finds(words, *roles).place.center()
@@ -91,7 +90,7 @@ class Newcomer:
         QCoreApplication.processEvents()
 
     def presses(self, keys: str) -> None:
-        """As a manual writes it: Ctrl+K, F1, Esc."""
+        """Press keys in the notation of a manual: Ctrl+K, F1, Esc."""
         self.log.append(f"presses {keys}")
         chord = QKeySequence(keys)[0]  # type: ignore[index]
         QTest.keyClick(self._hands(), chord.key(), chord.keyboardModifiers())
@@ -105,7 +104,7 @@ class Newcomer:
     def holds(
         self, key: Qt.Key, until: Callable[[], object], what: str, modifiers: Qt.KeyboardModifier | None = None
     ) -> None:
-        """Keeps a key down until something has come about."""
+        """Hold a key until a condition is true."""
         self.log.append(f"holds {key.name}")
         chord = modifiers or Qt.KeyboardModifier.NoModifier
         QTest.keyPress(self._hands(), key, chord)
@@ -126,7 +125,7 @@ class Newcomer:
 
 
 def drives_a_metre(newcomer: Newcomer, driven_m: Callable[[], float], metres: float = 1.0) -> None:
-    """README: hold W while the video has the keys. Whoever comes near something turns away from it first."""
+    """Drive as the README says: hold W while the video has the focus. Turns away from obstacles first."""
     newcomer.finds("Still")
     newcomer.clicks("Front camera")
     began_m = driven_m()
@@ -143,7 +142,7 @@ def drives_a_metre(newcomer: Newcomer, driven_m: Callable[[], float], metres: fl
 
 
 def practises(newcomer: Newcomer, driven_m: Callable[[], float]) -> list[str]:
-    """Does what the strip of the practice says, step by step; gives the titles of the steps."""
+    """Follow the steps of the practice strip; returns their titles."""
     newcomer.presses("Ctrl+K")
     newcomer.types("practise")
     newcomer.finds("Practise on the simulated robot")
@@ -228,4 +227,4 @@ _DOES: dict[str, Callable[[Newcomer, Callable[[], float]], None]] = {
     "Recover from a lost connection": _recovers_the_link,
     "Stop in an emergency": _stops_in_an_emergency,
 }
-"""As the README and its pictures have it."""
+"""Steps as in the README and its screenshots."""

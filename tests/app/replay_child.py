@@ -1,7 +1,7 @@
-"""A replay's window in a process of its own, told by lines on stdin what to press.
+"""Replay window in a separate process with commands on stdin.
 
-``python -m tests.app.replay_child SESSION_DIR``. Lines: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``quit``.
-Prints a JSON line whenever what its top bar says has changed.
+``python -m tests.app.replay_child SESSION_DIR``. Commands: ``key NAME`` (a key stroke), ``click OBJECT_NAME``,
+``quit``. Prints a JSON line whenever the text of its top bar changes.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""``console_child`` with the ways in which driving ends.
+"""``console_child`` with the events that end driving.
 
-More lines: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``click_if_there OBJECT_NAME``, ``focus OBJECT_NAME``,
-``dialog`` and ``close_dialog`` (a modal one), ``other_program`` (it comes to the front), ``stall SECONDS`` (of the
-GUI), ``clear`` (the emergency stop), ``guard on`` or ``guard off``.
+Further commands: ``key NAME`` (a key stroke), ``click OBJECT_NAME``, ``click_if_there OBJECT_NAME``, ``focus
+OBJECT_NAME``, ``dialog`` and ``close_dialog`` (a modal one), ``other_program`` (it comes to the front), ``stall
+SECONDS`` (of the GUI), ``clear`` (the emergency stop), ``guard on`` or ``guard off``.
 """
 
 import sys
@@ -28,7 +28,7 @@ class SafetyDriver(Driver):
         window = self._run.window
         target = QApplication.activeModalWidget() or QApplication.focusWidget() or window
         if word == "press" and self._dialog is None and not window.isActiveWindow():
-            # The window takes its time to be in front again after a dialog.
+            # The window needs time to become active again after a dialog.
             QTimer.singleShot(10, self, lambda: self._on_line(line))
         elif word == "key":
             QTest.keyClick(target, Qt.Key(getattr(Qt.Key, f"Key_{rest}")))

@@ -1,4 +1,4 @@
-"""What panels can read of LiveState, as plain data, and how what was live compares with its replay."""
+"""Plain data of LiveState as read by panels, and comparison of a live state with its replay."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,12 +7,12 @@ from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS
 from caris_desktop.live.state import LOST_AFTER_S, LiveState
 from caris_desktop.live.status_tap import STATUS_TYPES, content_of
 
-# Not part of what a panel shows of the robot: how the recorder itself fares, and streams that no panel reads live.
+# Not displayed as robot state: the recorder's own status, and streams that no panel reads live.
 _LEFT_OUT = ("audio", "status", "lens")
 
 
 def shown_state(state: LiveState) -> dict[str, Any]:
-    """Of each stream the stamp of its value, its freshness and its age; of the console's own status everything."""
+    """Stamp, freshness and age of each stream, and the complete status of the console."""
     streams = {
         spec.name: [getattr(stream.value, "stamp_ns", None), stream.freshness, stream.age_s()]
         for spec in STATE_STREAMS
@@ -33,10 +33,10 @@ def differences(
     shown_at: Callable[[int], dict[str, Any]],
     told_between: Callable[[str, int, int], list[int]],
 ) -> list[str]:
-    """What was on show live, and is not in the replay: neither at that moment nor within a second of it.
+    """Displayed live state that the replay has neither at that time nor within a second of it.
 
-    What arrives is recorded at once and shown as soon as the window has time for it, which on a busy computer is later.
-    ``shown_at`` gives the replay's state of a moment, ``told_between`` when a status was recorded.
+    Values are recorded at once and displayed as soon as the window has time, which on a busy computer is later.
+    ``shown_at`` returns the replay's state at a time, ``told_between`` the times of a recorded status.
     """
     at_ns, live = sample["at_ns"], sample["shown"]
     replayed: dict[int, dict[str, Any]] = {}
@@ -72,23 +72,24 @@ _AROUND_NS = tuple(quarter * 250_000_000 for quarter in range(-4, 5))
 
 
 def _is_between(name: str, stamp_ns: int | None, shown_ns: list[int | None]) -> bool:
-    """Many values are shown in a second: whether this is of that second."""
+    """True if the stamp is between those of this second."""
     stamps_ns = [each or 0 for each in shown_ns]
-    # A large one waits for its turn to be recorded, and for that is looked for once a second.
+    # A large value is recorded with a delay, and checked once a second.
     spare_ns = round(2.5 * BY_NAME[name].record_every_s * 1e9)
     return stamp_ns is not None and min(stamps_ns) <= stamp_ns <= max(stamps_ns) + spare_ns
 
 
 def _ages(name: str, age_s: float) -> bool:
-    """Whether it has just been called something else, or is about to: ages are looked at now and then. They count from
-    when it was measured, which on a busy computer is long before it came.
+    """True if the freshness just changed or is about to: ages are updated now and then.
+
+    Ages count from the measurement, which on a busy computer is long before the arrival.
     """
     moments_s = (BY_NAME[name].stale_after_s or 0.0, LOST_AFTER_S)
     return any(moment_s - 0.25 < age_s < moment_s + 1.0 for moment_s in moments_s)
 
 
 def _unlike(live: Any, replayed: Any) -> str:
-    """Only what differs."""
+    """Differences only."""
     if isinstance(live, dict) and isinstance(replayed, dict):
         names = [name for name in {**live, **replayed} if live.get(name) != replayed.get(name)]
         return "; ".join(f"{name}: {_unlike(live.get(name), replayed.get(name))}" for name in names)

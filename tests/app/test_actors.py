@@ -1,7 +1,7 @@
-"""Who asked for it: from the intent over robot, voice, model and recorder back to the event, the file and the export.
+"""Actor of each request: from the intent through robot, speech, model and recorder to event, file and export.
 
-One console with its real link, recorder and simulated robot is asked for everything by another wizard; what this
-computer's wizard and the console itself did beside it says so.
+One console with its real link, recorder and simulated robot gets every request from another wizard; actions of this
+computer's wizard and of the console are attributed to them.
 """
 
 import asyncio
@@ -60,17 +60,19 @@ LEAVES_NOTHING = {
     intents.LeaveTrial,
     intents.BeginPractice,
 }
-"""Of which microphone is used the record has the sound. Who reads about somebody, hears along or tries a microphone
-changes nothing. When something is said is on record, however it came about, and what is only typed
-is not. What a file may use is kept in the settings, and what it opens then is on record. A trial that nobody goes
-on with is over. What is practised has a recording of its own."""
+"""Intents without a recorded event of their own.
+
+The microphone in use is recorded as sound. Reading about a person, listening and testing a microphone change nothing.
+Utterances are recorded when they are spoken, typed text is not. A file's permissions are settings, and its effect is
+recorded. A trial that is not resumed has ended. Practice has a recording of its own.
+"""
 
 WRITTEN_ELSEWHERE = {events.PersonForgotten, events.PracticeStepEnded, events.PracticeEnded}
-"""Nobody is forgotten while a file is written, and what is practised goes into a file of its own."""
+"""Erasure is not possible during a recording, and practice is recorded in a separate file."""
 
 
 def confirmed(profile: Path) -> RobotConnection:
-    """As after the user's word on what this file names."""
+    """Connection as after the user's confirmation of the file's references."""
     composition.confirm_robot(str(profile), accept_named=True)
     return composition.robot_connection(str(profile))
 
@@ -94,7 +96,7 @@ class SavedElsewhere:
 
 @dataclass
 class Story:
-    """What was asked, and what happened. ``traces``: of each intent the event that names who asked, None without."""
+    """Requests and resulting events. ``traces``: for each intent the event that names the actor, or None."""
 
     console: Console
     happened: list[Any] = field(default_factory=list)
@@ -119,7 +121,7 @@ class Story:
         )
 
     def ask(self, intent: Intent, kind: type[Any], actor: str = OTHER, **fields: Any) -> None:
-        """By the other wizard; an event of that kind with these fields has to follow from it."""
+        """Request of the other wizard; an event of that kind with these fields must follow."""
         since = len(self.happened)
         assert self.console.do(replace(intent, actor=OTHER)) == "", intent
         try:
@@ -130,13 +132,13 @@ class Story:
             self.traces[type(intent)] = None
 
     def do(self, intent: Intent, kind: type[Any], **fields: Any) -> None:
-        """By this computer's wizard, so that the other one finds something to end or change."""
+        """Request of this computer's wizard, to provide something that the other one can end or change."""
         since = len(self.happened)
         assert self.console.do(intent) == "", intent
         self.until(lambda: self.seen(kind, since, actor=WIZARD, **fields), f"what follows from {intent}")
 
     def hold_a_key(self, actor: str) -> Any:
-        """Until the robot is sent turning; press again where this machine was too busy to go on renewing."""
+        """Hold until the robot turns; press again if this machine was too busy to renew the lease."""
         since, pressed_s = len(self.happened), 0.0
 
         def turning() -> Any:
@@ -151,10 +153,10 @@ class Story:
 
 
 def tell(story: Story) -> None:
-    """Everything that can be asked, in an order in which it can be done."""
+    """All possible requests, in a feasible order."""
     console, state, ask, do = story.console, story.console.state, story.ask, story.do
     ask(intents.EmergencyStop(), events.EmergencyStopChanged)
-    # Nobody is forgotten while a session is recorded.
+    # No erasure during a recording.
     stranger = story.until(lambda: state.persons.value, "somebody is here")[0].person_id
     ask(intents.ForgetPerson(stranger), events.PersonForgotten)
     story.until(lambda: state.going_on.value.state == "offered", "the trial that broke off")
@@ -183,7 +185,7 @@ def tell(story: Story) -> None:
     console.do(intents.TurnHead(0.0, 0.0))
     ask(intents.Nod(), events.HeadMoved)
 
-    place = "Kitchen"  # the robot begins at another end of the house
+    place = "Kitchen"  # the robot starts at the other end of the building
     ask(intents.GoToPlace(place), events.GoalChanged, state="requested")
     ask(intents.GoToPoint(HERE), events.GoalChanged, state="active")
     do(intents.GoToPlace(place), events.GoalChanged, state="active")
@@ -216,7 +218,7 @@ def tell(story: Story) -> None:
     ask(intents.SayAnswer("Yes."), events.AnswerUsed)
     assert console.do(intents.Ask("Endless?")) == ""
     story.until(lambda: state.assistant.value.answer, "the beginning of an answer")
-    # The exchange is whose question it was.
+    # The exchange belongs to the author of the question.
     ask(intents.CancelAnswer(), events.LlmExchange, WIZARD, detail="cancelled by another wizard")
     do(intents.Ask("Short?"), events.LlmExchange, outcome="answered")
     ask(intents.DismissAnswer(state.assistant.value.exchange_id), events.AnswerUsed, use="dismissed")
@@ -302,11 +304,11 @@ def tell(story: Story) -> None:
 
 
 def tell_of_suggestions(story: Story) -> None:
-    """What is made of what the language model suggests and proposes, each to another turn of a participant's."""
+    """Uses of suggestions and proposals of the language model, each for another turn of a participant."""
     state, ask = story.console.state, story.ask
 
     def readable(value: LiveValue, of: Callable[[Any], Any]) -> Any:
-        """What stands there once a participant has said something more, and can be read."""
+        """Displayed value after a participant's next turn."""
         number, before = len(story.happened), of(value.value)
         text = f"Can you show me {number} things?"
         story.console._bus.publish(
@@ -315,7 +317,7 @@ def tell_of_suggestions(story: Story) -> None:
 
         def stays() -> Any:
             stands = of(value.value)
-            # What an earlier turn brought is put aside by this one, perhaps only just now.
+            # This turn dismisses the result of an earlier one, possibly only now.
             return stands if stands and stands != before and clock.now_ns() > stands.from_ns + _STAYS_NS else None
 
         return story.until(stays, "what the model writes, to be read")
@@ -434,19 +436,19 @@ def test_the_file_has_it_all_and_of_everything_somebody_asked_for(story: Story) 
     assert by_other >= traced - WRITTEN_ELSEWHERE
     asked_for = [value for value in recorded if getattr(value, "speaker", "") != "participant"]
     assert {value.actor for value in asked_for} == {OTHER, WIZARD, CONSOLE, MODEL}
-    # A velocity is whose key is held, and a mark whose last change it is.
+    # The actor of a velocity holds the key; the actor of a mark made its last change.
     moving = [command.actor for command in recorded if isinstance(command, events.CommandSent) and command.twist.moving]
     assert {OTHER, WIZARD} <= set(moving)
     assert [mark.actor for mark in recorded if isinstance(mark, events.Marked)] == [*3 * [OTHER], WIZARD, *8 * [OTHER]]
-    # The emergency stop was latched before; each change is there once.
+    # The emergency stop was latched before; each change is recorded once.
     stops = [value for value in recorded if isinstance(value, events.EmergencyStopChanged)]
     assert [(stop.latched, stop.actor) for stop in stops] == [(True, OTHER), (False, OTHER)]
-    # How everything stood before is at the head of the file, of what waited for somebody too.
+    # The previous state is at the start of the file, including pending questions.
     checked = [value for value in recorded if isinstance(value, events.PreflightChecked) and value.at_start]
     assert {("robot", "passed"), ("by hand: Consent form signed", "not checked")} <= {
         (check.check_id, check.state) for check in checked
     }
-    # Everything was in force as the recording began, and nobody had asked for it but this computer's wizard.
+    # Everything was active at the start of the recording, by this computer's wizard alone.
     first = {type(value): value for value in reversed(recorded)}
     assert (first[events.ScenarioOpened].actor, first[events.RobotChosen].actor) == (WIZARD, WIZARD)
 
@@ -482,7 +484,9 @@ def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(st
     export_session(story.folder, "eaf", tmp_path / "eaf", ExportContext(with_names=True))
 
     def actors(folder: str, table: str) -> list[str]:
-        """Participants speak unasked, and suggestions are asked for by the console."""
+        """Actors in a table, without participants, who have none, and without the console, which requests
+        suggestions.
+        """
         with (tmp_path / folder / f"{table}.csv").open(encoding="utf-8", newline="") as file:
             return [row["actor"] for row in csv.DictReader(file) if row["actor"] not in ("", CONSOLE)]
 

@@ -1,4 +1,4 @@
-"""What goes wrong around a session: each gets a clear message, the console goes on, and nothing recorded is lost."""
+"""Faults around a session: each causes a clear message, the console continues, and no recorded data is lost."""
 
 import hashlib
 import json
@@ -114,7 +114,7 @@ def test_without_a_screen_the_console_says_what_to_do() -> None:
 
 @pytest.mark.long
 def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
-    """A robot profile with a fault and a camera that is not there: the window opens and says so."""
+    """A robot profile with a fault and a missing camera: the window opens and reports them."""
     profile = tmp_path / "robot.yaml"
     profile.write_text("version: 1\ntitel: Robot\n", "utf-8")
     console = _console(str(profile), tmp_path, CARIS_TEST_CAMERA=str(tmp_path / "no.mp4"))
@@ -127,7 +127,7 @@ def test_what_only_the_window_can_tell_is_told_there(tmp_path: Path) -> None:
         console.kill()
 
 
-@pytest.mark.long  # the process alone is in perception/test_inference
+@pytest.mark.long  # perception/test_inference tests the process alone
 def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_path: Path) -> None:
     (tmp_path / "hidden").mkdir()
     (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
@@ -154,7 +154,7 @@ def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_pat
         console.close()
 
 
-@pytest.mark.long  # the link alone is in robot/test_link
+@pytest.mark.long  # robot/test_link tests the link alone
 def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -174,14 +174,14 @@ def test_a_robot_that_is_not_there_yet_is_connected_when_it_comes(tmp_path: Path
         console.kill()
 
 
-@pytest.mark.long  # the link alone is in robot/test_link
+@pytest.mark.long  # robot/test_link tests the link alone
 def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
     connections = []
     recording = threading.Event()
 
     def nonsense(connection: ServerConnection) -> None:
         connections.append(connection)
-        recording.wait(60.0)  # what was said before it is in no session
+        recording.wait(60.0)  # earlier messages are in no session
         try:
             for message in ("not json", "[1, 2", '{"op": "publish"}', b"\xff\x00\x01", "[]", '{"op": 7}'):
                 connection.send(message)
@@ -202,7 +202,7 @@ def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
             said_before = len(console.wait_until_shown(recording="recording")["problems"])
             recording.set()
             wait_for(lambda: connections, "the console has connected")
-            # On a busy machine the robot is first told to be unclear, and asked again, before a link is tried.
+            # On a busy machine the console may report an unclear robot and ask again before a link is tried.
             wait_for(
                 lambda: len(console.shown["problems"]) > said_before and "control" in console.shown["children"],
                 "it is said",
@@ -249,7 +249,7 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
             return sum(path.stat().st_size for path in folder.glob("video-*.mp4"))
 
         def has_settled() -> bool:
-            # Each of the recorder's reports comes after whatever it took before; video grows several times between.
+            # Each report of the recorder follows all data received before; video grows several times in between.
             before, sizes = len(_topics_so_far(folder)), video_bytes()
             wait_for(lambda: len(_topics_so_far(folder)) > before + 200, "events go on being recorded")
             return video_bytes() == sizes
@@ -284,7 +284,7 @@ def _sha256(path: Path) -> str:
 
 
 def _topics_so_far(folder: Path) -> range:
-    """As long as the file is in tens of bytes: it grows with each event, and reading it all each time is slow."""
+    """Size of the file as a counter: it grows with each event, and reading all of it would be slow."""
     return range((folder / "events.mcap").stat().st_size // 100)
 
 
@@ -341,7 +341,7 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         console.kill()
 
 
-@pytest.mark.long  # the recorder alone is in recording/recorder
+@pytest.mark.long  # recording/recorder tests the recorder alone
 def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, tmp_path: Path) -> None:
     if (
         os.name != "posix"
@@ -376,7 +376,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(robot: SimulatedRobot, 
 def title_of(process: psutil.Process) -> str:
     try:
         return "".join(process.cmdline()[:1])
-    except psutil.Error:  # it has just ended
+    except psutil.Error:  # it has just exited
         return ""
 
 

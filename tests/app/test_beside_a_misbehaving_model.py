@@ -1,5 +1,6 @@
-"""While a language model server misbehaves in every way, the wizard types, drives and speaks with real keys in a real
-window: what comes of that is counted in keys, positions and events.
+"""Typing, driving and speaking with real keys in a real window during faults of a language model server.
+
+The results are counted in keys, positions and events.
 """
 
 import asyncio
@@ -37,7 +38,7 @@ _TRIES = 4
 
 
 class Servers:
-    """One that does to a question what its last word says, and one that cannot prove who it is."""
+    """A server that behaves as the last word of the question says, and one with an untrusted certificate."""
 
     def __init__(self, folder: Path) -> None:
         self._thread = AsyncioThread()
@@ -66,7 +67,7 @@ class Servers:
 
 
 class Desk:
-    """The console on its screen, its robot, and the wizard's hands."""
+    """Console on its screen, robot, and input of the wizard."""
 
     def __init__(self, robot: SimulatedRobot, desktop: VirtualDesktop) -> None:
         self.desktop = desktop
@@ -77,16 +78,16 @@ class Desk:
         self._odometry.close()
 
     def shown(self) -> dict[str, Any]:
-        """What the console showed last."""
+        """Last displayed state."""
         for line in reversed(self.desktop.lines()):
-            # The last one may still be on its way.
+            # The last line may be incomplete.
             with contextlib.suppress(json.JSONDecodeError):
                 if line.startswith("{"):
                     return dict(json.loads(line))
         return {}
 
     def turns(self) -> list[float]:
-        """How fast the robot turned, all along, rad/s."""
+        """Turn rates of the robot so far, rad/s."""
         return [
             item["msg"]["twist"]["twist"]["angular"]["z"]
             for item in list(self._odometry.received)
@@ -146,7 +147,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
 
 
 def _types_drives_and_speaks(desk: Desk) -> str:
-    """All of it while a drive key is held; why the drive ended, or nothing."""
+    """Type, drive and speak while a drive key is held; returns the reason if the drive ended."""
     desktop = desk.desktop
     desktop.say("clear_field")
     before = desk.shown()
@@ -180,7 +181,7 @@ def _types_drives_and_speaks(desk: Desk) -> str:
 
 
 _IN_EVERY_RUN = ("never", "tls")
-"""Of the others, the whole console without a window manager is in test_misbehaving_model."""
+"""For the others, test_misbehaving_model runs the whole console without a window manager."""
 
 
 @pytest.mark.parametrize(
@@ -196,7 +197,7 @@ def test_beside_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, w
     failures = desk.shown()["failures"]
     desk.desktop.say(f"ask_on What of {way}")
     desk.wait(lambda: desk.shown()["asking"] or desk.shown()["failures"] > failures, "the question is asked")
-    # A machine too busy for the motion lease ends a drive as well; what a server does to it would do so every time.
+    # A machine too busy for the motion lease also ends a drive; an effect of the server would end every one.
     ends: list[str] = []
     while (end := _types_drives_and_speaks(desk)) and len(ends) < _TRIES:
         ends.append(end)

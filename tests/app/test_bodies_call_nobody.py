@@ -1,4 +1,4 @@
-"""Each process body with everything on, under strace: it looks up no name and calls nobody but this computer."""
+"""Each process entry point with all features under strace: no name lookup, and no connection to another computer."""
 
 import inspect
 import os
@@ -26,9 +26,9 @@ _BODIES = {
     for name, one in inspect.getmembers(process_entry_points, inspect.isfunction)
     if one.__module__ == process_entry_points.__name__
 }
-# Those that are started where they are needed.
+# Entry points that are started on demand.
 _OTHERS = {"run_exports", "run_overview", "run_face_page"}
-# Their libraries know an address elsewhere. The rehearsal under strace has nearly all the others, too.
+# Their libraries contain a remote address. The rehearsal under strace covers nearly all the others.
 _IN_EVERY_RUN = {"recogniser", "language_model"}
 _CASES = [
     pytest.param(name, marks=[] if name in _IN_EVERY_RUN else [pytest.mark.long]) for name in sorted(_BODIES | _OTHERS)
@@ -43,7 +43,7 @@ def robot() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def pulse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """Where sound goes and comes from; nowhere without PulseAudio."""
+    """Environment with a sound server; empty without PulseAudio."""
     if any(shutil.which(program) is None for program in ("pulseaudio", "pactl", "parec")):
         yield {}
         return
@@ -53,7 +53,7 @@ def pulse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
 
 
 def test_every_body_can_be_driven_here() -> None:
-    """A new one, too: else nobody would see whom it calls."""
+    """A new entry point needs a driver here, to check its connections."""
     drivers = {name for name, _ in inspect.getmembers(Driven, inspect.isfunction)} - {"__init__", "picture"}
     assert drivers == _BODIES | _OTHERS
 
@@ -70,7 +70,7 @@ def test_a_body_calls_nobody_outside(
     home.mkdir()
     place.mkdir()
     kept = {one: value for one, value in os.environ.items() if one not in SWITCHES and not one.startswith("XDG_")}
-    # onnxruntime's maker was called after 25 s.
+    # onnxruntime connected to its vendor after 25 s.
     lives_s = "40" if request.config.getoption("--long") else "1"
     done = subprocess.run(
         [

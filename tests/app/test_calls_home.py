@@ -1,6 +1,6 @@
-"""Libraries that run networks tell nobody, in any process: no name is looked up, and no id of this computer is kept.
+"""No telemetry of neural network libraries in any process: no name lookup, and no stored id of this computer.
 
-The whole program under strace is in test_rehearsal.
+test_rehearsal runs the whole program under strace.
 """
 
 import os
@@ -29,7 +29,7 @@ _NETWORKS = {
 }
 
 
-# Libraries call from a thread of their own, when it suits them: here they are given time for it.
+# Libraries connect from background threads with a delay, which the test allows for.
 _UNTIL_IT_CALLS = """
 import os, time
 began = time.monotonic()
@@ -43,8 +43,9 @@ print("it took", time.monotonic() - began)
 
 
 def calls_of(code: str, home: Path, *, within_s: float) -> tuple[str, list[Path], float]:
-    """What a process with this code connects to, the files it leaves in its home, and after how long it was seen to, at
-    most ``within_s``. Skips without strace.
+    """Connections of a process with this code, files left in its home, and the time until then, at most ``within_s``.
+
+    Skips without strace.
     """
     if shutil.which("strace") is None:
         pytest.skip("needs strace to see whom a process calls")
@@ -73,7 +74,7 @@ _TRIED_S = 30.0
 
 @pytest.fixture(scope="module")
 def calls_after_s(tmp_path_factory: pytest.TempPathFactory) -> float | None:
-    """How long onnxruntime takes to call its maker by itself; None where it does not do so at all."""
+    """Time until onnxruntime connects to its vendor by default; None if it does not."""
     calls, files, took_s = calls_of(
         _NETWORKS["onnxruntime"], tmp_path_factory.mktemp("by itself") / "home", within_s=_TRIED_S
     )
@@ -81,12 +82,12 @@ def calls_after_s(tmp_path_factory: pytest.TempPathFactory) -> float | None:
     return took_s if by_itself else None
 
 
-@pytest.mark.long  # the program itself is in test_rehearsal and test_bodies_call_nobody
+@pytest.mark.long  # test_rehearsal and test_bodies_call_nobody test the program itself
 @pytest.mark.parametrize("network", _NETWORKS)
 def test_a_process_of_the_program_tells_nobody_what_it_runs(
     network: str, tmp_path: Path, calls_after_s: float | None
 ) -> None:
-    """While it lives twice as long as it takes without the program's switches."""
+    """Observed for twice the time that it takes without the program's switches."""
     code = f"import caris_desktop.app.process_entry_points\n{_NETWORKS[network]}"
     calls, files, _ = calls_of(code, tmp_path / "home", within_s=2 * (calls_after_s or 0) + 1)
     assert not re.findall(r".*AF_INET.*", calls)

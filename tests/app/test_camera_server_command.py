@@ -1,4 +1,4 @@
-"""``caris-desktop camera-server`` as its own process: light, and understood by the cameras of the console."""
+"""``caris-desktop camera-server`` as a separate process: light, and compatible with the console's cameras."""
 
 import os
 import re
@@ -28,9 +28,9 @@ from tests.support.certificates import Authority
 pytest.importorskip("aiortc")
 TOKEN = "0123456789abcdef"
 ALLOWED = {
-    "caris_desktop", "numpy", "cv2", "av", "platformdirs", "setproctitle",  # its own
+    "caris_desktop", "numpy", "cv2", "av", "platformdirs", "setproctitle",  # the program's own
     "aiortc", "aioice", "pyee", "pylibsrtp", "OpenSSL", "cryptography", "dns", "google_crc32c", "ifaddr", "idna",
-    "_cffi_backend", "cffi", "typing_extensions",  # aiortc's
+    "_cffi_backend", "cffi", "typing_extensions",  # of aiortc
     "_distutils_hack",  # of the installer, in every Python
 }  # fmt: skip
 PROGRAM = textwrap.dedent("""
@@ -45,7 +45,7 @@ PROGRAM = textwrap.dedent("""
 
 @dataclass(frozen=True, slots=True)
 class Serving:
-    """A camera server with a token, and where it is."""
+    """A camera server with a token, and its address."""
 
     process: "subprocess.Popen[str]"
     address: str
@@ -98,7 +98,7 @@ def test_the_console_sees_its_pictures_and_when_they_were_taken(serving: Serving
             greys.append(round(float(picture.image.mean())))
             if picture.taken_ns is not None:
                 assert picture.taken_uncertainty_ns is not None
-                # Both are on one computer here, so its clock is ours.
+                # Both run on one computer here, so the clocks are equal.
                 assert picture.taken_ns <= arrived_ns
                 taken.append(picture.taken_ns)
         assert taken == sorted(taken)
@@ -126,7 +126,7 @@ def test_without_its_token_nothing_is_seen(serving: Serving, monkeypatch: pytest
 
 
 def test_it_ends_cleanly_and_has_loaded_neither_qt_nor_torch(serving: Serving) -> None:
-    """Last, since it ends the server."""
+    """Last test, as it ends the server."""
     serving.process.send_signal(signal.SIGTERM)
     told, errors = serving.process.communicate(timeout=30)
     assert serving.process.returncode == 0, errors
@@ -140,7 +140,7 @@ def test_it_ends_cleanly_and_has_loaded_neither_qt_nor_torch(serving: Serving) -
 def test_others_are_served_over_tls_and_the_token_goes_to_the_right_one_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A certificate of one's own, known by its fingerprint; whoever answers in its place gets no token."""
+    """A self-signed certificate pinned by its fingerprint; an impostor gets no token."""
     authority = Authority(tmp_path)
     ours, other = authority.issue("127.0.0.1", by_itself=True), authority.issue("127.0.0.1", by_itself=True)
     video = tmp_path / "walk.mp4"

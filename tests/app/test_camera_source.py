@@ -1,4 +1,4 @@
-"""``--camera FILE``: a street video in place of the robot's camera, followed by the whole console."""
+"""``--camera FILE``: a street video instead of the robot's camera, processed by the whole console."""
 
 from pathlib import Path
 
@@ -18,13 +18,13 @@ from tests.perception.video_pipeline import score, write_mot
 from tests.support.console_process import ConsoleProcess
 
 
-@pytest.mark.long  # the same video goes through the real perception processes in tests/perception
+@pytest.mark.long  # tests/perception runs the same video through the real perception processes
 @needs_int8_weights
 @needs_tud_campus
 def test_the_recorded_people_of_a_street_video_score_well(tmp_path: Path) -> None:
-    """Scored on the frames that were processed: how many are in time is a matter of what else the machine does."""
+    """Scored on the processed frames, as their number depends on other load of the machine."""
     console = ConsoleProcess(
-        "ws://127.0.0.1:9",  # nobody listens there: the camera does not need a robot
+        "ws://127.0.0.1:9",  # no robot at this address: the camera does not need one
         tmp_path / "study",
         CARIS_TEST_CAMERA=str(TUD_CAMPUS_VIDEO),
         CARIS_MODELS_DIR=str(INT8_WEIGHTS.parent),

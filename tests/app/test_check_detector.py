@@ -1,4 +1,4 @@
-"""What ``caris-desktop check`` says of the detector that a scenario wants."""
+"""``caris-desktop check`` for the detector of a scenario."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What ``caris-desktop check`` says of turning speech into text: the same as a session would."""
+"""``caris-desktop check`` for speech recognition, with the same result as in a session."""
 
 import io
 import wave

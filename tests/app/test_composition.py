@@ -1,4 +1,4 @@
-"""What the adapter table checks where rooms meet."""
+"""Checks of the adapters between packages."""
 
 from pathlib import Path
 

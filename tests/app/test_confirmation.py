@@ -1,4 +1,4 @@
-"""A file that nobody has confirmed: nothing that it names is opened, read or connected to before the user's word."""
+"""Unconfirmed file: none of its references is opened, read or connected to before the user's confirmation."""
 
 import contextlib
 import socket
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.logs(r"live\.bus: ")
 
 
 class Listener:
-    """Counts who connects to it, over all addresses that a file may name."""
+    """Counts connections to all addresses that a file may contain."""
 
     def __init__(self) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -72,7 +72,7 @@ def test_a_command_without_a_window_lists_what_is_named_and_stops(
     assert f"ws://127.0.0.1:{listener.port}" in shown
     assert f"http://127.0.0.1:{listener.port}/cam" in shown
     assert "--accept-named" in shown
-    assert listener.connected == 0 or words[0] == "check"  # which goes on with the tour guide's parts
+    assert listener.connected == 0 or words[0] == "check"  # which continues with the parts of the tour guide
 
 
 def test_a_profile_is_not_connected_to_either(

@@ -1,4 +1,4 @@
-"""The console composed from its real parts, without its child processes."""
+"""Console with its real parts, without child processes."""
 
 import asyncio
 import os
@@ -35,7 +35,7 @@ from tests.live import bodies
 
 @dataclass
 class Asked:
-    """A console whose language model takes down what it is asked."""
+    """Console with a language model that records the questions."""
 
     console: Console
     prompts: list[str]
@@ -67,7 +67,7 @@ def asked(qtbot: QtBot, tmp_path: Path) -> Iterator[Asked]:
         ),
     )
     console = Console(parts, scenario)
-    # Nothing else of it has to run.
+    # Only this service is needed.
     next(service for service in console._services if isinstance(service, AssistantService)).start()
     yield Asked(console, prompts)
     console.shutdown()
@@ -86,7 +86,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
 @pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
 @pytest.mark.parametrize("actor", [WIZARD, "wizard:Ada", SCRIPT, MODEL, CONSOLE])
 def test_whoever_asks_no_recording_begins_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
-    """A key of the gamepad and the palette ask as this wizard does."""
+    """Requests of the gamepad and the palette are those of this wizard."""
     console, told = asked.console, list[Problem]()
     said = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
     console._bus.publish(said)
@@ -204,7 +204,7 @@ def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_
     assert [(event.person_id, event.number) for event in appeared] == 2 * [("p-3", 3), ("p-4", 4)]
     tiers = session_tiers(session)
     assert {tier.name for tier in tiers.tiers if tier.name.startswith("Person ")} == {"Person 3", "Person 4"}
-    # The goal is told once, after the pause, and was over before the recording began.
+    # The goal ended before the recording and is recorded once, after the pause.
     assert [event.state for _, event in session.values("event/goal_changed")] == ["cancelled"]
     assert "Navigation goals" not in {tier.name for tier in tiers.tiers}
     assert measure(read_facts(session)).driving.goals == {}
@@ -230,7 +230,7 @@ def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot
         assert state.camera.value == "front"
         shown: list[str] = []
         state.robot.changed.connect(
-            # From the moment on at which the new robot stands for the old one.
+            # From the switch to the new robot on.
             lambda _robot: state.frame.changed.connect(lambda frame: shown.append(frame.camera))
         )
         console.connect_robot(_robot("head"))
@@ -257,7 +257,7 @@ def test_a_question_that_is_too_long_is_refused_in_words(qtbot: QtBot, tmp_path:
 
 
 def _without_models() -> Scenario:
-    """The tour without what starts six processes more."""
+    """The tour without models, which saves six processes."""
     scenario = composition.find_scenario("tour-guide")
     return replace(scenario, permissions=replace(scenario.permissions, assistant=False, transcription=False))
 
@@ -292,7 +292,7 @@ def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) ->
         work()
 
     console.shutdown(during)
-    # Before them comes what was asked of the disk last, where it is not done yet: the face is read as a scenario opens.
+    # Pending disk requests come before them: opening the scenario reads the face.
     assert [what.split()[0] for what in told][-2:] == ["Voice,", "The"]
     assert "recording is being completed" in told[-1]
 

@@ -1,4 +1,4 @@
-"""The whole console against the simulated robot, each in its own process, watched from outside."""
+"""Whole console with the simulated robot, each in a separate process, observed from outside."""
 
 import json
 import os
@@ -27,13 +27,13 @@ LINK_LOST = "The connection to the robot is lost."
 
 @dataclass
 class Bench:
-    """One robot and one console for all tests; of each test's robot and console the next one has what is left."""
+    """One robot and one console for all tests; each test continues with the state left by the previous one."""
 
     robot: SimulatedRobot
     console: ConsoleProcess
 
     def start_robot_again(self) -> SimulatedRobot:
-        """Where the one before was, which was killed."""
+        """Start a robot at the address of the killed one."""
         self.robot = SimulatedRobot(port=self.robot.port)
         share_in_module(self.robot.pid, self.robot.folder.name)
         return self.robot
@@ -69,18 +69,18 @@ def _drive(console: ConsoleProcess, listener: TwistListener) -> None:
     console.hold("A", lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
 
 
-@pytest.mark.long  # who is gone is in people/test_presence
+@pytest.mark.long  # people/test_presence tests departures
 def test_black_pictures_empty_the_people_panel(robot: SimulatedRobot, console: ConsoleProcess) -> None:
     console.wait_until_shown(perception="ready", timeout_s=90)
     wait_for(lambda: console.shown["people_here"] > 0, "a person is here", timeout_s=60)
     robot.fault("black_camera")
-    # How soon depends on how long one look takes beside whatever else the machine does.
+    # The duration depends on the detection time under the present load.
     console.wait_until_shown(people_here=0, timeout_s=20)
     robot.fault("clear")
 
 
 def test_each_twist_that_the_robot_gets_is_one_recorded_event(robot: SimulatedRobot, console: ConsoleProcess) -> None:
-    # A new connection begins with zeros, the last of them a while later.
+    # A new connection begins with zeros, the last of them after a while.
     connected_ns = next(report["at_ns"] for report in console.history if report["link"] == "connected")
     wait_for(lambda: time.monotonic_ns() - connected_ns > (ZERO_AGAIN_S[-1] + 0.5) * S, "silence on the wire")
     listener = TwistListener(robot.address)
@@ -92,7 +92,7 @@ def test_each_twist_that_the_robot_gets_is_one_recorded_event(robot: SimulatedRo
         wait_for(lambda: len(listener.seen) > before + 5, f"{key} drives")  # noqa: B023 (called at once)
         console.say(f"release {key}")
         wait_for(lambda: not listener.seen[-1].moving, f"{key} released")
-    # The zeros go on for half a second; then there is silence, and every command is in the file.
+    # The zeros continue for half a second; then nothing is sent, and every command is in the file.
     quiet_since = [len(listener.seen), time.monotonic_ns()]
 
     def quiet() -> bool:
@@ -119,7 +119,7 @@ def test_a_stopped_console_stops_the_robot(robot: SimulatedRobot, console: Conso
     stopped_ns = time.monotonic_ns()
     os.kill(console.pid, signal.SIGSTOP)
     try:
-        # Nothing else would stop it, and 0.3 s is what it takes where the computer has time.
+        # Nothing else would stop it; 0.3 s is the time on an idle computer.
         zero = wait_for(
             lambda: next((twist for twist in listener.seen if twist.at_ns > stopped_ns and not twist.moving), None),
             "zero was sent",
@@ -166,7 +166,7 @@ def test_one_lost_link_raises_one_alarm_that_ends_by_itself(
     console.say("go 1.0 1.0")
     robot.kill()
     console.wait_until_shown(link="lost", alarms=[LINK_LOST])
-    # What cannot be done without the robot is asked for all the same.
+    # Actions that need the robot are requested nevertheless.
     for line in ("go 1.0 1.0", "photo", "save_map lab", "use wave true"):
         console.say(line)
     console.wait_until_shown(link="lost", video="none", alarms=[LINK_LOST])
@@ -177,7 +177,7 @@ def test_one_lost_link_raises_one_alarm_that_ends_by_itself(
 
 
 def test_a_killed_console_leaves_a_session_that_opens(robot: SimulatedRobot, console: ConsoleProcess) -> None:
-    """Last, because the console is gone afterwards."""
+    """Last test, as it ends the console."""
     console.say("record")
     folder = Path(console.wait_until_shown(recording="recording")["session"])
     console.say("press A")

@@ -1,4 +1,4 @@
-"""A camera on a desk beside the robot's own: both are perceived by the whole console, and who is before both is one."""
+"""Desk camera in addition to the robot's camera: the whole console detects people in both and matches them."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ cameras:
 DESK = "places:\n  - {name: Desk, x_m: 5.2, y_m: 2.6, heading_deg: -170}\n"
 
 
-@pytest.mark.long  # the same on injected time is in tests/people
+@pytest.mark.long  # tests/people tests the same with simulated time
 @needs_int8_weights
 def test_somebody_before_the_robot_and_the_desk_is_one_row(tmp_path: Path) -> None:
     visits = tmp_path / "visits.csv"

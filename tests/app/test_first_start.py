@@ -1,4 +1,4 @@
-"""What somebody sees who starts the program for the first time."""
+"""First start of the program."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -29,7 +29,7 @@ def settings(tmp_path: Path) -> QSettings:
 
 @pytest.fixture
 def start(qtbot: QtBot, tmp_path: Path, settings: QSettings) -> Iterator[Start]:
-    """The window is shown; what runs beside it is not started."""
+    """The window is shown without background services."""
     runs: list[ConsoleRun] = []
 
     def start(**arguments: Any) -> ConsoleRun:
@@ -98,7 +98,7 @@ def test_the_robot_of_last_time_is_connected_unless_it_is_gone_or_another_is_nam
 def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, own: bool, scenario: str
 ) -> None:
-    """It had ended with it: nothing would answer where it was, and that would be the first thing somebody reads."""
+    """A simulated robot of the console ended with it: its old address would cause an error at the start."""
     address, asked, started = "ws://127.0.0.1:41234", [], []
     monkeypatch.setattr(Console, "start", lambda _console: None)
     monkeypatch.setattr(Console, "use_robot", lambda _console, _find, *_by, **_told: asked.append(1))

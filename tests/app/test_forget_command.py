@@ -1,4 +1,4 @@
-"""``caris-desktop forget`` on a study with its people's database."""
+"""``caris-desktop forget`` on a study with a database of people."""
 
 import argparse
 import re
@@ -25,9 +25,9 @@ PEOPLE = 50
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study in which 50 people are known. To be copied."""
+    """A study with 50 known people. To be copied."""
     study = make_study(tmp_path_factory.mktemp("made") / "study")
-    # The first two are those whom the recordings show.
+    # The first two are those in the recordings.
     ids = [f"p-{number + 1}" for number in range(PEOPLE)]
     new_ids = mock.patch("caris_desktop.people.people_store.new_person_id", side_effect=ids)
     with new_ids, closing(PeopleStore(study / "people.sqlite")) as store:
@@ -68,7 +68,7 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
             for looks in [store.embeddings(person_id=each.person_id)]
         }
     assert len(others) == PEOPLE - 1
-    # The folder of its sessions stands for the study, too.
+    # The folder of its sessions identifies the study, too.
     assert run(study / "sessions", NAME, "--text", "redact", "--yes") == 0
     assert found_in(study) == []
     told, noted = capsys.readouterr()
@@ -123,7 +123,7 @@ def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pyt
     told = capsys.readouterr().err
     (review,) = (study / "forgotten").glob("review-*.txt")
     assert f"caris-desktop forget {study} {PERSON} --review {review}" in told
-    # Already now neither the database nor a picture has them.
+    # Database and images are already free of the person.
     assert set(found_in(study)) == {"events.mcap", "speech.txt", review.name}
     lines = review.read_text(encoding="utf-8").splitlines()
     assert any(f"Hello »{NAME}«, welcome" in line for line in lines)

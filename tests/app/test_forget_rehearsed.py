@@ -1,4 +1,4 @@
-"""Somebody named in a rehearsal and forgotten: no byte of theirs is left in study, home or temporary folder."""
+"""Erasure of a person named in a rehearsal: no data remains in study, home or temporary folder."""
 
 import hashlib
 import os
@@ -31,7 +31,7 @@ def _run(environment: dict[str, str], *words: str | Path, timeout_s: float = 280
 
 
 def _bytes_in(folders: list[Path]) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of all files, and what is packed in a recording."""
+    """Names and contents of all files, and decompressed data of recordings."""
     for path in (path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()):
         yield f"the name of {path}", str(path).encode()
         content = path.read_bytes()
@@ -52,7 +52,7 @@ def _found(folders: list[Path], canaries: dict[str, list[bytes]]) -> set[tuple[s
 
 
 def _voice(folder: Path) -> list[bytes]:
-    """Loud pieces of what participants said."""
+    """Loud parts of participants' speech."""
     session = open_session(folder)
     pieces = []
     for path in folder.glob("audio-*.wav"):
@@ -99,7 +99,7 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
     found = {what: len(pieces) for what, pieces in canaries.items()}
     assert found["name"] and found["sentence"] and found["voice"] and (found["portrait"] or found["looks"]), found
     canaries = {what: pieces for what, pieces in canaries.items() if pieces}
-    everywhere = [study, home, temporary]  # exports that a rehearsal writes elsewhere are out of reach
+    everywhere = [study, home, temporary]  # exports to other folders are out of reach
     before = _found(everywhere, canaries)
     assert {what for what, _where in before} >= {"name", "sentence", "voice"}, "there is something to find"
 

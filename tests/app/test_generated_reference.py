@@ -1,4 +1,4 @@
-"""What is shipped about the files that people write is what their declarations say."""
+"""Shipped references and schemas of files agree with their declarations."""
 
 from pathlib import Path
 

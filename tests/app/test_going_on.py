@@ -1,4 +1,4 @@
-"""The whole program broke off in the midst of a recording, or was told to end: what the next start offers."""
+"""Crash of the whole program during a recording, or termination: the offer at the next start."""
 
 import os
 import shutil
@@ -26,12 +26,12 @@ pytestmark = pytest.mark.alone
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., ConsoleProcess]]:
-    """Each call starts the program of the same user, on the same robot and study."""
-    # Short: where replays find the live robots, sockets lie, whose paths have about a hundred characters at most.
+    """Each call starts the program for the same user, robot and study."""
+    # A short path: the folder contains sockets, whose paths are limited to about a hundred characters.
     with tempfile.TemporaryDirectory(prefix="s-", ignore_cleanup_errors=True) as name, SimulatedRobot() as robot:
         folder, started = Path(name), list[ConsoleProcess]()
         environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
-        # Looking for people would slow down everything else.
+        # Without person detection, which would slow down all else.
         (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
         environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
         environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
@@ -55,13 +55,13 @@ def _recording(console: ConsoleProcess) -> Path:
 
 
 def _stored(console: ConsoleProcess, session: Path) -> None:
-    """Until it is written down that this is recorded."""
+    """Wait until the recording has been saved as unfinished trial."""
     trials = session.parents[2] / "XDG_STATE_HOME" / "caris-desktop" / "trials"
     wait_for(lambda: list(trials.glob("*.json")), "what is under way is written down")
 
 
 def _begin_anyway(console: ConsoleProcess) -> None:
-    """Once more where checks are open, which is only known after a while: Record anyway."""
+    """Start the recording again with "Record anyway" if checks are open, which is known only after a while."""
 
     def begun() -> bool:
         if console.shown["recording"] != "idle":
@@ -88,7 +88,7 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
     for way in ("click record_button", "record"):
         told = len(console.shown["problems"])
         console.say(way)
-        # That no detector is found may be told meanwhile.
+        # A missing detector may be reported meanwhile.
         wait_for(lambda told=told: any(refusal in said for said in console.shown["problems"][told:]), refusal)  # type: ignore[misc]
         assert console.shown["recording"] == "idle"
     for what in get_args(intents.AsBefore):
@@ -112,7 +112,7 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
 
 @pytest.fixture
 def screen() -> Iterator[tuple["subprocess.Popen[bytes]", dict[str, str]]]:
-    """One that can be taken away, and the environment of who is to be seen on it."""
+    """A screen that can be removed, and its environment."""
     read_end, write_end = os.pipe()
     command = ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "1400x900x24"]
     server = subprocess.Popen(command, pass_fds=(write_end,), stderr=subprocess.DEVNULL)
@@ -155,7 +155,7 @@ def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_
 def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
     start: Callable[..., ConsoleProcess], told: signal.Signals
 ) -> None:
-    """Also in the midst of driving, when no window closes."""
+    """Also while driving, without closing a window."""
     ended = start()
     session = _recording(ended)
     _stored(ended, session)

@@ -1,4 +1,4 @@
-"""Examples of README, documentation and guides: their files can be read, and their commands are understood."""
+"""Examples of README, documentation and guides: readable files and valid commands."""
 
 import argparse
 import re
@@ -27,7 +27,7 @@ PAGES = {
     for page in (*sorted(page for page in _FILES if not page.is_symlink()), *sorted(GUIDE.glob("*.md")))
 }
 KINDS = ("yaml", "sh", "text", "python", "r")
-"""What a block can be marked as: text is for lists. tests/test_documentation.py runs those in Python."""
+"""Languages of code blocks; text is for lists. tests/test_documentation.py runs Python blocks."""
 
 SMALLEST = {
     "version": "version: 1",
@@ -39,7 +39,7 @@ SMALLEST_PROFILE = {"version": "version: 1", "ros": "ros: 1", "velocity": "veloc
 
 
 def blocks() -> Iterator[tuple[str, str, str]]:
-    """Where, as what it is marked, and what stands in it."""
+    """Position, language and content of each block."""
     for page, text in PAGES.items():
         found = re.finditer(r"^ *```(\w*)\n(.*?)^ *```$", text, re.DOTALL | re.MULTILINE)
         for number, block in enumerate(found, start=1):
@@ -50,7 +50,7 @@ EXAMPLES = {where: text for where, kind, text in blocks() if kind == "yaml"}
 
 
 def whole(text: str, smallest: dict[str, str]) -> str:
-    """A part of a file, with what a file has to have besides."""
+    """Part of a file, completed with required keys."""
     given = yaml.safe_load(text)
     return "\n".join([*(line for key, line in smallest.items() if key not in given), text])
 
@@ -93,9 +93,7 @@ _PLACEHOLDER = re.compile(r"[A-Z][A-Z_]*|\w+\.txt")
 
 
 def commands() -> Iterator[tuple[str, str, bool]]:
-    """Where, what stands after the program's name, and whether it has all that it needs: one in the middle of a
-    sentence may only name an option.
-    """
+    """Position, arguments, and completeness of each command; within a sentence it may contain just an option."""
     for page, text in PAGES.items():
         outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
         for code in re.findall(r"`([^`\n]+)`", outside):
@@ -114,12 +112,13 @@ COMMAND_LINES = sorted(set(commands()))
 
 
 class NotUnderstoodError(Exception):
-    """The words that the program would refuse them with."""
+    """Error message of the program."""
 
 
 def refusal_of(words: str, *, needs_all: bool) -> str:
-    """Why the program would not understand it; empty where it would. ``[`` and ``]`` are around what can be left out,
-    ``|`` between what can be chosen, and capitals stand for what is filled in.
+    """Reason why the program would refuse the command; empty if it is valid.
+
+    ``[`` and ``]`` mark optional parts, ``|`` alternatives, and capitals placeholders.
     """
     given = [re.split(r"(?<=\w)\|", word)[0] for word in shlex.split(re.sub(r"\.\.\.|\[,[^]]*\]|[][]", " ", words))]
     parser = parser_of(given.pop(0)) if given and given[0] in COMMANDS else build_parser()
@@ -136,13 +135,13 @@ def refusal_of(words: str, *, needs_all: bool) -> str:
     except NotUnderstoodError as refused:
         if needs_all or "required" not in str(refused):
             return str(refused)
-    except SystemExit as ended:  # --version and --help end the program
+    except SystemExit as ended:  # --version and --help exit
         return str(ended.code or "")
     return ""
 
 
 def _filled_in(word: str, parser: argparse.ArgumentParser, option: str) -> str:
-    """Something that the option takes: where it is one of a few, the first of these, and else a number or the word."""
+    """Valid value of the option: the first of its choices, else a number or the word."""
     action: Any = next((one for one in parser._actions if option in one.option_strings), None)
     if action is None:
         return word

@@ -1,4 +1,4 @@
-"""Files of others, mutated: nothing is run, written elsewhere or connected to, and no terminal obeys."""
+"""Mutated foreign files: no program run, no other file written, no connection, and no terminal control sequence."""
 
 import io
 import json
@@ -45,7 +45,7 @@ def test_no_mutation_of_a_scenario_gets_past_the_question(tmp_path: Path) -> Non
     path = tmp_path / "shared.yaml"
     asked = 0
     for seed in range(SEEDS):
-        chance = random.Random(seed)  # noqa: S311 - which mistake is made
+        chance = random.Random(seed)  # noqa: S311 - a test, not cryptography
         path.write_bytes(mutated(HOSTILE.encode(), chance))
         try:
             scenario = composition._load_scenario(path)
@@ -53,7 +53,7 @@ def test_no_mutation_of_a_scenario_gets_past_the_question(tmp_path: Path) -> Non
             asked += 1
             assert needed.question.named
         except UserFacingError:
-            continue  # refused in words
+            continue  # refused with a message
         else:
             assert scenario_references(scenario) == ()
     assert asked > SEEDS // 10
@@ -103,7 +103,7 @@ def test_no_mutation_of_a_bundle_writes_elsewhere(tmp_path: Path) -> None:
     whole, path = _bundle(tmp_path), tmp_path / "b.caris"
     home = tmp_path / "home"
     for seed in range(SEEDS):
-        chance = random.Random(seed)  # noqa: S311 - which mistake is made
+        chance = random.Random(seed)  # noqa: S311 - a test, not cryptography
         content = bytearray(whole)
         for _ in range(chance.choice((1, 1, 3, 20))):
             content[chance.randrange(len(content))] = chance.randrange(256)

@@ -1,6 +1,6 @@
-"""The intent table against the console: whatever is asked goes through the gate, and a refusal is a sentence.
+"""Table of intents and the console: each request passes the gate, and each refusal is a sentence.
 
-Generated from the table: a new intent is tried in each of these ways without a line here, once it has a sample.
+Generated from the table: a new intent is tested without a change here, once it has a sample.
 """
 
 import re
@@ -146,7 +146,7 @@ _NAMES = [type(sample).__name__ for sample in SAMPLES]
 
 @dataclass
 class Bench:
-    """A console whose services only take down what reaches them."""
+    """Console with service doubles that record requests."""
 
     console: Console
     done: list[Intent]
@@ -173,7 +173,7 @@ def shared_bench(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -
     bench = Bench(console, [], [])
     bench.console._handlers = dict.fromkeys(console._handlers, bench.done.append)
     console._robot.send = lambda command: not bench.sent.append(command)  # type: ignore[method-assign]
-    # Its thread for slow work, and what begins with the first turn of the event loop, belong to no single test.
+    # Its background thread, and work of the first event loop pass, belong to no single test.
     told: list[None] = []
     console._slow_work.do(lambda: None, told.append, pytest.fail)
     wait_for(lambda: QCoreApplication.processEvents() or told, "the thread for slow work")
@@ -196,7 +196,7 @@ def is_a_sentence(words: str) -> bool:
 
 
 def words_for(asked: Intent) -> str:
-    """The subject of a refusal: a control goes by its own title."""
+    """Subject of a refusal: the title for a control."""
     return "Using “Wave”" if isinstance(asked, intents.UseControl) else INTENTS[type(asked)].words
 
 
@@ -269,7 +269,7 @@ def test_a_language_model_asks_for_nothing_by_itself(bench: Bench) -> None:
 @pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
 def test_nothing_is_recorded_before_what_may_have_changed_is_confirmed(bench: Bench, asked: Intent) -> None:
-    """After an end that nobody wanted, whoever asks, and by whatever key."""
+    """After a crash, for every actor and key."""
     state, needed = bench.console.state, INTENTS[type(asked)].confirmed
     for what in get_args(intents.AsBefore):
         state.going_on.set(CrashRecoveryStatus("unconfirmed", unconfirmed=(what,)))

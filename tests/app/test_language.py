@@ -1,4 +1,4 @@
-"""What the program tells in its windows, from the first moment on, it tells in the wizard's language."""
+"""Messages in the windows are in the wizard's language from the start."""
 
 import dataclasses
 from collections.abc import Callable, Iterator
@@ -90,7 +90,7 @@ def test_cameras_that_cannot_be_used_and_people_that_cannot_be_read(parts: Adapt
 
 
 class ProblemRecorder(QObject):
-    """A console that only hears problems."""
+    """Console double that records problems."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What Qt says of itself goes into the log, at the level of what it is worth."""
+"""Messages of Qt in the log, with an adjusted level."""
 
 import logging
 

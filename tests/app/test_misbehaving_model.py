@@ -1,4 +1,4 @@
-"""A language model server that misbehaves in every way, beside a wizard who goes on speaking, typing and asking."""
+"""Faults of a language model server while the wizard speaks, types and asks."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from tests.support.polling import wait_for
 
 pytestmark = pytest.mark.logs(r"live\.bus: ", "answered with HTTP status", "exchange with .* failed")
 WAIT = ChatTimeouts(connect_s=0.5, first_token_s=0.5, between_tokens_s=0.5)
-# Those that answer at once are waited for as long as a busy machine takes.
+# Servers that answer at once get enough time on a busy machine.
 _LONG = ChatTimeouts(connect_s=20.0, first_token_s=20.0, between_tokens_s=20.0)
 _WAITS = {"never": WAIT, "half": replace(_LONG, between_tokens_s=WAIT.between_tokens_s)}
 
@@ -35,7 +35,7 @@ def whole(status: str, *headers: str, body: bytes = b"") -> Answer:
     return sends(f"HTTP/1.1 {status}\r\n{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
 
 
-# What it does, what the wizard reads, and what there is of an answer.
+# Behaviour, message to the wizard, and partial answer.
 WAYS: dict[str, tuple[Answer, str, str]] = {
     "never": (sends(then_waits=True), "did not start to answer within 0.5 s", ""),
     "500": (whole("500 Oh"), "failed (HTTP status 500)", ""),
@@ -122,7 +122,7 @@ def test_each_failure_is_told_beside_its_question_while_the_wizard_goes_on(desk:
     for way in ways:
         assert desk.console.do(intents.Ask(f"What of {way}")) == ""
     assert desk.console.do(intents.Ask("One more of never")) != "", "the field keeps what is refused"
-    # Speaking, silence and marks wait for no model.
+    # Speech, silence and marks do not wait for a model.
     assert desk.console.do(intents.Say("Please follow me.", "typed")) == ""
     assert any(row.is_pending for row in desk.status.exchanges)
     desk.until(lambda: any(isinstance(event, UtteranceChanged) for event in desk.happened), "the utterance")
@@ -134,7 +134,7 @@ def test_each_failure_is_told_beside_its_question_while_the_wizard_goes_on(desk:
         assert expected in row.detail
     desk.until(lambda: len(desk.exchanges) == 4, "each exchange, once")
     assert {exchange.outcome for exchange in desk.exchanges} == {"failed"}
-    # Whoever asks again is answered by the same rules: nothing is left of those before.
+    # A new question is handled by the same rules, without state of the previous ones.
     assert desk.console.do(intents.Ask("Once more of json")) == ""
     desk.until(lambda: desk.status.exchanges[0].state == "failed", "the end of the next question")
 

@@ -1,6 +1,6 @@
-"""Scenario and robot profile files with mistakes of every kind: each loads, or is refused in words that name a line.
+"""Scenarios and robot profiles with random mistakes: each loads, or is refused with a message that states a line.
 
-With --long a thousand of them, else a hundred. What goes wrong is chosen by a seed, which a failure tells.
+A hundred of them, or a thousand with --long. A failure states the seed of the mistake.
 """
 
 import os
@@ -20,7 +20,7 @@ from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 
 SHIPPED = [*sorted(layouts_dir().glob("*.yaml")), *sorted((resources_dir() / "robots").glob("*.yaml"))]
 AT_MOST_COMPUTED_S = 10.0
-"""Of the thread alone: a slow machine does not count, and what doubles with each level would take for ever."""
+"""CPU time of the thread: independent of load, and exceeded by exponential work."""
 ODD_VALUES = (
     "!!python/object/apply:os.system ['touch CANARY']", "!!python/name:os.system", "!!python/module:os",
     "!!binary R0lGODlh", "!!set {a, b}", "!!timestamp 2001-12-14", "!!null x", "!unknown {a: 1}",
@@ -114,7 +114,7 @@ def test_every_file_loads_or_is_refused_with_a_line(
     monkeypatch.setattr(subprocess, "Popen", nothing_is_run)
     loaded = refused = 0
     for seed in range(1000 if request.config.getoption("--long") else 100):
-        chance = random.Random(seed)  # noqa: S311 - which mistake is made
+        chance = random.Random(seed)  # noqa: S311 - a test, not cryptography
         shipped = SHIPPED[seed % len(SHIPPED)]
         path = tmp_path / "mutated.yaml"
         path.write_bytes(mutated(shipped.read_bytes(), chance))

@@ -1,4 +1,4 @@
-"""A newcomer who acts on what can be seen drives within a minute of the window, and finishes the practice."""
+"""A new user drives within a minute and completes the practice by visible information alone."""
 
 import math
 import time
@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.alone, pytest.mark.logs(r"live\\.", r"caris_desktop\\.
 
 
 class Sitting:
-    """A newcomer before the window that the demonstration opens."""
+    """A new user with the window of the demonstration."""
 
     def __init__(self, folder: Path) -> None:
         settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)

@@ -1,4 +1,4 @@
-"""What the robot sent, by its own log, is what the recording holds: nothing lost that was not written down as lost."""
+"""Comparison of the robot's log with the recording: every loss is recorded."""
 
 import json
 from collections import defaultdict
@@ -14,14 +14,14 @@ from tests.support.console_process import ConsoleProcess, without_models
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import SimulatedRobot
 
-# On a crowded machine the link itself leaves out older values before they reach the console, as driving needs. It tells
-# so once a second.
+# On a busy machine the link itself drops older values before the console gets them, as driving needs. It reports this
+# once a second.
 pytestmark = pytest.mark.alone
 _MARKS = 40
 
 
 def _sent(log: Path) -> dict[str, list[int]]:
-    """By topic, the robot's stamps of what was delivered, in that order."""
+    """Stamps of delivered values by topic, in order."""
     stamps: dict[str, list[int]] = defaultdict(list)
     for line in log.read_text("utf-8").splitlines():
         message = json.loads(line)
@@ -91,7 +91,7 @@ def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> Non
             [value.robot_stamp_ns for value in recorded if value.stamp_ns <= paused_ns],
             [value.robot_stamp_ns for value in recorded if value.stamp_ns >= resumed_ns],
         ):
-            # The first may be the one that stood when the recording began or went on.
+            # The first value may be from before the recording or its resumption.
             first, last = part[1], part[-1]
             delivered = [stamp for stamp in sent[topic] if first <= stamp <= last]
             assert [stamp for stamp in delivered if stamp in set(part)] == part[1:], "what is there is in its order"

@@ -1,4 +1,4 @@
-"""``caris-desktop perceive-again``: a layer beside a recording, which itself stays as it was."""
+"""``caris-desktop perceive-again``: derived data next to an unchanged recording."""
 
 import argparse
 import hashlib
@@ -29,7 +29,7 @@ SIZE_PX = (320, 240)
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study with a session whose camera saw a street with people for a second, with none in between."""
+    """Study with a session whose camera shows a street with people for a second, and none in between."""
     import cv2
 
     photo = np.asarray(cv2.resize(bus_picture()[350:950], SIZE_PX, interpolation=cv2.INTER_AREA), np.uint8)
@@ -110,7 +110,7 @@ def test_poses_are_in_the_layer_where_the_model_knows_them(
     status, _, told = perceive_again(capsys, street, "--name", "poses")
     assert status == 0, told
     *_, last = people_in(street / "sessions" / "one" / "derived" / "poses")
-    # Seen so for more than half a second; by the points of the detector, which are the same in each picture.
+    # Constant for more than half a second; keypoints are the same in each frame.
     assert [(box.hand_raised, box.facing) for box in last.boxes] == [(False, False)]
 
 

@@ -1,4 +1,4 @@
-"""``caris-desktop perceive --serve``: whom it serves, and a sentence for what is wrong."""
+"""``caris-desktop perceive --serve``: permitted clients, and error messages."""
 
 import argparse
 import signal

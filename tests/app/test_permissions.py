@@ -1,8 +1,7 @@
-"""What a scenario switches off runs in no process, comes into no recording and leaves this computer by no way.
+"""Switched-off permissions: no process, no recorded data and no connection.
 
-That nothing of it can be pressed is shown in ``tests/ui/test_permissions.py``, that nothing of it is done in
-``tests/app/test_intents.py``; both are generated from the table of intents. Here each permission says what else it
-stands for.
+``tests/ui/test_permissions.py`` tests the controls in the window, ``tests/app/test_intents.py`` the refusal of
+requests; both are generated from the table of intents. Here each permission lists its further effects.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,7 +36,7 @@ WITH_PROCESSES = (SpeechService, MicrophoneService, SoundService, ListeningServi
 
 
 class Child:
-    """A process that does nothing; the console only has to want it."""
+    """Process double without function."""
 
     def __init__(self, body: ProcessSpec) -> None:
         self.body = body
@@ -167,7 +166,7 @@ def no_face(bench: Bench) -> None:
 
 
 def nothing_else(_bench: Bench) -> None:
-    """There is nothing of it but what can be asked for."""
+    """The permission has no effect besides its intents."""
 
 
 PROOFS: dict[Permission, tuple[Callable[[Bench], None], ...]] = {

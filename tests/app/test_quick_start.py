@@ -1,4 +1,4 @@
-"""Until its window takes a key the program imports and collects no more than it must."""
+"""Minimal imports and garbage collections before the window accepts keys."""
 
 import json
 import subprocess
@@ -29,11 +29,11 @@ with mock.patch("importlib.import_module", look):
     command_table.run(["replay", "nowhere"])
 """
 _LATER = {"cryptography", "httpx", "psutil", "pyqtgraph", "roslibpy", "ruamel", "websockets"}
-"""What the first window does without: a robot, somebody known or a question needs it."""
+"""Modules that the first window does not need, only a robot, a known person or a question."""
 
 
 def test_a_replay_begins_as_quickly() -> None:
-    """Before anything of it is imported, which imports Qt."""
+    """Before any import of the replay, which imports Qt."""
     program = subprocess.run([sys.executable, "-c", _REPLAYS], capture_output=True, text=True, check=True, timeout=100)
     assert json.loads(program.stdout) == {"plain": True, "collects": False, "qt": True}
 

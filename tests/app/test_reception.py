@@ -1,4 +1,4 @@
-"""A robot that tells each thing once: whatever the order and the stalls, the console has all of it in the end."""
+"""Robot with latched topics: the console gets every value, in any order and after stalls."""
 
 import contextlib
 import signal
@@ -24,7 +24,7 @@ WAIT_S = 60.0
 
 
 def until(observe: Callable[[], object], what: str) -> None:
-    """Let the console go on until something is observed."""
+    """Run the console until ``observe`` is true."""
 
     def look() -> object:
         QCoreApplication.processEvents()
@@ -82,7 +82,7 @@ def test_what_a_robot_tells_once_is_there_after_every_connection_and_every_stall
             assert "map" in lacking(state, lenses), "another connection begins with nothing"
 
             until(lambda before=lenses: not lacking(state, before), f"all of connection {number}")
-            # A stall that is trouble, and under load perhaps a loss: neither may cost anything for good.
+            # A stall is reported as trouble, and under load perhaps as a loss: neither may lose data permanently.
             robot.send_signal(signal.SIGSTOP)
             troubles.clear()
             until(lambda: "trouble" in troubles or "lost" in troubles, "trouble")

@@ -1,4 +1,4 @@
-"""The scripted wizard plays the shipped scenarios in the real console; other programs look at what it leaves."""
+"""Scripted rehearsal of the shipped scenarios in the real console, with files checked by other programs."""
 
 import csv
 import json
@@ -30,16 +30,17 @@ from caris_desktop.recording.session.session_reader import open_session
 from tests.app.shown_state import differences, shown_state
 from tests.app.test_calls_home import SWITCHES
 
-# Without --long one: to the second the wizard answers by a phrase, to the third by typing.
+# One without --long: the wizard answers the second by a phrase, and the third by typing.
 SENTENCES = 3 if os.environ.get("CARIS_TEST_LONG") else 1
 
 
 def _rehearse(scenario: str, out: Path, *, sentences: int = 3, seconds: int = 0, tracer: tuple[str, ...] = ()) -> Path:
-    """Play it for ``seconds`` at least, watched by ``tracer`` if any, and give the session folder. ``sentences``: of
-    the participant.
+    """Run for at least ``seconds`` under ``tracer``, and return the session folder.
+
+    ``sentences`` is their number for the participant.
     """
     program = (*tracer, sys.executable, "-m", "tests.support.run_module", "tests.app.watched_rehearsal")
-    # As from a terminal: what keeps libraries from calling their makers is the program's own to set.
+    # As from a terminal: the program itself must set the switches against telemetry.
     environment = {name: value for name, value in os.environ.items() if name not in SWITCHES}
     done = subprocess.run(
         [*program, out.with_suffix(".samples"), str(sentences), scenario, "--out", out, "--seconds", str(seconds)],
@@ -66,7 +67,7 @@ def _messages(session: Path) -> dict[str, list[dict[str, Any]]]:
 
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The session of one rehearsal of the tour guide, in its study, for several tests to look at."""
+    """Session of one rehearsal of the tour guide in its study, shared by several tests."""
     out = tmp_path_factory.mktemp("tour") / "out"
     return _rehearse("tour-guide", out, sentences=SENTENCES, tracer=_network_tracer(out.with_suffix(".trace")))
 
@@ -102,7 +103,7 @@ def test_the_tour_leaves_a_whole_session(tour: Path) -> None:
 
 
 MOST_ALARMS = 3
-"""Of a session in which all went well; more of them, and nobody reads one."""
+"""Limit for a session without faults; more alarms would be ignored."""
 
 
 def _alarms(session: Path) -> list[str]:
@@ -119,7 +120,7 @@ def test_a_session_in_which_all_goes_well_raises_few_alarms(tour: Path) -> None:
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("scenario", ["blank", "reception", "practice", "nothing"])
 def test_any_scenario_can_be_rehearsed_with_what_it_has(tmp_path: Path, scenario: str) -> None:
-    """Without phrases, without the Assistant panel in its layout, or with nothing permitted at all."""
+    """Without phrases, without the Assistant panel in the layout, or without permissions."""
     name = scenario
     if scenario == "nothing":
         text = (layouts_dir() / "blank.yaml").read_text("utf-8").replace(": true\n", ": false\n")
@@ -174,7 +175,7 @@ def _is_whole_conversation(session: Path, said: tuple[str, ...]) -> None:
 
 
 def _tells_of_lost_sound(messages: dict[str, list[dict[str, Any]]]) -> bool:
-    """On a computer that is too busy for sound in real time words are lost, and the session says so."""
+    """True if the session reports lost speech, as on a computer too busy for real-time sound."""
     broke_off = any(each["cause"] == "missing sound" for each in messages.get("/event/problem", ()))
     return broke_off or any(each["stream"] == "transcription" for each in messages.get("/event/gap", ()))
 
@@ -184,7 +185,7 @@ def _plain(text: str) -> str:
 
 
 def _network_tracer(trace: Path) -> tuple[str, ...]:
-    """A command that writes down whom a program and its children call; empty where that is not possible."""
+    """Command that logs connections of a program and its children; empty if that is not possible."""
     calls = "connect,sendto,sendmsg,sendmmsg"
     if shutil.which("strace") is None:
         return ()
@@ -199,7 +200,7 @@ _ADDRESS = re.compile(r'inet_addr\("([^"]+)"\)|inet_pton\(AF_INET6, "([^"]+)"')
 
 @pytest.mark.timeout(300)
 def test_a_whole_session_calls_nobody_outside(tour: Path) -> None:
-    """Robot, language model and voice of the rehearsal are on this computer, so nothing else may be called."""
+    """Robot, language model and speech of the rehearsal run on this computer."""
     trace = tour.parents[2].with_suffix(".trace")
     if not trace.is_file():
         pytest.skip("needs strace, and the permission to use it, to see whom the console calls")
@@ -225,7 +226,7 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
     started_ns = json.loads((tour / "session.json").read_text("utf-8"))["started_ns"]
 
     def shown_at(at_ns: int) -> dict[str, Any]:
-        # At its very beginning a replay shows what came a moment later.
+        # At its very start a replay shows values that arrived a moment later.
         console.seek(max(at_ns, started_ns + 1))
         qtbot.waitUntil(lambda: console.settled, timeout=10_000)
         return shown_state(console.state)
@@ -240,10 +241,10 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
         found = []
         for sample in samples[:: max(1, len(samples) // 12)]:
             streams = sample["shown"]["streams"]
-            del streams["frame"]  # decoded in its own time; compared below
+            del streams["frame"]  # decoded asynchronously; compared below
             for name, (stamp_ns, *_) in list(streams.items()):
                 if stamp_ns is not None and stamp_ns < started_ns:
-                    del streams[name]  # on show since before the recording, where the next one is long in coming
+                    del streams[name]  # displayed since before the recording, with a rare update
             at_s = (sample["at_ns"] - started_ns) / 1e9
             found += [f"after {at_s:.1f} s: {each}" for each in differences(sample, shown_at, told_between)]
         assert not found, "\n".join(found)
@@ -256,7 +257,7 @@ def test_a_replay_shows_what_the_panels_showed(tour: Path, qtbot: QtBot, tmp_pat
         replay.close()
 
 
-# A busy computer films less often than it shows.
+# A busy computer records fewer frames than it displays.
 _FRAMES_APART_NS = 1_000_000_000
 
 
@@ -265,7 +266,7 @@ def _shows_frame(state: LiveState, earliest_ns: int, latest_ns: int) -> bool:
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.long  # what is covered, and when, is in recording/recorder/test_blurring
+@pytest.mark.long  # recording/recorder/test_blurring tests the covered areas
 @pytest.mark.parametrize("sentences", [0, 3])
 def test_the_mental_health_check_films_nobody_recognisably(tmp_path: Path, sentences: int) -> None:
     session = _rehearse("mental-health-check", tmp_path, sentences=sentences)
@@ -288,16 +289,16 @@ def test_the_mental_health_check_films_nobody_recognisably(tmp_path: Path, sente
                 near = box["height_px"] > _NEAR_PX
                 flat[near].append(_flat_share(frames[people["stamp_ns"]], box))
     assert len(flat[True]) > 20 and min(flat[True]) > 0.85, "people are seen as flat blocks only"
-    # Of somebody far away the blocks are so small that every eighth pixel is at the edge of one; a single box varies.
+    # Blocks of a distant person are so small that every eighth pixel is at an edge; a single box varies.
     assert len(flat[False]) < 5 or statistics.fmean(flat[False]) > 0.75
 
 
 _NEAR_PX = 200
-"""How high somebody is in the picture who could be recognised in it."""
+"""Height in the image from which a person could be recognised."""
 
 
 def _flat_share(image_bgr: Any, box: dict[str, float]) -> float:
-    """How much of what is in the box is the same as what is left of it. In unblurred video of the same people 0.6."""
+    """Share of pixels in the box equal to their left neighbour. In unblurred video of the same people 0.6."""
     left, top = max(0, round(box["left_px"])), max(0, round(box["top_px"]))
     right, bottom = round(box["left_px"] + box["width_px"]), round(box["top_px"] + box["height_px"])
     part = image_bgr[top:bottom, left:right].astype(int).sum(axis=2)

@@ -1,4 +1,4 @@
-"""Whoever a rehearsal has speak before the simulated robot is heard each time."""
+"""Each utterance of a rehearsal's participant is heard by the simulated robot."""
 
 import pytest
 

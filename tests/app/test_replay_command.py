@@ -1,4 +1,4 @@
-"""The replay of a session or a bag from the command line: what the record cannot tell is left out."""
+"""Replay of a session or a bag from the command line, without controls for missing data."""
 
 import argparse
 import json
@@ -57,7 +57,7 @@ def _arguments(path: Path, *more: str) -> argparse.Namespace:
 
 
 def _record(folder: Path, timed: Sequence[tuple[float, Callable[[int], Any]]]) -> int:
-    """A session of a minute; the moment it begins at."""
+    """Record a session of a minute; returns its start."""
     begin_ns = clock.now_ns()
     folder.parent.mkdir(exist_ok=True)
     start = StartRecording(folder, SessionHeader(ClockAnchor.take(), "0.test"))
@@ -75,7 +75,7 @@ def _record(folder: Path, timed: Sequence[tuple[float, Callable[[int], Any]]]) -
 
 
 class Replays:
-    """Replays of sessions that last a minute and hold what the test gives, without their windows."""
+    """Replays of sessions that last a minute and contain the given values, without windows."""
 
     def __init__(self, folder: Path, qtbot: QtBot) -> None:
         self._folder, self._qtbot = folder, qtbot
@@ -83,7 +83,7 @@ class Replays:
         self.begin_ns = 0
 
     def __call__(self, *timed: tuple[float, Callable[[int], Any]]) -> ReplayConsole:
-        """``timed`` are seconds and what makes an event of a moment."""
+        """``timed`` are seconds and functions that create an event for a time."""
         self.begin_ns = _record(self._folder / "session", timed)
         session = open_session(self._folder / "session")
         videos = VideoReader(session)
@@ -208,7 +208,7 @@ def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tm
 
 
 class Ends:
-    """Stands in for what is ended with the console."""
+    """Double of objects that are closed with the console."""
 
     def __init__(self, name: str, ended: list[str], *, fails: bool = False) -> None:
         self._name, self._ended, self._fails = name, ended, fails
@@ -249,7 +249,7 @@ def bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _import(path: Path, folder: Path) -> ImportReport:
-    """As the real one, in so far as the command sees it."""
+    """Double of the import with the attributes used by the command."""
     folder.mkdir()
     (folder / "session.json").write_text("{}")
     return ImportReport(folder, "ROS 1 bag", "", 0.0, {}, ())

@@ -1,4 +1,4 @@
-"""The whole console and the robot: places, goals, maps, controls, people on the map, and another robot instead."""
+"""Whole console with the robot: places, goals, maps, controls, people on the map, and a switch of the robot."""
 
 import math
 import time
@@ -24,7 +24,7 @@ def robot() -> Iterator[SimulatedRobot]:
 
 @pytest.fixture(scope="module")
 def own_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wizard's own scenarios and robots."""
+    """Folder of the wizard's scenarios and robots."""
     return tmp_path_factory.mktemp("config") / "caris-desktop"
 
 
@@ -70,7 +70,7 @@ def test_the_wizard_sends_the_robot_and_uses_what_it_offers(
     assert console.shown["readings"], "the robot tells its readings"
 
 
-@pytest.mark.long  # the geometry is in people/test_location
+@pytest.mark.long  # people/test_location tests the geometry
 @pytest.mark.timeout(300)
 def test_people_stand_on_the_map_where_they_are(robot: SimulatedRobot, console: ConsoleProcess) -> None:
     console.wait_until_shown(perception="ready", timeout_s=90)
@@ -85,7 +85,7 @@ def test_people_stand_on_the_map_where_they_are(robot: SimulatedRobot, console: 
 
     wait_for(placed, "people on the map", timeout_s=150)
     errors.sort()
-    # They walk at up to 1 m/s, and what is shown is a few tenths of a second old when the truth is asked.
+    # They walk at up to 1 m/s, and the displayed value is a few tenths of a second old.
     assert errors[len(errors) // 2] < 0.5, errors
 
 

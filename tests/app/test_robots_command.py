@@ -1,4 +1,4 @@
-"""``caris-desktop robots``, against the simulated robot."""
+"""``caris-desktop robots`` with the simulated robot."""
 
 import argparse
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_an_unknown_robot_is_explored_saved_and_listened_to(
         assert load_profile("robot-of-the-lab").address == robot.address
         assert (own_robots / "robot-of-the-lab.yaml").is_file()
         assert run("--explore", robot.address, "--save", "Robot of the lab") == 1
-        # A busy machine publishes late, so it may take a longer listening.
+        # A busy machine publishes late, so it may take a longer listening time.
         assert 0 in (run("--listen", "robot-of-the-lab", "--seconds", seconds) for seconds in ("1.5", "3", "6"))
         assert "ok   LIDAR" in capsys.readouterr().out
 

@@ -1,6 +1,6 @@
-"""The safety rules that no scenario can switch off, watched on the wire by an independent client.
+"""Safety rules that no scenario can switch off, verified on the wire by an independent client.
 
-Each rule and the tests that prove it; those without a file name are below. ``link`` is tests/robot/test_link.py,
+Each rule with its tests; those without a file name are in this file. ``link`` is tests/robot/test_link.py,
 ``lease`` tests/robot/test_lease.py, ``keys`` tests/ui/test_drive_input_filter.py, ``desktop`` tests/ui/test_desktop.py,
 ``controller`` tests/live/test_drive_controller.py, ``console`` tests/app/test_console_and_robot.py, ``guard``
 tests/robot/test_guard_in_simulator.py.
@@ -8,7 +8,7 @@ tests/robot/test_guard_in_simulator.py.
 A Twist is sent only while something holds the lease:
     test_release_is_zero_at_once_repeated_and_then_silence; link: without_renewal_the_robot_is_stopped; lease: all
 Zero at once, repeated for 0.5 s, then silence:
-    the same, and test_what_ends_driving for each way in which driving ends
+    the same, and test_what_ends_driving for each cause
 Driving ends when the application is deactivated:
     test_what_ends_driving[other_program]; desktop: another_program_in_front_ends_driving
 ... a modal dialog opens:
@@ -29,19 +29,19 @@ A navigation goal survives a focus change; stop, loss of the link and exit cance
 Commands are never queued while the link is down:
     console: a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back;
     link: a_killed_robot_is_reported_and_found_again_with_everything_subscribed_and_no_old_command
-A robot that reads nothing gets four commands at most, and a zero behind them; every new connection begins with zeros:
+A robot that reads nothing gets at most four commands and a zero; every new connection begins with zeros:
     tests/app/test_stops_and_kills.py; tests/robot/test_unread.py; tests/robot/test_control_link.py;
     link: a_stop_of_a_moment_leaves_four_velocities_and_a_zero, a_new_link_says_zero_first_whoever_drove_before
 A control that may move the robot obeys the emergency stop and the permission to drive, and none publishes velocities:
     tests/robot/test_control_interfaces.py
-A base that is not known to stop by itself is driven at half speed:
+A base without a known timeout is driven at half speed:
     tests/robot/test_profile.py; controller: a_base_that_may_not_stop_by_itself_is_driven_at_half_speed
 A command older than 0.25 s is dropped:
     test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept; link: an_old_order_moves_nothing
 Stop halts motion and cancels goals, always:
     test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere;
     test_the_keys_of_a_replay_in_front_stop_the_live_robot
-The emergency stop latches, refuses, clears only by an explicit act, and is told to the robot's own service:
+The emergency stop latches, refuses commands, needs an explicit reset, and calls the robot's own service:
     test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking;
     link: the_emergency_stop_latches_and_clears_only_by_asking,
     an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back
@@ -91,14 +91,14 @@ def robot() -> Iterator[SimulatedRobot]:
 
 @pytest.fixture(scope="module")
 def environment() -> Iterator[dict[str, str]]:
-    # Short: where replays find the live robots, sockets lie, whose paths have about a hundred characters at most.
+    # A short path: the folder contains sockets, whose paths are limited to about a hundred characters.
     with tempfile.TemporaryDirectory(prefix="s-") as folder:
         yield _environment_in(Path(folder))
 
 
 def _environment_in(folder: Path) -> dict[str, str]:
     environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
-    # Nobody is to be found here, and looking for people would slow down everything else.
+    # Without person detection, which would slow down all else.
     (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
     environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
     return environment | {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
@@ -123,9 +123,9 @@ def wire(robot: SimulatedRobot) -> Iterator[TwistListener]:
 
 @pytest.fixture
 def console(running: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[ConsoleProcess]:
-    """Ready to drive, in the middle of the corridor; quiet again afterwards."""
+    """Ready to drive in the middle of the corridor; released afterwards."""
     robot.fault("clear")
-    running.say("clear")  # a test that failed may have left the emergency stop latched, and the others are to be tried
+    running.say("clear")  # a failed test may leave the emergency stop latched
     robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
     running.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
     wire.seen.clear()
@@ -147,12 +147,12 @@ def _wait_for_silence(wire: TwistListener) -> None:
     wait_for(lambda: not wire.seen or time.monotonic_ns() - wire.seen[-1].at_ns > 0.3 * S, "silence on the wire")
 
 
-# A busy computer lets each of console, link and this test wait for some tenths of a second.
+# On a busy computer console, link and this test may each wait for some tenths of a second.
 _BUSY_S = 1.0
 
 
 def _zero_after(wire: TwistListener, ended_ns: int) -> float:
-    """After how long from ``ended_ns`` on there was zero; then nothing else for half a second, then nothing at all."""
+    """Time from ``ended_ns`` to the first zero; then only zeros for half a second, then nothing."""
     zero = wait_for(
         lambda: next((twist for twist in list(wire.seen) if twist.at_ns > ended_ns and not twist.moving), None), "zero"
     )
@@ -178,7 +178,7 @@ def test_release_is_zero_at_once_repeated_and_then_silence(console: ConsoleProce
         wire.seen.clear()
         return took_s
 
-    # How soon it can be is what counts; everything else that runs here makes it later now and then.
+    # The best case counts; other load delays it now and then.
     assert any(released() < 0.2 for _ in range(4))
 
 
@@ -187,7 +187,7 @@ def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending:
     _drive(console, wire)
     ended_ns = time.monotonic_ns()
     console.say(ending)
-    # A stalled GUI says nothing; the link notices 150 ms after the last that it heard.
+    # A stalled GUI sends nothing; the link notices it 150 ms after the last message.
     _zero_after(wire, ended_ns)
     console.say("close_dialog")
     console.say("release A")
@@ -205,7 +205,7 @@ def test_unplugging_the_gamepad_ends_driving(console: ConsoleProcess, wire: Twis
 
     def driven() -> bool:
         nonlocal pushed_s
-        if time.monotonic() - pushed_s > 0.1:  # the console looks for gamepads now and then
+        if time.monotonic() - pushed_s > 0.1:  # the console looks for gamepads periodically
             pushed_s = time.monotonic()
             console.say("pad 0 0.0")
             console.say("pad 0 -1.0")
@@ -238,7 +238,7 @@ def test_escape_stops_also_before_a_modal_dialog(console: ConsoleProcess, wire: 
     wait_for(lambda: len(wire.seen) > 4, "zeros, though nothing was held")
     assert _moving(wire) == []
     console.say("close_dialog")
-    time.sleep(0.7)  # another Escape before would be an emergency stop
+    time.sleep(0.7)  # an Escape shortly before would make it an emergency stop
 
 
 @pytest.mark.parametrize("how", ["key Pause", "click emergency_stop"])
@@ -271,7 +271,7 @@ def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_aski
 def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
     console: ConsoleProcess, robot: SimulatedRobot, environment: dict[str, str], tmp_path: Path
 ) -> None:
-    """The replay is another program: while its window is in front, the console hears no key."""
+    """The replay is another program: while its window is active, the console receives no key."""
     session = make_session(tmp_path / "session", seconds=2.0, cameras=(), audio=())
     stop = "Stop Simulated robot (live)"
     replay = ConsoleProcess(session.folder, module="tests.app.replay_child", **environment)
@@ -289,7 +289,7 @@ def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
                 console.wait_until_shown(drive_allowed=False)
                 console.say("clear")
                 console.wait_until_shown(drive_allowed=True)
-                # Until it has heard of that, the robot refuses the next goal.
+                # Until it receives the release, the robot refuses the next goal.
                 wait_for(lambda: not robot.state()["emergency_stopped"], "released at the robot")
             replay.wait_until_shown(red_button=stop)
         assert replay.close() == 0
@@ -340,7 +340,7 @@ def test_an_obstacle_stops_the_console_s_robot_until_the_wizard_overrides(
     console.say("guard on")
 
 
-# The link alone, whatever the console does
+# The link alone, independent of the console
 
 
 @pytest.fixture(scope="module")
@@ -369,7 +369,7 @@ def test_the_link_caps_by_itself_without_a_scan(link: LinkProcess, robot: Simula
     robot.fault("silent_lidar")
 
     def blind() -> bool:
-        # Told by another way than the velocities: sooner or later than the first that is slower.
+        # Reported on another path than the velocities: before or after the first reduced one.
         return [changed.state for changed in link.of(GuardChanged)][-1:] == ["blind"]
 
     link.drive_until(blind, "that it sees nothing", turn_radps=1.0)
@@ -404,7 +404,7 @@ def test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is
 def test_leaving_stops_the_robot_and_cancels_its_goal(
     console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
 ) -> None:
-    """Last, because the console is gone afterwards."""
+    """Last test, as it ends the console."""
     console.say("go 1.5 5.0")
     wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it drives by itself")
     console.close()

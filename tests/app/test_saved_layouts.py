@@ -1,4 +1,4 @@
-"""Putting the panels back undoes an arrangement that was saved, in the window and in the file."""
+"""Resetting the panels undoes a saved layout, in the window and in the file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,7 +68,7 @@ def test_the_scenario_to_practise_in_is_not_that_of_the_next_start(run: ConsoleR
     practice = layouts_dir() / "practice.yaml"
     run.console.state.practice.set(PracticeStatus("preparing"))
     told: list[Scenario] = []
-    run.console.state.scenario.changed.connect(told.append)  # after the console's own, which keeps it
+    run.console.state.scenario.changed.connect(told.append)  # after the console's handler, which saves it
     run.console.do(intents.OpenScenario(practice))
     qtbot.waitUntil(lambda: bool(told) and told[-1].path == practice, timeout=20_000)
     assert run.settings.value("scenario/last") != str(practice)

@@ -1,4 +1,4 @@
-"""Settings are there at once, on the disk soon, and the window waits for none of it."""
+"""Settings apply at once, are written soon, and never block the window."""
 
 import threading
 from collections.abc import Callable

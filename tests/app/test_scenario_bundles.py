@@ -1,4 +1,4 @@
-"""Handing a scenario on: with the user's own robot and face, without secrets, and into the user's own folders."""
+"""Sharing of a scenario: with the user's robot and face, without secrets, and into the user's folders."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How what was live compares with its replay: a second's lag is no difference, a value that never comes is one."""
+"""Comparison of live state and replay: a second's delay is permitted, a missing value is not."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def test_what_a_replay_shows_within_a_second_is_no_difference(behind_ns: int) ->
     after = shown(scan=[changed_ns, "fresh"])
 
     def at(at_ns: int) -> dict[str, Any]:
-        # A goal of a moment, between two looks.
+        # A short goal between two samples.
         return after | {"status": after["status"] | {"goal": "hall" if at_ns == changed_ns + 7 else ""}}
 
     live = shown(scan=[changed_ns, "fresh"], goal="hall")

@@ -1,4 +1,4 @@
-"""The simulated camera, in the process that the console starts for it."""
+"""Simulated camera, in the process that the console starts."""
 
 import queue
 from dataclasses import replace

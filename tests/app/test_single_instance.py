@@ -1,4 +1,4 @@
-"""The whole program started a second time on the study that it has open already."""
+"""Second start of the program with the same study."""
 
 import os
 import re
@@ -20,7 +20,7 @@ _LOCK = ".console.lock"
 
 
 class Program:
-    """``caris-desktop`` for one user, without a robot, started as often as somebody clicks."""
+    """``caris-desktop`` for one user without a robot, which may be started repeatedly."""
 
     def __init__(self, home: Path) -> None:
         self._home = home
@@ -60,7 +60,7 @@ class Program:
 
 @pytest.fixture
 def program() -> Iterator[Program]:
-    # Short: consoles are found by sockets, whose paths have about a hundred characters at most.
+    # A short path: the folder contains sockets, whose paths are limited to about a hundred characters.
     with tempfile.TemporaryDirectory(prefix="s-", ignore_cleanup_errors=True) as folder:
         program = Program(Path(folder))
         yield program
@@ -68,7 +68,7 @@ def program() -> Iterator[Program]:
 
 
 def test_a_second_start_shows_the_window_that_is_there_and_another_study_is_another_console(program: Program) -> None:
-    first, second = program.start("a"), program.start("a")  # a double click too many, while it is on its way
+    first, second = program.start("a"), program.start("a")  # a second double click during the start
     wait_for(lambda: second.poll() is not None or first.poll() is not None, "one of both goes", timeout_s=60.0)
     gone, stays = (second, first) if second.poll() is not None else (first, second)
     assert gone.returncode == 0 and gone.stdout is not None

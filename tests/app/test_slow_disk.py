@@ -1,4 +1,4 @@
-"""A disk that takes its time holds up neither window nor driving, and what was asked of it is done all the same."""
+"""A slow disk blocks neither window nor driving, and every request to it is executed."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -32,7 +32,7 @@ FULL = UserFacingError("The disk is full.", "Nothing was kept.", "Make room.")
 
 
 class Bench:
-    """A console in front of a slow disk, with a robot that takes everything and a real recorder."""
+    """Console with a slow disk, a robot that accepts every command, and a real recorder."""
 
     def __init__(self, folder: Path) -> None:
         self.disk = SlowDisk()
@@ -65,12 +65,12 @@ class Bench:
         self.state.event_happened.connect(self.happened.append)
 
     def connect(self) -> None:
-        """As if a robot were there."""
+        """Set the state of a connected robot."""
         self.console._robot.send = lambda command: not self.sent.append(command)  # type: ignore[method-assign]
         self.state.link.set(replace(self.state.link.value, state="connected"))
 
     def goes_on(self, qtbot: QtBot) -> None:
-        """The event loop turns, and a key drives as long as it is held."""
+        """Assert that the event loop runs, and a key drives as long as it is held."""
         ticks: list[int] = []
         timer = QTimer(interval=1)
         timer.timeout.connect(lambda: ticks.append(1))
@@ -79,7 +79,7 @@ class Bench:
         self.sent.clear()
 
         def driven() -> bool:
-            if not self.state.drive.value.target_forward_mps:  # pressed anew where the machine was too busy
+            if not self.state.drive.value.target_forward_mps:  # pressed again in case the machine was too busy
                 assert self.console.do(intents.Drive(1.0, 0.0, 0.0, "keyboard")) == ""
             return len(self.all_sent(RenewLease)) >= 3
 
@@ -117,7 +117,7 @@ def _marks(session: Session) -> list[str]:
 
 @pytest.fixture
 def bench(qapp: QApplication, tmp_path: Path) -> Iterator[Bench]:
-    """Without its children: what records starts them."""
+    """Without child processes; a recording starts its own."""
     bench = Bench(tmp_path)
     bench.disk.hold()
     yield bench

@@ -1,4 +1,4 @@
-"""A long session: memory stays where it is, nothing is dropped. ``CARIS_SOAK_S`` shortens it for a try."""
+"""Long session: constant memory, no dropped data. ``CARIS_SOAK_S`` shortens it for a trial run."""
 
 import json
 import os

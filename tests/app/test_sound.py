@@ -1,6 +1,4 @@
-"""Sound through the whole console, with the real processes: the participant's into the record, the wizard's to the
-robot.
-"""
+"""Sound through the whole console with the real processes: participant to recording, wizard to robot."""
 
 import shutil
 import wave

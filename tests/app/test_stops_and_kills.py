@@ -1,8 +1,8 @@
-"""rosbridge stopped and killed, and the control link killed, at random moments while the whole console drives.
+"""rosbridge stopped and killed, and the control link killed, at random times while the whole console drives.
 
-Judged by what the simulated robot itself wrote down: each velocity that it read and obeyed, and when. After each fault
-at most four old velocities may still be read, and the last one is zero within 0.2 s of the robot's going on, or of the
-first new connection. The robot is not driven until the wizard presses a key anew.
+Assertions on the simulated robot's log of executed velocities with times: after each fault at most four old velocities,
+and zero within 0.2 s of the continuation or the first new connection. The robot does not move until the wizard presses
+a key again.
 """
 
 import contextlib
@@ -32,13 +32,13 @@ S = 1_000_000_000
 Fault = Literal["stop", "kill", "kill link"]
 SHORT, LONG = 3, 100
 ZERO_WITHIN_S = 0.2
-# Beside other tests the robot itself may take its time between two messages.
+# Under load of other tests the robot itself may be delayed between two messages.
 ZERO_WITHIN_S_ON_A_BUSY_MACHINE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """A velocity that the robot read, or (``moving`` is None) a client that it let in."""
+    """Velocity read by the robot, or an accepted client if ``moving`` is None."""
 
     at_ns: int
     client: str
@@ -47,7 +47,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the robot read from a fault on; ``zero_after_s`` counts from its going on or the first new connection."""
+    """Velocities after a fault; ``zero_after_s`` counts from the continuation or the first new connection."""
 
     fault: str
     old: int
@@ -56,15 +56,15 @@ class Outcome:
 
 
 class Bench:
-    """The robot, which may be killed and started again on its port, and the console that drives it."""
+    """Robot that may be killed and restarted on its port, and the console that drives it."""
 
     def __init__(self, folder: Path) -> None:
         self.log = folder / "obeyed.jsonl"
-        # A killed robot cannot clear away its temporary folder for maps.
+        # A killed robot cannot remove its temporary folder for maps.
         self._arguments = ("--empty", "--obeyed-log", str(self.log), "--maps-folder", str(folder / "maps"))
         (folder / "maps").mkdir()
         self.robot = SimulatedRobot(*self._arguments)
-        # Nobody is to be found here, and looking for people would slow down everything else.
+        # Without person detection, which would slow down all else.
         (folder / "sitecustomize.py").write_text(HIDE_OFFLINE_DETECTOR, "utf-8")
         environment = {name: str(folder / name) for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME")}
         environment["PYTHONPATH"] = f"{folder}{os.pathsep}{Path(__file__).parents[2]}"
@@ -79,7 +79,7 @@ class Bench:
         self.robot.kill()
 
     def read(self) -> list[Read]:
-        """Everything that the robot has read so far."""
+        """All velocities read by the robot so far."""
         with self.log.open("rb") as stream:
             stream.seek(self._position)
             for raw in stream:
@@ -91,7 +91,7 @@ class Bench:
         return self._read
 
     def drive(self, commands: int) -> None:
-        """Hold a key, turning on the spot, until the robot has obeyed so many commands in a row."""
+        """Hold a key, turning on the spot, until the robot has executed so many commands in a row."""
         self.console.wait_until_shown(link="connected", drive_allowed=True)
         self.robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
         for _attempt in range(30):
@@ -104,12 +104,12 @@ class Bench:
         raise AssertionError(f"never {commands} commands in a row; last: {self.console.shown}")
 
     def _driving_since(self) -> int:
-        """How many commands the robot has read since it last read a zero."""
+        """Number of commands read since the last zero."""
         reads = [read for read in self.read() if read.moving is not None]
         return next((back for back, read in enumerate(reversed(reads)) if not read.moving), len(reads))
 
     def suffer(self, fault: Fault, seconds: float) -> Outcome:
-        """One fault, until the robot has been heard again for a while with the key still held."""
+        """Cause a fault, and wait until the robot has been back for a while with the key still held."""
         before = len(self.console.history)
         if fault == "kill link":
             os.kill(self.console.shown["children"]["control"], signal.SIGKILL)
@@ -134,7 +134,7 @@ class Bench:
             f"connected again, have {self.console.shown}",
             timeout_s=40.0,
         )
-        # Whatever comes late would have come by now.
+        # Late commands would have arrived by now.
         again_s = time.monotonic() + 0.7
         wait_for(lambda: time.monotonic() >= again_s, "a moment")
         outcome = _outcome(f"{fault} {seconds:.2f} s", fault, self.read(), from_ns)
@@ -160,11 +160,11 @@ def _outcome(name: str, fault: Fault, every: list[Read], from_ns: int) -> Outcom
     assert old < len(velocities), f"{name}: no zero at all, {velocities}"
     zero = velocities[old]
     if fault == "stop":
-        # By the robot's own clock: how long the machine took to let it go on says nothing about us.
+        # By the robot's own clock, as the machine may delay its continuation.
         since_ns = reads[0].at_ns
     else:
         came_ns = (read.at_ns for read in reads if read.moving is None and read.client == zero.client)
-        # It may still have come over the old connection.
+        # It may have come over the old connection.
         since_ns = next(came_ns, zero.at_ns)
     return Outcome(name, old, (zero.at_ns - since_ns) / S, any(read.moving for read in velocities[old:]))
 
@@ -178,13 +178,13 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 @pytest.fixture
 def bench(shared: Bench) -> Bench:
-    """One for all tests; of each test's robot the next one has what is left."""
+    """One bench for all tests; each test continues with the robot left by the previous one."""
     shared.console.wait_until_shown(timeout_s=120.0, link="connected", drive_allowed=True)
     return shared
 
 
 def _suffer(bench: Bench, count: int, seed: int, longest_stop_s: float) -> list[Outcome]:
-    chance = random.Random(seed)  # noqa: S311 (moments, not secrets)
+    chance = random.Random(seed)  # noqa: S311 - a test, not cryptography
     kinds: tuple[Fault, ...] = ("stop", "kill", "kill link")
     faults = [kinds[number % len(kinds)] for number in range(count)]
     chance.shuffle(faults)

@@ -1,4 +1,4 @@
-"""``caris-desktop track``: a video in, MOTChallenge rows and one JSON line out, and a sentence for what is wrong."""
+"""``caris-desktop track``: MOTChallenge rows and a JSON line from a video, and error messages."""
 
 import argparse
 import json
@@ -55,7 +55,7 @@ def track(capsys: pytest.CaptureFixture[str], video: Path, out: Path, *words: st
 
 
 def scored(result: Path, tmp_path: Path, keep: dict[int, int] | None = None) -> dict[str, float]:
-    """``keep``: of the truth only these frames count, under these numbers."""
+    """Scores of a result; ``keep`` limits the truth to these frames and renumbers them."""
     rows = [line.split(",", 1) for line in TUD_CAMPUS_TRUTH.read_text(encoding="ascii").splitlines()]
     numbers = keep or {int(frame): int(frame) for frame, _ in rows}
     kept = [f"{numbers[int(frame)]},{rest}" for frame, rest in rows if int(frame) in numbers]
@@ -112,7 +112,7 @@ def test_seven_pictures_a_second_of_which_a_fifth_is_lost_cost_little(
 def scored_after(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], pictures: list[np.ndarray], kept: list[int]
 ) -> float:
-    """IDF1 of these pictures alone, in a video that shows them at their time."""
+    """IDF1 of these frames alone, in a video that shows them at their times."""
     video, result = tmp_path / "kept.mp4", tmp_path / "result.txt"
     write_video(video, [pictures[number] for number in kept], fps=25, stamps=kept)
     status, _, told = track(capsys, video, result, "--model", str(INT8_WEIGHTS))
@@ -147,7 +147,7 @@ def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
 
 
 WRONG: dict[str, tuple[str, str, list[str], str]] = {
-    # Video, result, further words, and what is said of it; in the test's folder.
+    # Video, result, further arguments, and the error message; in the test's folder.
     "missing": ("none.mp4", "result.txt", [], "none.mp4 does not exist"),
     "folder": (".", "result.txt", [], "is not a file"),
     "text": ("text.mp4", "result.txt", [], "text.mp4 cannot be read as a video"),

@@ -1,4 +1,4 @@
-"""What the study's wizards could not do: type, send and drive at the same time, with real keys in a real window."""
+"""Typing, speaking and driving at the same time, with real keys in a real window."""
 
 import json
 import math
@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING_TOOLS), reason=f"needs {', '.join(MISSING_TOOLS)}"),
 ]
 
-# Every letter that drives is in it many times, and it has capitals, digits and signs: 200 characters.
+# 200 characters with every drive letter many times, and with capitals, digits and punctuation.
 TEXT = (
     "We saw a wasp; was it a sad one? Add water & wait: 2 swords, 4 wads, 8 seeds, 6 dads! "
     "Q: who eases Zack's head? A: Ada does, as always. I joke, OK, look ahead... Kill cars? "
@@ -31,7 +31,7 @@ SIDE_M = 0.3
 
 
 class Tour:
-    """The console on its screen, the robot, and a pair of hands that look at where the robot is."""
+    """Console on its screen, robot, and a driver who sees its position."""
 
     def __init__(self, robot: SimulatedRobot, desktop: VirtualDesktop) -> None:
         self.desktop = desktop
@@ -58,9 +58,9 @@ class Tour:
         return abs(twist["linear"]["x"]) < 0.005 and abs(twist["angular"]["z"]) < 0.01
 
     def hold_until(self, hold: Callable[[bool], None], done: Callable[[], bool], what: str) -> None:
-        """Hold, let go when it is done, and wait until the robot stands.
+        """Hold until ``done``, release, and wait until the robot stands.
 
-        As a wizard does, press anew when the robot stops by itself: a machine too busy for the motion lease ends it.
+        Presses again when the drive ends, as a machine too busy for the motion lease causes.
         """
         pressed_s = 0.0
 
@@ -70,7 +70,7 @@ class Tour:
                 return True
             if self.standing() and time.monotonic() - pressed_s > 0.8:
                 hold(False)
-                time.sleep(0.05)  # a gamepad has to be seen at rest
+                time.sleep(0.05)  # a gamepad must first report its rest position
                 hold(True)
                 pressed_s = time.monotonic()
             return False
@@ -80,11 +80,11 @@ class Tour:
         wait_for(self.standing, "the robot stands still")
 
     def square(self, *, forward: Callable[[bool], None], left: Callable[[bool], None]) -> tuple[float, float]:
-        """Drive one; how far from its start and how much turned against it (rad) the robot is at its end."""
+        """Drive a square; returns the distance and the rotation (rad) from the start."""
         start = self.pose()
         for corner in range(1, 5):
             begun = self.pose()
-            # It rolls on for a moment: the way of the command, and its brakes.
+            # It moves on for a moment: command latency and braking.
             self.hold_until(forward, lambda: _distance(begun, self.pose()) > SIDE_M - 0.06, "one side")  # noqa: B023
             target_rad = start.heading_rad + corner * math.pi / 2
             self.hold_until(left, lambda: wrap_angle(target_rad - self.pose().heading_rad) < 0.1, "one corner")  # noqa: B023
@@ -92,7 +92,7 @@ class Tour:
         return _distance(start, end), abs(wrap_angle(end.heading_rad - start.heading_rad))
 
     def report(self) -> dict[str, Any]:
-        """What the console showed last."""
+        """Last displayed state."""
         return next((json.loads(line) for line in reversed(self.desktop.lines()) if line.startswith("{")), {})
 
     def start_typing(self) -> "subprocess.Popen[bytes]":
@@ -102,7 +102,7 @@ class Tour:
         self.desktop.do("key", "Return")
 
     def recorded(self, start: Callable[[], None]) -> Path:
-        """The session folder of what ``start`` does."""
+        """Session folder of a recording of ``start``."""
         self.desktop.say("record")
         wait_for(lambda: self.report().get("recording") == "recording", "recording")
         start()
@@ -130,7 +130,7 @@ def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tour]:
             expected = {"link": "connected", "drive_allowed": True, "video": "fresh", "scan": "fresh"}
             wait_for(lambda: expected.items() <= tour.report().items(), "the console is ready", timeout_s=60)
             desktop.wait_for("KEYS driving")
-            desktop.do("key", "e")  # the fastest of the three speeds
+            desktop.do("key", "e")  # the highest of the three speeds
             yield tour
         finally:
             if tour is not None:
@@ -139,7 +139,7 @@ def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tour]:
 
 
 def _typing_and_driving(tour: Tour, *, forward: Callable[[bool], None], left: Callable[[bool], None]) -> None:
-    """Both at once, and what the record says of it."""
+    """Type and drive at the same time, and check the recording."""
     assert len(TEXT) == 200
     times: dict[str, int] = {}
     closed: list[tuple[float, float]] = []
@@ -184,7 +184,7 @@ def test_by_keypad(tour: Tour) -> None:
     _typing_and_driving(tour, forward=holder("KP_Up"), left=holder("KP_Left"))
 
 
-@pytest.mark.long  # ui/test_desktop and test_safety drive by one, too
+@pytest.mark.long  # ui/test_desktop and test_safety cover gamepads, too
 def test_by_gamepad(tour: Tour) -> None:
     tour.desktop.say("plug")
     tour.desktop.wait_for("GAMEPAD Virtual Controller")

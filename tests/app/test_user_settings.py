@@ -1,4 +1,4 @@
-"""Settings of another version, and broken ones: migrated or copied aside and told, and never in the way of a start."""
+"""Settings of another version and broken ones: migrated, or backed up with a message; the program always starts."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Program that runs one process body as the console does, with everything on: ``python -m tests.app.traced_body``.
+"""Program that runs one process entry point with all features as the console does.
 
-Arguments: the body's name, a folder for its files, the robot's address, and for how many seconds it lives on after its
-work, since libraries call from threads of their own.
+``python -m tests.app.traced_body``. Arguments: name of the entry point, a folder for its files, the robot's address,
+and the seconds to continue after its work, as libraries connect from background threads.
 """
 
 import queue
@@ -48,7 +48,7 @@ RATE_HZ = 16_000
 
 
 class Body:
-    """The child and its messages."""
+    """Child process with its messages."""
 
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
         self._told: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -75,7 +75,7 @@ def sound() -> AudioChunk:
 
 
 class Driven:
-    """One method for each body, by its name: it has the body do its work and gives it, still running."""
+    """One method per process entry point: lets it do its work and returns it still running."""
 
     def __init__(self, folder: Path, robot: str) -> None:
         self.folder = folder

@@ -1,7 +1,7 @@
-"""The rehearsal as ``caris-desktop rehearse`` plays it, watched: twice a second, what the panels can read of LiveState.
+"""Rehearsal as of ``caris-desktop rehearse``, with LiveState sampled twice a second.
 
-``python -m tests.app.watched_rehearsal SAMPLES_FILE SENTENCES SCENARIO --out DIR``; one JSON line for each sample.
-The participant says the first SENTENCES of theirs.
+``python -m tests.app.watched_rehearsal SAMPLES_FILE SENTENCES SCENARIO --out DIR`` writes one JSON line per sample. The
+participant says the first SENTENCES sentences.
 """
 
 import json
@@ -20,7 +20,7 @@ _EVERY_MS = 500
 
 
 class WatchedRehearsal(rehearsal.Rehearsal):
-    """The same, with a look at the state now and then."""
+    """Rehearsal that samples the state."""
 
     samples_path = Path()
 
