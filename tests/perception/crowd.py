@@ -1,7 +1,7 @@
-"""People who walk past a camera that may turn, as a detector would box them, with the truth beside: for trackers.
+"""Simulated detections of people who walk past a possibly rotating camera, with ground truth for trackers.
 
-Drawn by chance from a seed. Who is behind somebody else is not found, boxes tremble by a few parts of a hundred, one in
-ten is missed, and now and then there is one of nobody.
+Random by seed. Covered people are not detected, boxes vary by a few percent, one in ten is missed, and there are
+occasional false detections.
 """
 
 import math
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """``shift_px`` is by how much the picture has moved since the last one because the camera turned."""
+    """``shift_px`` is the shift of the image since the last one by camera rotation."""
 
     stamp_s: float
     truth: dict[int, Floats]
@@ -29,9 +29,9 @@ class Picture:
     looks: Floats
 
 
-# Of how somebody looks: what all people share, what is theirs, what of it depends on the side that is seen, and what
-# changes from view to view. So chosen that views are as far apart as OSNet's of a street video: one person's 0.1 from
-# the same side and 0.2 from another, two people's 0.35 to 0.6.
+# Components of an embedding: common to all people, individual, dependent on the visible side, and variation per view.
+# Chosen for the distances of OSNet on a street video: one person 0.1 from the same side and 0.2 from another, two
+# people 0.35 to 0.6.
 _LOOKS, _SHARED, _SIDE, _TREMBLE = 64, 1.4, 0.7, 0.6
 _SIDES = 4
 
@@ -39,7 +39,7 @@ _SIDES = 4
 def filmed(
     seed: int, *, people: int = 8, seconds: float = 20.0, fps: float = 25.0, turning: bool = False, dropped: float = 0.0
 ) -> list[Picture]:
-    """``dropped`` is the part of the pictures that is lost by chance."""
+    """``dropped`` is the share of randomly lost frames."""
     chance = np.random.default_rng(seed)
     look_chance = np.random.default_rng(seed + 1000)
     theirs = look_chance.normal(0.0, 1.0, (people, 1, _LOOKS)) + _SHARED * look_chance.normal(0.0, 1.0, _LOOKS)
@@ -72,7 +72,7 @@ def filmed(
 
 
 def _embeddings(chance: np.random.Generator, looks: Floats, truth: dict[int, Floats], boxes: Floats) -> Floats:
-    """Everything in a box adds to how it looks, by how much of the box it fills, and no two views are alike."""
+    """Everybody in a box contributes to its embedding by the covered share, and no two views are equal."""
     shown = chance.normal(0.0, 1.0, (len(boxes), _LOOKS)) * _TREMBLE
     for row, box in enumerate(boxes):
         for person, its in truth.items():
@@ -87,7 +87,7 @@ def _ways(chance: np.random.Generator, people: int) -> Floats:
 
 
 def _in_picture(places: Floats, heading: float) -> dict[int, Floats]:
-    """Boxes of those of whom half of the width and a third of the body can be seen, by person."""
+    """Boxes of people with half of the width and a third of the body visible, by person."""
     cos, sin = math.cos(heading), math.sin(heading)
     boxes = {}
     for person, (x, z) in enumerate(places):
@@ -139,7 +139,7 @@ def _found(chance: np.random.Generator, truth: dict[int, Floats]) -> tuple[Float
 
 
 def idf1(pictures: list[Picture], followed: list[dict[int, int]]) -> float:
-    """Percent: how much of all boxes and of all truth bear the one right number. ``followed``: box to number."""
+    """IDF1 in percent, the share of boxes and truth with the one right number. ``followed``: box to number."""
     pairs: dict[tuple[int, int], int] = {}
     truths = answers = 0
     for picture, numbers in zip(pictures, followed, strict=True):

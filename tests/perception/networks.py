@@ -1,4 +1,4 @@
-"""Small ONNX networks, made here byte by byte: tests need nobody's weights, and no package that writes the format."""
+"""Small ONNX networks written byte by byte, so that tests need no weights and no package for the format."""
 
 from collections.abc import Sequence
 
@@ -6,8 +6,9 @@ _FLOAT, _INTS = 1, 7
 
 
 def colours_of_places(*, height: int = 256, width: int = 128, batch: str | int = "batch") -> bytes:
-    """In the form of a re-identification network: the mean colour of each field of 32 x 32, so that people in
-    different clothes are far apart.
+    """Network in the form of a re-identification network: mean colour of each field of 32 x 32.
+
+    People in different clothes are far apart.
     """
     pool = _text(1, "images") + _text(2, "pooled") + _text(4, "AveragePool")
     pool += _part(5, _ints("kernel_shape", [32, 32])) + _part(5, _ints("strides", [32, 32]))

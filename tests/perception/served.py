@@ -1,4 +1,4 @@
-"""A server of perception in a thread of the test, with a detector that finds what is bright."""
+"""Perception server in a thread of the test, with a detector of bright areas."""
 
 import asyncio
 import threading
@@ -15,7 +15,7 @@ POINTS = np.arange(51.0).reshape(1, 17, 3)
 
 
 class Bright:
-    """Finds one person where the picture is bright, and a chair in all of it."""
+    """Detector of one person in a bright image, and of a chair in all of it."""
 
     label = "bright, torch on CUDA"
     class_names = ("chair", "person")
@@ -36,7 +36,7 @@ class Bright:
 
 
 class Serving:
-    """A server in a thread of the test; it can be stopped and started at the same port."""
+    """Server in a thread of the test; it can be stopped and restarted on the same port."""
 
     def __init__(self, token: str = "", tls: Any = None) -> None:
         self.detector = Bright()

@@ -1,4 +1,4 @@
-"""Where test data and weights are that the repository does not carry."""
+"""Paths of test data and weights outside the repository."""
 
 import importlib.util
 import os
@@ -23,7 +23,7 @@ needs_int8_weights = pytest.mark.skipif(not INT8_WEIGHTS.is_file(), reason=f"nee
 
 
 def bus_picture() -> NDArray[np.uint8]:
-    """A photo with four people before a bus that comes with ultralytics."""
+    """Photo of four people in front of a bus, shipped with ultralytics."""
     import cv2
 
     spec = importlib.util.find_spec("ultralytics")

@@ -1,4 +1,4 @@
-"""How people look, as vectors; and the best view of each."""
+"""Appearance embeddings, and the best view of each person."""
 
 import hashlib
 from pathlib import Path
@@ -28,7 +28,7 @@ def model(tmp_path: Path) -> AppearanceModel:
 
 
 def picture(people: dict[int, tuple[int, int, int]]) -> tuple[Image, NDArray[np.float64]]:
-    """People as rectangles of a colour, by where they stand; and their boxes."""
+    """People as coloured rectangles, by position; and their boxes."""
     image = np.full((480, 640, 3), 128, np.uint8)
     for left, colour in people.items():
         cv2.rectangle(image, (left, 150), (left + 80, 400), colour, -1)

@@ -1,4 +1,4 @@
-"""What is left of people who are pixelated, and which part of a box is covered."""
+"""Blur of people: the remaining detail, and the covered part of a box."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def box(left: float, top: float, width: float, height: float) -> PersonBox:
 
 
 def blocks_across(image: NDArray[np.uint8]) -> int:
-    """How many parts of one colour a row has at most."""
+    """Maximum number of differently coloured parts in a row."""
     return int((np.diff(image.astype(int), axis=1) != 0).any(axis=2).sum(axis=1).max()) + 1
 
 

@@ -1,4 +1,4 @@
-"""Which way a camera looked when a picture was taken."""
+"""Camera direction at the time of a frame."""
 
 import math
 

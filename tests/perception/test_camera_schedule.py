@@ -1,4 +1,4 @@
-"""Whose picture is looked at next, on injected time."""
+"""Schedule of detection requests among cameras, with simulated time."""
 
 from collections import Counter
 
@@ -19,7 +19,7 @@ def frame(camera: str, sequence: int = 1) -> FrameRef:
 
 
 def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, start_ns: int = 0) -> Counter[str]:
-    """Each camera sends ten pictures a second, and a look takes no time."""
+    """Number of requests per camera if each sends ten frames a second and detection takes no time."""
     looked: Counter[str] = Counter()
     for number in range(10 * seconds):
         now_ns = start_ns + number * 100 * MS
@@ -67,7 +67,7 @@ def test_each_of_several_others_has_its_turn() -> None:
 
 
 def test_a_slow_detector_sees_both_cameras() -> None:
-    """Half a second for a look: both always wait."""
+    """Detection takes half a second: frames of both always wait."""
     turns = CameraRotation()
     turns.show("front")
     looked: Counter[str] = Counter()

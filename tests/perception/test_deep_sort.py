@@ -1,4 +1,4 @@
-"""The published tracker's idea: ways gate, looks decide, whoever was seen last chooses first."""
+"""DeepSORT tracker: gating by motion, assignment by appearance, cascade by age."""
 
 import itertools
 from statistics import mean
@@ -16,7 +16,7 @@ def box(x: float) -> Floats:
 
 
 def seen(tracker: DeepSort, xs: list[float], who: list[int], stamp_s: float, *, looks: bool = True) -> list[int]:
-    """The number of each box, 0 for nobody's."""
+    """Track of each box, 0 for none."""
     likenesses = np.eye(4)
     followed = tracker.follow(
         np.array([box(x) for x in xs]).reshape(-1, 4),

@@ -1,4 +1,4 @@
-"""Faces through a network in ArcFace's form: aligned where eyes and nose are known, else guessed."""
+"""Faces for a network in ArcFace's form: aligned by eyes and nose, or estimated."""
 
 import hashlib
 from pathlib import Path
@@ -37,7 +37,7 @@ def keypoints(nose: tuple[float, float] = NOSE, *, visible: float = 0.9) -> NDAr
 
 
 def picture_of(eyes: tuple[tuple[float, float], tuple[float, float]], nose: tuple[float, float]) -> NDArray[np.uint8]:
-    """White on the left of the picture's eye, red on the right one, green where the nose is."""
+    """White at the eye on the image's left, red at the right one, green at the nose."""
     image = np.zeros((480, 640, 3), np.uint8)
     for (x, y), color in ((eyes[0], (255, 255, 255)), (eyes[1], (0, 0, 255)), (nose, (0, 255, 0))):
         cv2.circle(image, (round(x), round(y)), 4, color, -1)
@@ -76,7 +76,7 @@ def test_who_looks_away_or_is_too_far_off_shows_no_face() -> None:
 
 def test_without_keypoints_the_middle_of_the_head_has_to_do_and_is_worth_less() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
-    image[40:112, 124:196] = 255  # the upper end of the box, as broad as a head
+    image[40:112, 124:196] = 255  # the upper end of the box, as wide as a head
     face = face_of(image, BOX, None)
     assert face is not None and face.image_bgr.mean() > 250
     known = face_of(image, BOX, keypoints())

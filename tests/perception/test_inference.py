@@ -1,4 +1,4 @@
-"""Inference as the console runs it: in a process of its own, on real pictures, behind the frame ring."""
+"""Inference in a separate process as in the console, on real images through the frame ring."""
 
 import multiprocessing
 import queue
@@ -41,13 +41,13 @@ needs_offline_package = pytest.mark.skipif(OFFLINE is None, reason="needs the of
 
 
 class RunningInference:
-    """The child process, a ring to write pictures into, and what the child sent."""
+    """Child process with a ring for frames and its messages."""
 
     def __init__(self, settings: InferenceSettings) -> None:
         self.ring = FrameRing.create(1920 * 1080 * 3)
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.told: list[Any] = []
-        """What came between the last answers: how people look, after the answer that they are in."""
+        """Messages between the last answers: embeddings follow the answer of their frame."""
         self.child = ChildProcess(
             ProcessSpec("inference", run_inference, (RingsToRead((self.ring.name,)), settings)),
             on_message=lambda value, _raw: self._inbox.put(value),
@@ -104,7 +104,7 @@ def test_people_on_a_photo_are_found_and_keep_their_numbers(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
     street = bus_picture()
-    # One of them is found with so little confidence that it takes a second or two of pictures to count.
+    # One person has such a low confidence that confirmation takes one or two seconds of frames.
     asked = (offline_inference.ask(street) for _ in range(20))
     first = next(people for people in asked if len(people.boxes) >= 3)
     height_px, width_px = street.shape[:2]
@@ -159,7 +159,7 @@ def test_faces_are_looked_at_only_where_a_look_says_so(
         for _ in range(4):
             found = offline_inference.ask(street, camera="faces", faces=faces)
             told += offline_inference.told
-        # What is told of a picture comes after its people, so that of the last one comes with the next.
+        # Reports of a frame follow its people, so those of the last one come with the next.
         offline_inference.ask(street, camera="elsewhere")
         told = [
             each for each in (*told, *offline_inference.told) if isinstance(each, PersonLooks) and each.kind == "face"
@@ -224,7 +224,7 @@ def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, co
         assert name in failed.problem.what
         assert "everything else works" in failed.problem.meaning
         assert failed.problem.advice
-        # It stays and takes frames, so that nobody mistakes it for a crash and starts it again.
+        # It keeps running and reads frames, so that it is not restarted as after a crash.
         for _ in range(3):
             assert running.child.send(DetectionRequest(running.write(np.zeros((48, 64, 3), np.uint8))))
         assert psutil.pid_exists(running.child.pid or 0)
@@ -233,7 +233,7 @@ def test_weights_that_cannot_be_used_are_a_problem(tmp_path: Path, name: str, co
 
 
 def _run_untrained_yolov8n(folder: str, report: Connection) -> None:
-    """Save, load and run the default architecture, and tell which addresses were asked for meanwhile."""
+    """Save, load and run the default architecture, and report the network addresses requested meanwhile."""
     addresses: list[str] = []
 
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:
@@ -281,7 +281,7 @@ def test_the_default_torch_weights_run_and_nothing_calls_home(tmp_path: Path) ->
 @needs_tud_campus
 @pytest.mark.long
 def test_a_street_video_is_followed_well_through_the_real_processes(tmp_path: Path) -> None:
-    """Scored on the frames that were processed: how many are in time is a matter of what else the machine does."""
+    """Scored on the processed frames, as their number depends on other load of the machine."""
     settings = InferenceSettings(weights_path=INT8_WEIGHTS, niceness=0)
     playback = play(TUD_CAMPUS_VIDEO, settings)
     assert [ref.sequence for ref in playback.frames] == list(range(1, 72))

@@ -1,4 +1,4 @@
-"""Who is followed under one number: pictures that are missing, a camera that turns, people who hide and come back."""
+"""Tracking under a constant number: missing frames, camera rotation, occlusion and return."""
 
 from collections.abc import Callable, Sequence
 from statistics import mean
@@ -144,7 +144,7 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
         return [number for _, number in sorted((each.box, each.number) for each in followed)]
 
     assert seen([10.0, 300.0], [0, 1], 0.0) == [1, 2]
-    # Where one stood stands the other now; no way tells, and nothing is in doubt.
+    # Both exchanged their places; motion cannot tell, and appearance is unambiguous.
     assert seen([10.0, 300.0], [1, 0], 0.2) == [1, 2]
     later = [seen([10.0, 300.0], [1, 0], 0.2 * step) for step in range(2, 10)]
     assert later[2:] == [[2, 1]] * 6

@@ -1,4 +1,4 @@
-"""Who was who, told better once all pictures are known."""
+"""Track identities improved with knowledge of all frames."""
 
 import numpy as np
 import pytest

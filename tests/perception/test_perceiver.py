@@ -1,4 +1,4 @@
-"""What is told of a picture beside whom the tracker follows."""
+"""Reports for a frame in addition to the tracks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ PICTURE = np.zeros((480, 640, 3), np.uint8)
 
 
 class Finds:
-    """A detector that finds one person surely, one hardly, and a chair."""
+    """Detector that finds one person with high confidence, one with low, and a chair."""
 
     label = "finds"
     class_names = ("person", "chair")

@@ -1,4 +1,4 @@
-"""Poses of hand-made skeletons: what one picture shows, and what is told over time."""
+"""Poses of synthetic skeletons: in one frame, and over time."""
 
 from itertools import count
 from typing import Any
@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.perception.pose import Points, Pose, Poses, faces_camera, posture_of, raises_hand
 
-# A person of 180 px who stands before the camera and looks into it: x, y by name.
+# A person of 180 px who stands in front of the camera and looks into it: x, y by name.
 _STANDING = {
     "nose": (100, 20), "eye": (97, 16, 103, 16), "ear": (93, 18, 107, 18), "shoulder": (84, 40, 116, 40),
     "elbow": (80, 66, 120, 66), "wrist": (80, 90, 120, 90), "hip": (90, 95, 110, 95), "knee": (90, 137, 110, 137),
@@ -18,7 +18,9 @@ _ORDER = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "an
 
 
 def body(*, hidden: tuple[str, ...] = (), scale: float = 1.0, **changed: Any) -> Points:
-    """COCO has the person's left first, which is on the right of the picture of somebody who faces the camera."""
+    """Keypoints in the order of COCO, with the person's left first, which is on the image's right for a frontal
+    view.
+    """
     rows = []
     for name in _ORDER:
         values = changed.get(name, _STANDING[name])
@@ -85,7 +87,7 @@ def test_a_face_is_turned_this_way_or_another() -> None:
 
 
 def _told(*spans: tuple[float, Points], fps: float = 10.0) -> list[Pose]:
-    """What is told of one person who is seen so for these seconds, one after the other."""
+    """Reported poses of one person with these keypoints for these durations, in sequence."""
     poses, number = Poses(), count()
     return [poses.of(1, points, next(number) / fps) for seconds, points in spans for _ in range(round(seconds * fps))]
 

@@ -1,4 +1,4 @@
-"""Inference whose detector is on another machine: it waits for it, says so, and goes on when it is back."""
+"""Inference with a detector on another machine: waits, reports, and continues when it is back."""
 
 import multiprocessing
 import threading
@@ -26,7 +26,7 @@ class Frames:
 
 
 class Running:
-    """Inference in a thread of the test, with the pipe that the console has."""
+    """Inference in a thread of the test, with a pipe as in the console."""
 
     def __init__(self, detector: DetectorSettings) -> None:
         self.connection, theirs = multiprocessing.Pipe()
@@ -40,7 +40,7 @@ class Running:
             run_inference(theirs, Frames(), settings)
 
     def next(self, kind: type) -> Any:
-        """The next of this kind; looks and portraits may come between."""
+        """Next message of this kind; embeddings and portraits may come in between."""
         while True:
             assert self.connection.poll(20)
             value = self.connection.recv()

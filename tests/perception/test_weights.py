@@ -1,4 +1,4 @@
-"""Where weights are found, and what is said when there are none."""
+"""Search for weights, and error messages without them."""
 
 import hashlib
 import threading
@@ -23,7 +23,7 @@ _PUBLISHED = b"weights as published"
 
 @pytest.fixture(autouse=True)
 def published(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What stands in for the published file, which is 6 MB and not at hand."""
+    """Stand-in for the published file, which is 6 MB and not available here."""
     monkeypatch.setattr(weights, "DOWNLOADED_SHA256", hashlib.sha256(_PUBLISHED).hexdigest())
 
 
@@ -89,7 +89,7 @@ def test_a_pickle_that_nobody_vouches_for_is_not_taken_by_itself(
 
 @pytest.fixture
 def server() -> Iterator[tuple[str, dict[str, bytes]]]:
-    """A server on this computer and what it delivers; what it does not have is 404."""
+    """Local server and its files; others give 404."""
     files: dict[str, bytes] = {}
 
     class Handler(BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""Plays a video through camera process, frame ring and inference process, as the console does, and keeps the people."""
+"""Video played through camera process, frame ring and inference process as in the console; records the people."""
 
 import json
 import queue
@@ -27,7 +27,7 @@ _PATIENCE_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """What came out. ``latency_ms`` is from a frame's stamp to its people's arrival, one per ``people``."""
+    """Results. ``latency_ms`` is from a frame's stamp to its people's arrival, one per ``people``."""
 
     model: str
     load_s: float
@@ -39,7 +39,7 @@ class Playback:
 
 
 def play(video: Path, settings: InferenceSettings) -> Playback:
-    """Raises AssertionError with the child's problem when inference does not start."""
+    """Play the video; AssertionError with the reported problem if inference does not start."""
     inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ring = FrameRing.create()
     inference = ChildProcess(
@@ -106,7 +106,7 @@ def _cpu_s(child: ChildProcess) -> float:
 
 
 def write_mot(people: Iterable[People], path: Path) -> None:
-    """MOTChallenge rows. In a fresh ring the n-th picture of a video has sequence n, so it is the frame number."""
+    """Write MOTChallenge rows. In a new ring frame n of a video has sequence n, which is the frame number."""
     rows = [
         f"{one.frame_sequence},{box.track},{box.left_px:.2f},{box.top_px:.2f},{box.width_px:.2f},{box.height_px:.2f},"
         f"{box.confidence:.4f},-1,-1,-1\n"
@@ -117,13 +117,13 @@ def write_mot(people: Iterable[People], path: Path) -> None:
 
 
 def score(truth: Path, result: Path, scorer: Path) -> dict[str, float] | None:
-    """HOTA, MOTA, IDF1 from the shared scorer; None where it cannot run for lack of its package."""
+    """HOTA, MOTA, IDF1 of the shared scorer; None if its package is missing."""
     finished = subprocess.run(
         [sys.executable, str(scorer), str(truth), str(result)], capture_output=True, text=True, check=False
     )
     if "No module named 'trackeval'" in finished.stderr:
         return None
     assert finished.returncode == 0, finished.stderr
-    # Its package prints a line about what it could not import before the scores.
+    # Its package prints a line about missing imports before the scores.
     scores: dict[str, float] = json.loads(finished.stdout.splitlines()[-1])
     return scores

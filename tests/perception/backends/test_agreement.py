@@ -1,4 +1,4 @@
-"""Our runners find what ultralytics' own predictor finds with the same weights, and need neither it nor torch."""
+"""Runtimes of this program find the same as ultralytics with the same weights, without importing it or torch."""
 
 import json
 import subprocess
@@ -35,7 +35,7 @@ for asked in json.loads(sys.argv[1]):
 
 
 def _pictures(folder: Path) -> list[Path]:
-    """The photo and some of the street; square ones, so that both fill a square input alike."""
+    """The photo and frames of the street, square ones too, so that both fill a square input alike."""
     pictures = {"bus": bus_picture(), "square": bus_picture()[170:980]}
     video = cv2.VideoCapture(str(TUD_CAMPUS_VIDEO))
     for number in range(60):
@@ -51,7 +51,7 @@ def _pictures(folder: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """By weights and picture what ultralytics finds; it runs in a process of its own, which it changes much of."""
+    """Detections of ultralytics by weights and image, in a separate process, as it changes global state."""
     pictures = _pictures(tmp_path_factory.mktemp("pictures"))
     asked: list[dict[str, Any]] = []
     if INT8_WEIGHTS.is_file():
@@ -81,7 +81,7 @@ def _overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[n
 
 
 def _assert_all_found(wanted: NDArray[np.float64], found: NDArray[np.float64]) -> None:
-    """Each box (corners, confidence, class) that is not just above the least confidence is among the other's."""
+    """Assert that each box (corners, confidence, class) well above the threshold is among the other's."""
     for box in wanted[wanted[:, 4] > _CONFIDENCE + 0.02]:
         overlaps = _overlaps(box[np.newaxis, :4], found[:, :4])[0]
         same = (overlaps > 0.98) & (np.abs(found[:, 4] - box[4]) < 0.02) & (found[:, 5] == box[5])
@@ -128,7 +128,7 @@ def test_yolox_finds_the_people_and_the_bus() -> None:
     detector = open_detector(Weights(YOLOX_WEIGHTS, "yolox", 640), confidence=0.25, threads=1)
     told = detector.detect(bus_picture())
     found = np.column_stack([told.corners_px, told.confidences, told.classes])
-    # Where the four of them and the bus are, measured in the picture.
+    # Positions of the four people and the bus, measured in the image.
     for left, top, right, bottom, class_name in (
         (50, 398, 245, 903, "person"),
         (222, 407, 345, 857, "person"),

@@ -1,4 +1,4 @@
-"""Files that are no detector of people: a sentence for each, which names the file and what to do."""
+"""Files that are not person detectors: a message with the file and advice for each."""
 
 import hashlib
 import os
@@ -33,7 +33,7 @@ def refused(path: Path) -> WeightsError:
 def test_a_truncated_model_is_told(tmp_path: Path, source: Path, part: float) -> None:
     content = source.read_bytes()
     path = tmp_path / f"torn{source.suffix}"
-    # What ultralytics appends to a .tflite file is no part of the network.
+    # The data that ultralytics appends to a .tflite file is not part of the network.
     path.write_bytes(content[: round(len(content) * part)])
     assert "could not be loaded" in str(refused(path))
 
@@ -65,7 +65,7 @@ def test_the_size_of_a_scenario_is_that_of_a_network_that_takes_any_and_of_no_ot
 
 
 class _Touch:
-    """Pickled, it runs a command of its author when somebody unpickles it."""
+    """Unpickling it runs a command of its author."""
 
     def __init__(self, marker: Path) -> None:
         self.marker = marker
@@ -102,6 +102,6 @@ def test_the_user_s_own_file_may_bring_code_and_the_log_says_so(
 ) -> None:
     path, marker = tmp_path / "own.pt", tmp_path / "it-ran"
     _pickled(marker, path, "old")
-    refused(path)  # It is no detector, but its code ran.
+    refused(path)  # It is not a detector, but its code ran.
     assert marker.exists()
     assert "the command line names this file" in caplog.text

@@ -1,4 +1,4 @@
-"""The offline detector, cut so that it takes smaller pictures."""
+"""The offline detector with a smaller input."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def cut(whole: bytes) -> bytes:
 
 
 def _picture(height_px: int, width_px: int) -> np.ndarray:
-    # Smooth blobs rather than noise, so that the network is sure of something.
+    # Smooth blobs rather than noise, so that the network has confident detections.
     rows, columns = np.mgrid[0:height_px, 0:width_px] / 64.0
     waves = [np.sin(rows * k + columns) * np.cos(columns * k - rows) for k in (1.0, 1.7, 2.9)]
     return ((np.stack(waves) + 1.0) / 2.0)[np.newaxis].astype(np.float32)
@@ -41,7 +41,7 @@ def test_cut_and_decoded_it_says_what_the_whole_model_says(whole: bytes, cut: by
     picture = _picture(640, 640)
     (expected,) = _session(whole).run(None, {"images": picture})
     (raw,) = _session(cut).run(None, {"images": picture})
-    expected = expected[0, :, expected[0, 4:].max(axis=0) > _CONFIDENCE_FLOOR]  # places first
+    expected = expected[0, :, expected[0, 4:].max(axis=0) > _CONFIDENCE_FLOOR]  # positions first
     decoded = decode(raw, (640, 640), _CONFIDENCE_FLOOR)[0].T
     assert len(expected) > 0
     np.testing.assert_allclose(decoded, expected, rtol=1e-3, atol=1e-2)

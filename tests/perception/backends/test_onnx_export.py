@@ -1,4 +1,4 @@
-"""Weights of ultralytics become ONNX networks that compute the same, offline, without more packages than are needed."""
+"""Export of ultralytics weights to equivalent ONNX networks: offline, without unneeded packages."""
 
 import json
 import subprocess
@@ -12,9 +12,9 @@ from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.weights import Weights
 from tests.perception.shared_data import bus_picture
 
-pytestmark = pytest.mark.long  # three exports in a process of their own take half a minute
+pytestmark = pytest.mark.long  # three exports in a separate process take half a minute
 
-# In a process of its own, since ultralytics changes much of it; it may not ask the network for anything.
+# In a separate process, since ultralytics changes global state; it must not use the network.
 _SCRIPT = """
 import json, sys
 from pathlib import Path
@@ -103,7 +103,7 @@ def test_an_exported_detector_knows_its_classes(exported: tuple[Path, dict[str, 
 def test_an_exported_pose_network_gives_each_person_17_points_in_the_picture(
     exported: tuple[Path, dict[str, dict[str, Any]]],
 ) -> None:
-    # Of weights that learnt nothing every place is as likely as any other: all are taken.
+    # Untrained weights give equal confidence everywhere: all positions are detections.
     detector = open_detector(Weights(exported[0] / "yolov8n-pose.onnx", "pose", 416), confidence=0.0, threads=1)
     assert detector.class_names == ("person",)
     picture = bus_picture()

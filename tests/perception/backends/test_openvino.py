@@ -1,4 +1,4 @@
-"""OpenVINO, where it is installed: it finds what onnxruntime finds, in ONNX files and in folders of its own form."""
+"""OpenVINO, if installed: the same detections as onnxruntime, from ONNX files and from its own format."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ WEIGHTS = Weights(YOLOX_WEIGHTS, "yolox", 416)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As ultralytics exports to OpenVINO."""
+    """Folder as ultralytics exports it to OpenVINO."""
     made = tmp_path_factory.mktemp("models") / "yolox_openvino_model"
     made.mkdir()
     openvino.save_model(openvino.Core().read_model(str(YOLOX_WEIGHTS)), str(made / "yolox.xml"), compress_to_fp16=False)
@@ -44,7 +44,7 @@ def test_it_finds_what_onnxruntime_finds(folder: Path) -> None:
         sure = expected.confidences > 0.4
         assert sure.sum() >= 4
         for corners, confidence in zip(expected.corners_px[sure], expected.confidences[sure], strict=True):
-            # On some processors it computes with 16 bits.
+            # Some processors compute with 16 bits.
             near = np.abs(found.corners_px - corners).max(axis=1) < 25.0
             assert (near & (np.abs(found.confidences - confidence) < 0.1)).any()
 

@@ -1,4 +1,4 @@
-"""Each form of output that detectors have, made by hand: where its boxes and points come to lie in the picture."""
+"""Output formats of detectors with synthetic values: position of boxes and keypoints in the image."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +23,7 @@ from caris_desktop.perception.weights import Weights
 
 _SIZE = (64, 96)
 _PLACES = 8 * 12 + 4 * 6 + 2 * 3
-# A picture of 180x60 fills 96x32 of it, 16 pixels from the top.
+# An image of 180x60 fills 96x32 of the input, 16 pixels from the top.
 _PICTURE = np.zeros((60, 180, 3), np.uint8)
 _WEIGHTS = Weights(Path("made-by-hand.onnx"), "made by hand", 96)
 
@@ -57,7 +57,7 @@ def _raw(*places: tuple[float, ...], rows: int) -> NDArray[np.float32]:
 def test_places_with_probabilities(facts: ModelFacts) -> None:
     output = _raw((48, 32, 24, 16, 0.2, 0.9), (48, 32, 24, 17, 0.1, 0.8), (10, 30, 4, 4, 0.05, 0.09), rows=6)
     found = NetworkDetector(Network(output, facts), _WEIGHTS, confidence=0.1).detect(_PICTURE)
-    # Scaled by 96/180; the second is the same thing, the third not sure enough.
+    # Scaled by 96/180; the second is a duplicate, the third below the threshold.
     np.testing.assert_allclose(found.corners_px, [[67.5, 15.0, 112.5, 45.0]])
     np.testing.assert_allclose(found.confidences, [0.9])
     assert found.classes.tolist() == [1]

@@ -1,4 +1,4 @@
-"""A detector on another machine, over loopback: its boxes, who may ask it, and what happens when it is away."""
+"""Detector on another machine over loopback: boxes, authorised clients, and failures."""
 
 import ssl
 import threading
@@ -43,7 +43,7 @@ def test_it_finds_what_the_other_machine_finds(server: Serving) -> None:
         for _ in range(3):
             found = detector.detect(picture())
             assert found.classes.tolist() == [1, 0]
-            # The JPEG blurs an edge by a pixel or two.
+            # JPEG blurs an edge by a pixel or two.
             np.testing.assert_allclose(found.corners_px[0], [40, 30, 80, 60], atol=3)
             np.testing.assert_allclose(found.confidences, [0.8, 0.15])
             assert found.keypoints is not None

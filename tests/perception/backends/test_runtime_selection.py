@@ -1,4 +1,4 @@
-"""The fastest runtime that finds the same is taken, and what was measured is remembered."""
+"""Selection of the fastest equivalent runtime, with cached measurements."""
 
 import json
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ _BOX = (10.0, 10.0, 30.0, 40.0)
 
 @dataclass
 class Fake:
-    """A detector that finds one box, and by the clock of the test takes this long for it."""
+    """Detector with one box and a simulated duration."""
 
     ms: float
     clock: list[int]

@@ -1,4 +1,4 @@
-"""Cameras that end with their test."""
+"""Fixture for cameras that end with their test."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

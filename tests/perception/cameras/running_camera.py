@@ -1,4 +1,4 @@
-"""A camera's process body in a thread, and videos for it."""
+"""Camera process entry point in a thread, and videos for it."""
 
 import multiprocessing
 import threading
@@ -22,7 +22,7 @@ PICTURES = 12
 
 
 class KeptFrames:
-    """A frame writer that keeps the mean brightness of each picture."""
+    """Frame writer that records the mean brightness of each frame."""
 
     def __init__(self) -> None:
         self.brightness: list[float] = []
@@ -38,7 +38,7 @@ class KeptFrames:
 
 
 class RunningCamera:
-    """``run_camera`` in a thread, and what it sent."""
+    """``run_camera`` in a thread, with its messages."""
 
     def __init__(
         self, source: str, *, open_one: Callable[[ChosenCamera], CameraSource] | None = None, name: str = ""
@@ -87,7 +87,7 @@ def has_state(state: str, count: int = 1) -> Callable[[list[Any]], bool]:
 
 
 def write_video(path: Path, *, size_px: tuple[int, int] = (320, 240), fps: int = FPS) -> None:
-    """Each picture is a little brighter than the one before."""
+    """Write a video in which each frame is a little brighter than the previous one."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=fps)
         stream.width, stream.height = size_px

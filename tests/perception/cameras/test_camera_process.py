@@ -1,4 +1,4 @@
-"""Camera sources, through the same process body that the console starts (here in a thread)."""
+"""Camera sources with the real process entry point (in a thread)."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ def test_a_video_plays_whole_in_order_and_at_its_rate(video: Path, start: Start)
     assert [ref.sequence for ref in refs] == list(range(1, PICTURES + 1))
     assert camera.frames.brightness == sorted(camera.frames.brightness)
     assert len(set(camera.frames.brightness)) == PICTURES
-    # Never early: each picture comes no sooner than its time after the first. How late, this machine decides.
+    # Never early: each frame comes no sooner than its time after the first. The delay depends on the machine.
     for index, ref in enumerate(refs):
         assert ref.stamp_ns - refs[0].stamp_ns >= (index / FPS) * 1e9 - 3e6
 
@@ -119,7 +119,7 @@ def test_large_pictures_are_made_to_fit_the_ring(tmp_path: Path) -> None:
 
 
 class ToldCamera:
-    """Gives these one after the other: pictures, or what goes wrong instead of one."""
+    """Camera double that returns these frames and raises these errors in sequence."""
 
     width_px, height_px, fps = 64, 48, None
 
@@ -238,7 +238,7 @@ def test_depth_goes_along_with_its_picture_in_few_points(start: Start) -> None:
 
 
 class HearingCamera:
-    """Hears something with each picture."""
+    """Camera double with sound for each frame."""
 
     width_px, height_px, fps = 64, 48, None
 

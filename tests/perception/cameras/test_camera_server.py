@@ -1,4 +1,4 @@
-"""The camera server: who is answered, with what, and how old that is. In this process, over real sockets."""
+"""Camera server in this process over real sockets: authorised clients, answers and their age."""
 
 import asyncio
 import base64
@@ -26,7 +26,7 @@ TOKEN = "0123456789abcdef"
 
 
 class NumberedCamera:
-    """Pictures whose grey is their number, as many as are wanted."""
+    """Camera double with a limited number of frames, each with its number as grey value."""
 
     width_px, height_px, fps = 64, 48, None
 
@@ -50,7 +50,7 @@ class NumberedCamera:
 
 
 class Client:
-    """One connection that speaks what it is told to."""
+    """One connection that sends scripted requests."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -85,7 +85,7 @@ def served(
     sound: ServedSound | None = None,
     open_one: Callable[[ChosenCamera], CameraSource] | None = None,
 ) -> None:
-    """Run ``test(frames, new_client)`` beside a server."""
+    """Run ``test(frames, new_client)`` with a running server."""
 
     async def run() -> None:
         frames = NewestFrame(parse_camera("0"), open_one or (lambda _chosen: NumberedCamera()))
@@ -251,7 +251,7 @@ def test_a_camera_that_is_lost_comes_back_to_those_who_still_look(monkeypatch: p
 
 
 class Tone:
-    """A source of 440 Hz, as long as somebody listens."""
+    """Source of a 440 Hz tone while a client listens."""
 
     def __init__(self) -> None:
         self.ended = threading.Event()

@@ -1,4 +1,4 @@
-"""What a string that chooses a camera means."""
+"""Parsing of a camera specification."""
 
 import pytest
 

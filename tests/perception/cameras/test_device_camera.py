@@ -1,4 +1,4 @@
-"""A camera of this computer that gives no pictures: the advice fits what happened."""
+"""Local camera without frames: specific advice for each cause."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from caris_desktop.perception.cameras.device_camera import DeviceCamera
 
 
 class Capture:
-    """As OpenCV's: opened, and with so many pictures."""
+    """Double of OpenCV's capture with a limited number of frames."""
 
     def __init__(self, pictures: int) -> None:
         self._left = pictures

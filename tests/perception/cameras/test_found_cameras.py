@@ -1,4 +1,4 @@
-"""Which cameras are listed as plugged in."""
+"""List of connected cameras."""
 
 from pathlib import Path
 

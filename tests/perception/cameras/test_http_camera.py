@@ -1,4 +1,4 @@
-"""Cameras that send JPEGs over HTTP, against small servers in this process."""
+"""Cameras that send JPEGs over HTTP, with small servers in this process."""
 
 import base64
 import contextlib
@@ -29,7 +29,7 @@ def jpeg(grey: int, *, width_px: int = 320, height_px: int = 240) -> bytes:
 
 
 class Served:
-    """What a server answers, and what it was asked."""
+    """Scripted answer of a server, and its requests."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -57,7 +57,7 @@ def served() -> Iterator[Served]:
                 for part in told.parts:
                     self.wfile.write(part)
 
-        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class names it so
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - name in the base class
             pass
 
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
@@ -103,7 +103,7 @@ def test_torn_and_odd_pictures_are_left_out_and_the_others_are_shown(
         jpeg(90, width_px=7680, height_px=4320),
     ]
     served.parts = [part(content) for content in [whole, *odd, whole]]
-    # Each of them is taken, as if the network was slower than this computer.
+    # Each of them is processed, as if the network was slower than this computer.
     camera = start(served.address, open_one=OneByOne)
     camera.until(has_state("lost"))
     assert [(ref.width_px, ref.height_px) for ref in camera.of(FrameRef)] == [(320, 240), (1920, 1080), (320, 240)]

@@ -1,4 +1,4 @@
-"""OAK cameras through depthai's own replay of a video on this computer, behind the few calls that need a device."""
+"""OAK cameras with depthai's replay of a video, and doubles of the few calls that need a device."""
 
 import datetime
 from pathlib import Path
@@ -15,7 +15,7 @@ depthai = pytest.importorskip("depthai")
 
 
 class DepthOutput:
-    """Depth of 2 m on the left and 5 m on the right, taken with each of the pictures."""
+    """Depth of 2 m on the left and 5 m on the right, with each frame."""
 
     def __init__(self) -> None:
         self.moment = datetime.timedelta(0)
@@ -34,7 +34,7 @@ class DepthOutput:
 
 
 class ReplayedDevice:
-    """Device, pipeline and its nodes in one; ``eyes`` is how many cameras it has."""
+    """Double of device, pipeline and nodes; ``eyes`` is the number of cameras."""
 
     def __init__(self, video: Path, *, eyes: int = 1) -> None:
         self.asked: list[Any] = []
@@ -57,7 +57,7 @@ class ReplayedDevice:
     def build(self, *_socket: Any) -> "ReplayedDevice":
         return self
 
-    def requestOutput(self, size: tuple[int, int], *, fps: float, type: Any = None) -> Any:  # noqa: A002 - depthai names it so
+    def requestOutput(self, size: tuple[int, int], *, fps: float, type: Any = None) -> Any:  # noqa: A002 - name in depthai
         self.asked.append((size, fps))
         return LinkedOutput(self.replay.out)
 

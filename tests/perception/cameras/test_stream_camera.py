@@ -1,4 +1,4 @@
-"""Video files as cameras: turned as the file says."""
+"""Rotation of video files used as cameras."""
 
 import struct
 from pathlib import Path
@@ -15,7 +15,7 @@ _MATRICES = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -
 
 
 def _video(path: Path, clockwise_deg: int) -> Path:
-    """Lying pictures whose left upper corner is white; the file says by how much they are to be turned."""
+    """Landscape frames with a white upper left corner, and a rotation in the file's metadata."""
     with av.open(str(path), "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=10)
         stream.width, stream.height, stream.pix_fmt = 320, 160, "yuv420p"
