@@ -1,1 +1,1 @@
-"""The simulated robot."""
+"""Tests of the simulated robot."""

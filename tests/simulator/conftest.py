@@ -1,4 +1,4 @@
-"""The simulated robot, in both dresses, shared by the tests of a file."""
+"""Simulated robot in both ROS versions, shared by the tests of a file."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Prints how many people ultralytics finds in each picture: ``count_people.py WEIGHTS FOLDER_WITH_PICTURES_NPY``."""
+"""Number of people that ultralytics finds in each image: ``count_people.py WEIGHTS FOLDER_WITH_PICTURES_NPY``."""
 
 import os
 import sys

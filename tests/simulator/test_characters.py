@@ -1,4 +1,4 @@
-"""The twenty people: seen from every side, told apart by a network that knows real people, and found by a detector."""
+"""The twenty characters: from every side, distinct for a re-identification network, and detectable."""
 
 import math
 from pathlib import Path
@@ -29,14 +29,14 @@ def test_a_figure_is_a_cut_out_seen_from_the_side_asked_for() -> None:
         rows = np.flatnonzero(picture[:, :, 3].any(axis=1))
         assert rows[0] < 8
         assert rows[-1] > 390
-    # turned to their left, the backpack is on the picture's left
+    # turned to their left, the backpack is on the image's left
     assert _reach(left)[0] > 1.5 * _reach(left)[1]
     assert _reach(right)[1] > 1.5 * _reach(right)[0]
     assert abs(_reach(front)[0] - _reach(front)[1]) < 4
 
 
 def _reach(picture: NDArray[np.uint8]) -> tuple[int, int]:
-    """How far the upper body reaches to the left and the right of the middle."""
+    """Extent of the upper body to the left and the right of the centre."""
     columns = np.flatnonzero(picture[80:180, :, 3].any(axis=0)) - picture.shape[1] // 2
     return int(-columns[0]), int(columns[-1])
 

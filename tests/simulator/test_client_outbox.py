@@ -1,4 +1,4 @@
-"""What waits for one client: bounded, newest first to stay, answers never lost."""
+"""Outbox of a client: bounded, keeps the newest messages, never drops answers."""
 
 import asyncio
 from typing import Any
@@ -18,7 +18,7 @@ class Clock:
 
 
 class Socket:
-    """Notes what is sent; holds the sender up while ``closed_gate``."""
+    """Records sent messages; blocks the sender while ``closed_gate``."""
 
     def __init__(self) -> None:
         self.gate = asyncio.Event()
@@ -35,7 +35,7 @@ class Socket:
 
 
 async def drain(outbox: ClientOutbox, socket: Socket) -> None:
-    """Let the outbox send all that it may send now."""
+    """Let the outbox send all pending messages."""
     sender = asyncio.create_task(outbox.send_all(socket))
     for _ in range(1000):
         await asyncio.sleep(0)

@@ -1,4 +1,6 @@
-"""What the default dress offers besides sensors and motion: way, map updates, initial pose, head, maps, panel."""
+"""Interfaces of the default robot model besides sensors and motion: path, map updates, initial pose, head, maps,
+panel.
+"""
 
 import base64
 import math
@@ -73,7 +75,7 @@ def test_a_map_put_together_from_its_updates_is_the_map(robot: SimulatedRobot, c
     client.subscribe("/map", type=type_of(robot, "nav_msgs", "OccupancyGrid"))
     client.subscribe("/map_updates", type=type_of(robot, "map_msgs", "OccupancyGridUpdate"))
     client.wait_for_messages("/map")
-    # it is carried about, so that there is always something new to see
+    # move it, so that the map has new areas
     for spot in ("9,5,0", "9,5,90", "8,5,180", "3,5,0"):
         robot.fault(f"pose:{spot}")
         seen = len(client.messages("/map_updates")) + len(client.messages("/map"))

@@ -1,4 +1,4 @@
-"""Injected faults do what they say, and can be taken back."""
+"""Injected faults: their effects and their removal."""
 
 import base64
 import time

@@ -1,4 +1,4 @@
-"""What the camera draws: people where they are, walls before them, and detectors that agree."""
+"""Rendered camera image: people in place, occlusion by walls, and detection."""
 
 import math
 import os
@@ -35,7 +35,7 @@ def before(camera: Pose2D, distance_m: float, bearing_rad: float = 0.0, looks: i
 
 
 def figure(camera: Pose2D, person: int, turned_rad: float) -> Seen:
-    """One of the twenty, two or four metres away, in one set of clothes or the other."""
+    """One of the twenty people at two or four metres, in one of two sets of clothes."""
     there = before(camera, 2.2 if person % 2 else 4.0, 0.1)
     appearance = Appearance(person, person // 2 % 2)
     heading_rad = camera.heading_rad + 0.1 + math.pi + turned_rad
@@ -115,7 +115,7 @@ DETECTOR = MODELS / "yolov8n_int8.tflite"
 @pytest.mark.skipif(not DETECTOR.is_file(), reason=f"needs the weights {DETECTOR.name} in CARIS_MODELS_DIR")
 @pytest.mark.long
 def test_an_unmodified_detector_finds_the_people_and_nobody_else(painter: Painter, tmp_path: Path) -> None:
-    # in a process of its own: the detector changes process-wide state, such as the number of threads of OpenCV
+    # in a separate process: the detector changes process-wide state, such as the number of threads of OpenCV
     views = [View(place.pose @ ROBOT_FROM_CAMERA, ()) for place in PLACES]
     peopled = [
         View(camera, (before(camera, distance_m, 0.1, looks),))

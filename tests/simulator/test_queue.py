@@ -1,4 +1,4 @@
-"""One queue for each client, as rosbridge of ROS 2 has it: a goal or a call holds what comes behind it."""
+"""Queue per client, as in rosbridge of ROS 2: a goal or a call blocks later operations."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ def answers(client: RosbridgeClient, request_id: str) -> list[dict[str, Any]]:
 
 
 def handled(client: RosbridgeClient, request_id: str) -> None:
-    """Asks something that is refused in the queue, at once."""
+    """Send a request that is refused immediately when its turn comes in the queue."""
     client.send(op="call_service", id=request_id, service="/no_such_service", args={})
 
 

@@ -1,4 +1,4 @@
-"""Each dress: listed by rosapi with its own names and types, moved by them, and telling what it sees in its frames."""
+"""Robot models: names and types in rosapi, motion, and sensor data in their frames."""
 
 import contextlib
 import math
@@ -14,7 +14,7 @@ from tests.support.leak_checks import share_in_module
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
-# dress: velocity topic and type, scan, odometry, camera, frames of scan and of the odometry's child
+# robot model: velocity topic and type, scan, odometry, camera, frames of scan and of the odometry's child
 PUBLISHED: dict[str, tuple[str, str, str | None, str, str, tuple[str, str]]] = {
     "tiago": (
         "/nav_vel",
@@ -60,7 +60,7 @@ PUBLISHED: dict[str, tuple[str, str, str | None, str, str, tuple[str, str]]] = {
 
 
 class Wardrobe:
-    """One robot in each dress that was asked for, started once."""
+    """One robot of each requested model, started once."""
 
     def __init__(self) -> None:
         self._open = contextlib.ExitStack()
@@ -101,7 +101,7 @@ def test_a_dress_is_listed_moved_and_seen_by_its_own_names(wardrobe: Wardrobe, n
         if scan is not None:
             seen = client.wait_for_messages(scan)[0]
             assert seen["header"]["frame_id"] == scan_frame
-            # in the corridor, looking at the wall 0.74 m away, wherever the scanner sits and looks
+            # in the corridor, 0.74 m from the wall, independent of the scanner's pose
             assert _distance_ahead(seen, name) == pytest.approx(0.74 - _scanner_ahead_m(name), abs=0.06)
         twist = {"linear": {"x": 0.08}, "angular": {"z": 0.0}}
         client.publish(velocity, {"header": {}, "twist": twist} if type_.endswith("Stamped") else twist)

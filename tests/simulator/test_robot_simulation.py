@@ -1,4 +1,4 @@
-"""The robot as a whole: lease, goals, people, emergency stop, and runs that repeat."""
+"""Complete robot simulation: lease, goals, people, emergency stop, and reproducible runs."""
 
 import itertools
 import math

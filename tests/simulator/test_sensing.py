@@ -1,4 +1,4 @@
-"""LIDAR, map and odometry against the truth."""
+"""LIDAR, map and odometry compared with ground truth."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The rosbridge server: relaying, throttling, latching, CBOR, fragments, services of clients, and strangers."""
+"""rosbridge server: relaying, throttling, latching, CBOR, fragments, services of clients, and foreign input."""
 
 import base64
 import json
@@ -104,9 +104,9 @@ def test_large_messages_come_in_fragments_to_who_wants_them(robot: SimulatedRobo
     assembler = rosbridge.FragmentAssembler()
     results = [assembler.add(part) for part in parts]
     assert results[-1] == {"op": "publish", "topic": "/relayed/large", "msg": {"data": "y" * 5000}}
-    # A number that is none of pieces, and the same for every message of a topic.
+    # A total that is not an integer, and the same id for every message of a topic.
     assert {(part["id"], 6 < part["total"] < 7) for part in parts} == {(0, True)}
-    # It is for everything from then on, answers too; what is not text is not sent at all then.
+    # It applies to everything from then on, answers too; binary messages are not sent at all then.
     client.send(op="call_service", service="/rosapi/topics", id="long")
     answer = client.wait_for_operation(
         lambda operation: operation["op"] == "fragment" and operation["id"] == "long", ""
@@ -185,7 +185,7 @@ def test_what_rosbridge_cannot_write_as_cbor_is_not_sent(client: RosbridgeClient
     wait_for(lambda: any(topic in refusal for refusal in client.call("/simulator/state")["refusals"]), "it failed")
     wait_for(lambda: len([content for content in client.received if isinstance(content, bytes)]) > 3, "scans")
     assert all(b"/scan" in content[:40] for content in client.received if isinstance(content, bytes))
-    # One plain subscription more changes nothing: they share the stream, and CBOR wins.
+    # A further plain subscription changes nothing: both share the stream, and CBOR wins.
     client.subscribe(topic)
     client.call("/rosapi/get_time")
     client.send(op="unsubscribe", topic=topic)

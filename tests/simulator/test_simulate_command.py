@@ -1,4 +1,4 @@
-"""The command line: readiness, exit, and what is refused."""
+"""Command line: readiness, exit and refused arguments."""
 
 import argparse
 import http.client
@@ -118,7 +118,7 @@ def test_it_ends_when_its_starter_is_gone() -> None:
 def test_the_camera_on_the_desk_sends_pictures_of_the_same_rooms() -> None:
     with SimulatedRobot("--desk-camera", "0") as robot:
         address = robot.next_line().removeprefix("Desk camera at ").strip()
-        with urllib.request.urlopen(address, timeout=20) as pictures:  # noqa: S310 - its own address
+        with urllib.request.urlopen(address, timeout=20) as pictures:  # noqa: S310 - address of this test
             assert pictures.headers.get_content_type() == "multipart/x-mixed-replace"
             for _ in range(2):
                 assert pictures.readline() == b"--frame\r\n"

@@ -1,4 +1,4 @@
-"""The base: how it speeds up, brakes and meets obstacles."""
+"""Simulated base: acceleration, braking and obstacles."""
 
 import math
 

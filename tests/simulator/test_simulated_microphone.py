@@ -1,4 +1,4 @@
-"""The simulated microphone: what it mixes, who speaks before it, and the faults of a real one."""
+"""Simulated microphone: mixing, speakers, and faults of a real one."""
 
 import asyncio
 import wave
@@ -51,7 +51,7 @@ def test_the_robots_own_voice_comes_late_through_the_room_and_no_more_when_it_is
 
 
 class _Wire:
-    """Takes what is published, and offers nothing."""
+    """Records published messages, and offers nothing."""
 
     faults = Faults()
 
@@ -74,7 +74,7 @@ class _Wire:
 
 
 def test_sound_keeps_its_time_where_the_robots_time_is_skipped() -> None:
-    """Or the robot would still be heard seconds after it tells that it has said it."""
+    """Otherwise the robot would be heard seconds after it reports the end of its speech."""
     wire: Any = _Wire()
     sound = SoundOnRos(wire, AudioTopics("ear", "loudspeaker"))
     try:
@@ -127,7 +127,7 @@ def test_what_a_participant_says_is_read_from_a_file(tmp_path: Path) -> None:
 
 
 def keep(cache: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sound of it as if it had been spoken before."""
+    """Put the sound into the cache."""
     monkeypatch.setattr(participant, "_voice", lambda: ["voice", "-f"])
     monkeypatch.setattr(participant, "_render", _beep)
     assert asyncio.run(participant.rendered(text, cache)) is not None
@@ -169,7 +169,7 @@ def test_it_is_the_participants_turn_when_the_robot_has_spoken(tmp_path: Path, m
         speaker = Participant(microphone, ["One.", "Two."], on_speaking=states.append, cache=tmp_path)
         for expected in (1, 2):
             speaker.on_robot_finished()
-            speaker.on_robot_finished()  # a second one while it answers changes nothing
+            speaker.on_robot_finished()  # a second one during the answer changes nothing
             while len([said for said in speaker.said if said.ended_ns]) < expected:
                 microphone.take(640)
                 await asyncio.sleep(0)

@@ -1,4 +1,4 @@
-"""A secured link: wss with a certificate, and rosauth's introduction."""
+"""Secured link: wss with a certificate, and authentication of rosauth."""
 
 import hashlib
 import shutil
@@ -30,7 +30,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def introduction(secret: str, **changed: Any) -> dict[str, Any]:
-    """As rosauth's documentation tells clients to make it; nothing of ours in between."""
+    """Authentication message made as in rosauth's documentation, without code of the package."""
     now = int(time.time())
     fields = {"client": "127.0.0.1", "dest": "robot", "rand": "xyz", "t": now, "level": "user", "end": now + 3600}
     fields |= changed

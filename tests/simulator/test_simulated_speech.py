@@ -1,4 +1,4 @@
-"""The robot's voice: real audio, heard at a sound server of the tests' own, and its length."""
+"""Robot speech: real audio, recorded at a sound server of the tests, and its length."""
 
 import asyncio
 import shutil
@@ -90,6 +90,6 @@ def test_the_robot_is_heard_and_silenced(sound: SoundServer) -> None:
         wait_for(lambda: not client.messages("/tts/speaking")[-1]["data"], "it is silent")
         after = sound.listen()
         wait_for(lambda: after.length_s > 2.0, "two seconds pass")
-        # What lay in the sound server's buffers is heard out. Of ten sentences hardly one is.
+        # Sound in the server's buffers is still played: hardly one of ten sentences.
         assert again.loud_total_s() < 3.0 * one_s
         assert after.loud_total_s() < one_s

@@ -1,4 +1,4 @@
-"""A slow link: messages arrive late and in order, none is left out; other faults; and the log of what was sent."""
+"""Slow link: late messages in order and without loss; other faults; and the log of sent messages."""
 
 import asyncio
 import json

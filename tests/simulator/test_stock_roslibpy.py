@@ -1,4 +1,4 @@
-"""An unmodified roslibpy drives the simulated robot, in ROS 1 and in ROS 2 dress."""
+"""Unmodified roslibpy with the simulated robot in ROS 1 and ROS 2."""
 
 import base64
 import math
@@ -41,7 +41,7 @@ FAR_AWAY = {"position": {"x": 12.9, "y": 7.6, "z": 0.0}, "orientation": {"x": 0.
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["ros1", "ros2"])
 def robot(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
-    # It has one websocket, which a goal would hold until its end.
+    # roslibpy has one websocket, which a goal would block until its end.
     with SimulatedRobot("--send-action-goals-in-new-thread", ros=request.param) as running:
         yield running
 
@@ -75,7 +75,7 @@ def test_it_lists_what_a_ros_user_expects(robot: SimulatedRobot, ros: roslibpy.R
     assert ros.get_topics_for_type(types["twist"]) == ["/cmd_vel"]
     assert "/emergency_stop/set" in ros.get_services()
     assert ros.get_service_type("/emergency_stop/set").endswith("SetBool")
-    # Ros.get_time() itself knows only how ROS 1 spells time
+    # Ros.get_time() itself supports only the time fields of ROS 1
     now = roslibpy.Service(ros, "/rosapi/get_time", "rosapi/GetTime").call({}, timeout=10)["time"]
     assert abs(now["secs" if robot.ros == 1 else "sec"] - time.time()) < 5
 
@@ -183,7 +183,7 @@ def test_goals_of_ros2_are_reached_and_cancelled(robot: SimulatedRobot, ros: ros
     somebody_elses = {"goal_info": {"goal_id": {"uuid": [*range(16)]}, "stamp": {"sec": 0, "nanosec": 0}}}
     assert cancel.call(somebody_elses, timeout=10)["return_code"] == 2
     assert robot.state()["goal_id"]
-    # A zero id with the zero time means every goal, and ROS fills what is left out with zero.
+    # An empty id with time zero means every goal, and ROS fills missing fields with zero.
     assert cancel.call({}, timeout=10)["return_code"] == 0
     client.wait_goal(again, 5)
     assert results[-1]["status"] == roslibpy.GoalStatus.CANCELED

@@ -1,4 +1,4 @@
-"""A simulated robot that was stopped obeys on waking what lies in its socket, as the real rosbridge does."""
+"""A stopped simulated robot executes the commands in its socket on waking, as the real rosbridge does."""
 
 import json
 import os
@@ -47,7 +47,7 @@ def test_who_has_left_is_obeyed_but_perhaps_not_to_the_end(robot: SimulatedRobot
     before = len(turns(log))
     with RosbridgeClient(robot.address) as client:
         client.subscribe("/odom")
-        # Stopped in the midst of its work, it writes before it reads when it goes on.
+        # Stopped during its work, it writes before it reads when it continues.
         client.wait_for_messages("/odom", 2 + attempt)
         os.kill(robot.pid, signal.SIGSTOP)
         for turn in (0.3, 0.2, 0.1, 0.0):
