@@ -1,1 +1,1 @@
-"""ROS messages and the rosbridge protocol."""
+"""Tests of ROS messages and the rosbridge protocol."""

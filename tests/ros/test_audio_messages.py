@@ -1,4 +1,4 @@
-"""audio_common_msgs in both encodings of rosbridge, and what is refused."""
+"""audio_common_msgs in both encodings of rosbridge, and refused messages."""
 
 import base64
 from typing import Any

@@ -1,4 +1,4 @@
-"""What differs between ROS 1 and ROS 2."""
+"""Differences between ROS 1 and ROS 2."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Messages survive both forms of the protocol, and whatever is malformed gets one kind of error."""
+"""Round trips of messages in both encodings, and a single error type for malformed ones."""
 
 import copy
 import math

@@ -1,4 +1,4 @@
-"""Raw pictures of every form that a driver sends, packed here by hand."""
+"""Raw images in every encoding of drivers, packed by the test."""
 
 import base64
 from typing import Any
@@ -14,12 +14,12 @@ from caris_desktop.ros.raw_image import FAR_M, NEAR_M, decode_image
 
 WIDTH, HEIGHT = 6, 4
 BLUE, GREEN, RED = (250, 10, 20), (15, 240, 25), (30, 40, 230)  # BGR
-# Two columns of each: YUV patterns share their colours between two pixels.
+# Two columns of each: YUV encodings share colours between two pixels.
 SHOWN = np.array([[BLUE, BLUE, GREEN, GREEN, RED, RED]] * HEIGHT, np.uint8)
 
 
 def message(encoding: str, rows: NDArray[Any], *, padding: int = 0, big: bool = False) -> dict[str, Any]:
-    """``rows``: shape (height, bytes of a row) after viewing."""
+    """Image message; ``rows`` has the shape (height, bytes of a row) as uint8."""
     packed = np.ascontiguousarray(rows).view(np.uint8).reshape(HEIGHT, -1)
     packed = np.pad(packed, ((0, 0), (0, padding)), constant_values=77)
     return {
@@ -105,7 +105,7 @@ def test_yuv_patterns_keep_their_colours(encoding: str, order: str) -> None:
     yuv = cv2.cvtColor(SHOWN, cv2.COLOR_BGR2YUV).astype(np.uint8)
     rows = np.zeros((HEIGHT, WIDTH, 2), np.uint8)
     at_luma, at_colour = (1, 0) if order == "uyvy" else (0, 1)
-    # The video range that drivers send, of the full one that OpenCV makes.
+    # The video range of drivers, converted from the full range of OpenCV.
     rows[:, :, at_luma] = np.clip(yuv[:, :, 0] * 219.0 / 255.0 + 16.0, 0, 255)
     rows[:, 0::2, at_colour] = np.clip((yuv[:, 0::2, 1] - 128.0) * 1.14 + 128.0, 0, 255)
     rows[:, 1::2, at_colour] = np.clip((yuv[:, 0::2, 2] - 128.0) * 0.81 + 128.0, 0, 255)
@@ -116,7 +116,7 @@ def test_yuv_patterns_keep_their_colours(encoding: str, order: str) -> None:
 @pytest.mark.parametrize(("pattern", "cells"), [("rggb", "RGGB"), ("bggr", "BGGR"), ("gbrg", "GBRG"), ("grbg", "GRBG")])
 @pytest.mark.parametrize("bits", [8, 16])
 def test_bayer_patterns_tell_red_from_blue(pattern: str, cells: str, bits: int) -> None:
-    """A red surface: only the red cells see anything."""
+    """A red surface: only red cells have values."""
     tile = np.array([[220 if cell == "R" else 0 for cell in cells[at : at + 2]] for at in (0, 2)])
     mosaic = np.tile(tile, (HEIGHT // 2, WIDTH // 2))
     rows = mosaic.astype(np.uint8) if bits == 8 else (mosaic * 256).astype("<u2")

@@ -1,4 +1,4 @@
-"""Paths, map updates, joints, clocks and map services survive both forms of the protocol in both dialects."""
+"""Round trips of paths, map updates, joints, clocks and map services in both encodings and both ROS versions."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Whole operations in both forms, fragments, and bytes from strangers."""
+"""Complete operations in both encodings, fragments, and foreign bytes."""
 
 import contextlib
 import json
@@ -145,7 +145,8 @@ def test_fragments_in_any_order_become_the_message(text: str, size: int, chance:
 
 @pytest.mark.parametrize("total", [3.35, 2.2953])
 def test_a_total_that_is_no_whole_number_is_rounded_as_the_message_wants_it(total: float) -> None:
-    # rosbridge_suite 0.11.17 sends three pieces as 3.35, all under the number 0; others divide otherwise.
+    # rosbridge_suite 0.11.17 sends three fragments with a total of 3.35, all with the number 0; others divide
+    # differently.
     assembler = FragmentAssembler()
     for _ in range(2):
         pieces = ['{"op"', ': "x"', "}"]
@@ -219,7 +220,7 @@ def test_the_cells_of_a_map_are_read_as_json_reads_them(numbers: list[str], comm
             read = None
     if read is not None and isinstance(read.get("msg"), dict) and isinstance(read["msg"]["data"], np.ndarray):
         read["msg"]["data"] = read["msg"]["data"].tolist()
-    # What is JSON is read as JSON; of what is not, gaps and leading zeros are let pass.
+    # JSON is read as JSON; in invalid JSON, gaps and leading zeros are tolerated.
     assert read == expected or expected is None
 
 
