@@ -1,1 +1,1 @@
-"""The study folder."""
+"""Tests of the study folder."""

@@ -1,4 +1,4 @@
-"""The study folder on a real file system."""
+"""Study folder on a real file system."""
 
 from datetime import datetime
 from pathlib import Path

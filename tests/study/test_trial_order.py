@@ -1,4 +1,4 @@
-"""Trials are counted on, and the recordings of one trial are numbered."""
+"""Numbers of trials and of the recordings of a trial."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A trial that broke off is offered once, to the same study, and only after a crash."""
+"""Offer of an unfinished trial: once, for the same study, and only after a crash."""
 
 import json
 import os
@@ -54,7 +54,7 @@ def test_nothing_is_left_of_an_end_in_order(folder: Path, study: Path) -> None:
 
 
 def test_a_power_cut_is_an_end_that_nobody_wanted(folder: Path, study: Path) -> None:
-    """The computer was started anew since, and has other programs under all numbers."""
+    """The computer was restarted since, and all PIDs belong to other programs."""
     save_unfinished(folder, _trial(study))
     path = folder / f"{os.getpid()}.json"
     data = json.loads(path.read_text()) | {"began": psutil.boot_time() - 3600, "boot": "of an older program"}
