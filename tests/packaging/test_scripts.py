@@ -1,4 +1,4 @@
-"""The set-up scripts: what they refuse, what they tell, and the virtual screen they bring up and take down."""
+"""Set-up scripts: refusals, messages, and start and end of the virtual screen."""
 
 import configparser
 import json
@@ -22,7 +22,7 @@ linux_only = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="th
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """Scripts and project file alone, in a folder with a space in its name, so that no run touches this checkout."""
+    """Scripts and project file alone in a folder with a space in its name, so that no run changes this checkout."""
     copy = tmp_path / "a checkout"
     shutil.copytree(REPOSITORY / "packaging", copy / "packaging")
     shutil.copy(REPOSITORY / "pyproject.toml", copy)
@@ -33,7 +33,7 @@ def checkout(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def programs(tmp_path: Path) -> Path:
-    """A folder of stand-ins that goes first on PATH: an ordinary user on a Debian on which nothing is installed."""
+    """Folder of fake programs, first on PATH: an ordinary user on Debian with nothing installed."""
     folder = tmp_path / "programs"
     folder.mkdir()
     answers = {"id": "echo 1000", "sudo": "exit 1", "dpkg-query": "exit 1", "apt-get": "echo reached >&2; exit 1"}
@@ -53,7 +53,7 @@ def run_setup(
     inherited = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     if programs is not None:
         inherited["PATH"] = f"{programs}{os.pathsep}{inherited['PATH']}"
-    # Should a run get as far as pip against expectation, it must not fetch anything.
+    # An unexpected call of pip must not download anything.
     return subprocess.run(
         ["bash", str(checkout / "packaging" / "setup.sh"), *arguments],
         env=inherited | {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": ""} | environment,
@@ -120,7 +120,7 @@ def test_an_unsuitable_python_is_named(checkout: Path, programs: Path) -> None:
 
 
 def python_that_records_pip(folder: Path) -> tuple[Path, Path]:
-    """Python that installs nothing, and the file to which it writes what pip was called with."""
+    """Python that installs nothing, and the file with the arguments of pip."""
     asked = folder / "asked"
     record = (
         f'case "$*" in *"-m pip"*) echo "$PIP_ONLY_BINARY $*" >>"{asked}" ;; '
@@ -146,7 +146,7 @@ def test_the_set_up_puts_the_program_into_the_menu(checkout: Path, tmp_path: Pat
 
 
 def started_by(entry: Path) -> list[str]:
-    """Command of a desktop entry, read as the Desktop Entry Specification says."""
+    """Command of a desktop entry, parsed by the Desktop Entry Specification."""
     (exec_key,) = re.findall("^Exec=(.*)$", entry.read_text(), re.MULTILINE)
     words = re.findall(r'"(?:[^"\\]|\\.)*"|\S+', exec_key.replace("\\\\", "\\"))
     return [re.sub(r'\\(["`$\\])', r"\1", word.strip('"')).replace("%%", "%") for word in words]
@@ -172,7 +172,7 @@ def test_the_menu_entry_and_its_icon_are_valid(tmp_path: Path) -> None:
 @linux_only
 @pytest.mark.long
 def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path, tmp_path: Path) -> None:
-    """Every call of pip, its options heeded by the real pip: a source distribution is code of others, run as root."""
+    """Every pip call with its options, checked by the real pip: a source distribution is foreign code, run as root."""
     made = tmp_path / "ran"
     python, asked = python_that_records_pip(tmp_path)
     result = run_setup(checkout, "--test", CARIS_PYTHON=str(python), XDG_DATA_HOME=str(tmp_path / "data"))
@@ -185,7 +185,7 @@ def test_nothing_that_is_built_while_it_is_installed_is_installed(checkout: Path
     assert all("--require-hashes" in call and "--no-deps" in call for call in lists)
     listed = {path for call in lists for path in re.findall(r"-r packaging/(\S+)", call)}
     assert listed >= {"lock.txt", "lock-test.txt", "models.txt", "test-tools.txt"}
-    # Of the rest, only pip itself may bring what no list names.
+    # Of the other calls, only pip itself may install packages that are in no list.
     rest = [call for call in installs if call not in lists]
     assert any("--editable" in call and "--no-build-isolation" in call for call in rest)
     assert all("--no-deps" in call or call.endswith(("--upgrade pip", "--dry-run")) for call in rest), rest
@@ -294,7 +294,7 @@ def test_the_virtual_screen_is_up_when_its_start_returns_and_gone_with_its_shell
 
 @linux_only
 def test_a_release_is_tried_by_root_alone_and_with_known_arguments(checkout: Path, programs: Path) -> None:
-    """What it does takes an hour and a package mirror; it is run by hand."""
+    """The release script takes an hour and needs a package mirror; it is run by hand."""
     environment = {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
     for arguments, told in (([], "only root"), (["--newer"], "unknown argument '--newer' (known: --newest, --fresh)")):
         script = ["bash", str(checkout / "packaging" / "test-release.sh"), *arguments]

@@ -1,4 +1,4 @@
-"""Wheel and source distribution carry what the program reads at run time, and its command."""
+"""Wheel and source distribution contain the program's data files and its command."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ def files_under(folder: Path) -> set[str]:
 
 
 def build(target: str, source: Path, folder: Path) -> Path:
-    """Wheel or source distribution of a source tree, made without a network."""
+    """Wheel or source distribution of a source tree, built offline."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
     subprocess.run(command, cwd=source, capture_output=True, text=True, timeout=60, check=True)
     (made,) = folder.iterdir()
