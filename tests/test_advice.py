@@ -1,4 +1,4 @@
-"""Whatever is told as wrong says what to do: no warning, error or alarm of the program comes without advice."""
+"""Advice in warnings, errors and alarms: none is shown without it."""
 
 import ast
 import re
@@ -13,7 +13,7 @@ from tests.support.parsed_sources import parse_all, parsed
 ROOT = Path(caris_desktop.__file__).parent
 SEVERITIES = ("info", "warning", "error")
 ONLY_LOGGED = {"live/speech_history.py", "live/services/crash_recovery_service.py"}
-"""Failures of files that only make something easier: nothing of the session is lost with them, and nobody is told."""
+"""Failures without effect on the session, which are only logged."""
 _AFTER_SEVERITY = 3  # severity, what, meaning, advice
 _OF_A_FAILURE = 2  # what, meaning, advice
 
@@ -24,7 +24,7 @@ def name_of(call: ast.Call) -> str:
 
 
 def names_of_failures(trees: dict[Path, ast.Module]) -> set[str]:
-    """UserFacingError, and the classes made of it that are given the same as it is."""
+    """UserFacingError and its subclasses with the same arguments."""
     bases = {
         node.name: {ast.unparse(base).rsplit(".", 1)[-1] for base in node.bases}
         for tree in trees.values()
@@ -42,7 +42,7 @@ def _is_init(part: ast.stmt) -> bool:
 
 
 def told(call: ast.Call, failures: set[str]) -> tuple[str, ast.expr] | None:
-    """How grave it is, and its advice; None where this tells of nothing."""
+    """Severity and advice of a call; None if it reports nothing."""
     given = {each.arg: each.value for each in call.keywords}
     words = [argument.value if isinstance(argument, ast.Constant) else None for argument in call.args]
     severity = given.get("severity")
@@ -76,7 +76,7 @@ def trees() -> dict[Path, ast.Module]:
 
 
 def everything_told(trees: dict[Path, ast.Module]) -> Iterator[tuple[str, str, ast.expr]]:
-    """Where it is told, how grave it is, and its advice."""
+    """Place, severity and advice of each report."""
     failures = names_of_failures(trees)
     for path, tree in trees.items():
         for node in ast.walk(tree):
@@ -99,7 +99,7 @@ _NO_HELP = re.compile(r"(The log (has the details|tells why)|Nothing (is )?to (b
 
 @pytest.mark.long
 def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
-    """More than where the details are, and which thing to look at for what."""
+    """Advice must state more than the place of details."""
     told = [
         f"{where}: {node.value}"
         for where, grave, advice in everything_told(trees)
@@ -111,7 +111,7 @@ def test_advice_says_what_to_do(trees: dict[Path, ast.Module]) -> None:
 
 @pytest.mark.long
 def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.Module]) -> None:
-    """One word for one thing. A reason without a full stop stands in records, whose words stay."""
+    """Consistent term in messages. A reason without a full stop is recorded, and its wording stays."""
     of_the_disk_or_the_air = (
         "a link to a location outside the session",
         "points outside the study",

@@ -1,4 +1,4 @@
-"""The dependency rule of the house, as contracts in pyproject.toml."""
+"""Dependency rules between packages, as contracts in pyproject.toml."""
 
 from importlinter.cli import lint_imports
 

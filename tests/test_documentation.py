@@ -22,7 +22,7 @@ PAGES = [*ROOT_PAGES, REPOSITORY / "examples" / "README.md", *sorted(DOCS.glob("
 
 
 def script(name: str) -> ModuleType:
-    """A script of docs/, which is no package."""
+    """Import a script of docs/, which is not a package."""
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -1,4 +1,4 @@
-"""Examples: the sessions are whole and small, the notebooks and the R script run, and the tutorial's results appear."""
+"""Examples: complete and small sessions, working notebooks and R script, and the results of the tutorial."""
 
 import json
 import os
@@ -26,7 +26,7 @@ ENVIRONMENT = os.environ | {
 
 @pytest.fixture
 def examples(tmp_path: Path) -> Path:
-    """A copy, as commands leave an index and pseudonyms in a study."""
+    """A copy, as commands write an index and pseudonyms into a study."""
     return Path(shutil.copytree(EXAMPLES, tmp_path / "examples"))
 
 
@@ -115,9 +115,9 @@ def caris(*words: object, cwd: Path) -> str:
     return run.stdout
 
 
-@pytest.mark.long  # its commands have tests of their own, and a notebook runs in each run
+@pytest.mark.long  # other tests cover its commands, and each run executes a notebook
 def test_the_tutorial_leads_to_a_table_of_results(examples: Path, tmp_path: Path) -> None:
-    """Its commands from the recorded study on, in its order; those before need a display or minutes."""
+    """Commands of the tutorial after the recording; those before need a display or minutes."""
     text = (REPOSITORY / "docs" / "tutorial.md").read_text("utf-8")
     commands = re.findall(r"^\.venv/bin/caris-desktop (.*examples/study.*)$", text, re.MULTILINE)
     assert [command.split()[0] for command in commands] == ["statistics", "export"]

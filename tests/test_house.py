@@ -1,6 +1,6 @@
-"""Limits that keep the code readable, and the GUI thread free of file access.
+"""Limits for readability, and a GUI thread without file access.
 
-That nothing imports in a circle is a contract in pyproject.toml, tested beside.
+Import cycles are excluded by a contract in pyproject.toml, which test_dependency_rule checks.
 """
 
 import ast
@@ -15,9 +15,9 @@ from tests.support.parsed_sources import parse_all, parsed
 
 ROOT = Path(__file__).parents[1]
 LINES = 1200
-"""Far above what one subject needs, so that no file is split for its length alone."""
+"""Far above the length of one subject, so that no file is split for its length alone."""
 LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
-"""What has to be taken in at one look, whatever reason there may be."""
+"""Central files that must stay readable at a glance."""
 IN_GUI_THREAD = ("ui/", "live/services/")
 WRITING_MODULES = {
     "caris_desktop.domain.file_replacement",
@@ -30,7 +30,7 @@ WRITING_NAMES = {"open", "save_layout", "save_places", "save_profile", "save_sce
 WRITING_METHODS = {"fsync", "mkdir", "rmdir", "touch", "unlink", "write_bytes", "write_text"}
 
 
-# Reading is looked for in what runs in the GUI thread: in these files all but the functions of ``READ_ASIDE``.
+# Reading is searched in code of the GUI thread: in all but these files and the functions of ``READ_ASIDE``.
 NOT_GUI_THREAD = {
     "live/confirmed_files.py": "slow work, and before the window stands",
     "live/logs.py": "before the window stands, and the log has a thread of its own",
@@ -79,7 +79,7 @@ def all_parsed() -> None:
 
 @cache
 def files() -> dict[str, str]:
-    """The program's files, by their path below its folder."""
+    """Source files by their path below the package."""
     folder = ROOT / "caris_desktop"
     return {path.relative_to(folder).as_posix(): path.read_text("utf-8") for path in folder.rglob("*.py")}
 
@@ -89,7 +89,7 @@ def too_long() -> set[str]:
 
 
 def files_written(text: str) -> list[str]:
-    """What in this source writes to a disk, or is made for that."""
+    """Modules and calls in this source that write to a disk."""
     found = []
     for node in ast.walk(parsed(text)):
         match node:
@@ -106,7 +106,7 @@ def files_written(text: str) -> list[str]:
 
 
 def reads_in(text: str) -> list[tuple[str, str]]:
-    """(function, what) of all in this source that reads files or asks a disk about them, or starts a program."""
+    """(function, call) of all calls in this source that read files, query a disk or start a program."""
     found = []
 
     def look(node: ast.AST, within: str) -> None:
@@ -134,14 +134,14 @@ def reads_in(text: str) -> list[tuple[str, str]]:
 
 
 def excused(name: str, function: str) -> set[str]:
-    """Which lines of ``READ_ASIDE`` say that this function may: of the file, or of the function that it is part of."""
+    """Lines of ``READ_ASIDE`` for this function: of the file, the function, or an enclosing function."""
     parts = function.split(".")
     within = {f"{name}: {'.'.join(parts[:count])}" for count in range(1, len(parts) + 1)}
     return {each for each in READ_ASIDE if each == name or each in within}
 
 
 def test_what_the_gui_thread_runs_reads_no_file_itself() -> None:
-    """A disk may be one of the network. What is read in another thread, or needs no waiting for, is named above."""
+    """A disk may be on the network. Reads in another thread or without effect on driving are listed above."""
     read, used = list[str](), set[str]()
     for name, text in files().items():
         if name.startswith(("ui/", "live/")) and name not in NOT_GUI_THREAD:
@@ -183,7 +183,7 @@ def test_what_everything_goes_through_is_short(name: str, lines: int) -> None:
 
 
 def test_what_the_gui_thread_runs_writes_no_file_itself() -> None:
-    """It is handed to ``live/background_worker.py``, or to a process: a disk may take longer than driving can wait."""
+    """``live/background_worker.py`` or a process writes instead: a disk may take too long for driving."""
     written = {name: files_written(text) for name, text in files().items() if name.startswith(IN_GUI_THREAD)}
     assert len(written) > 20
     assert {name: found for name, found in written.items() if found} == {}
@@ -209,8 +209,8 @@ def test_threads_are_started_where_they_are_looked_after() -> None:
 
 def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     reads, writes = re.compile(r"\byaml\.(?:\w+_)?load\w*\("), re.compile(r"\byaml\.(?:\w+_)?dump\w*\(")
-    one_text = {"scenario/text_editing.py"}  # a single text within a file, which is looked at as other editors do
-    of_the_map_server = {"simulator/map_files.py"}  # in the form of that program
+    one_text = {"scenario/text_editing.py"}  # edits a single text in a file and checks it as other editors do
+    of_the_map_server = {"simulator/map_files.py"}  # the format of that program
     assert {name for name, text in files().items() if reads.search(text)} <= one_text
     assert {name for name, text in files().items() if writes.search(text)} <= (
         {"domain/yaml_writing.py"} | one_text | of_the_map_server
@@ -218,7 +218,7 @@ def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
 
 
 CLAUSE = re.compile(r"(What|Who|Whoever|Whatever|Where|Wherever|How|Which|Whether|That|Of what|By which|For how)\b")
-"""A docstring that begins so says what something does, and not what it is."""
+"""Clauses at the start of a docstring, which describe behaviour instead of the thing."""
 OWN_WORDS = re.compile(
     r"(?:^|_)(told|tells?|telling|kept|keeps?|beside|anew|wish|wishes|meant|patience|looks?|whose|heir|doubt|stretch|"
     r"stretches|way|ways|along|riddle|doubted|spoken_of|going_on|standing|together|distant|ear|painted_once|glance|bands?|"
@@ -226,7 +226,7 @@ OWN_WORDS = re.compile(
 )
 """Words that an engineer of the field would not search for."""
 RECORDED_NAMES = {"look_at", "keep_face", "stretch_mark", "look_up_person", "keep_layout", "person_looks", "tell"}
-"""Names of recorded values, which stay readable, and of the method of a Python file."""
+"""Recorded names, which must stay readable, and a method of Python files."""
 
 
 def defined_names() -> list[str]:
@@ -237,7 +237,7 @@ def defined_names() -> list[str]:
 
 
 def test_a_module_name_exists_once() -> None:
-    """A file search finds the one file."""
+    """A file search must find a single file."""
     names = Counter(Path(name).stem for name in files() if not Path(name).stem.startswith("__"))
     assert [name for name, count in names.items() if count > 1] == []
 

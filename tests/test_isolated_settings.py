@@ -1,4 +1,4 @@
-"""Tests of the home that each test has for itself (tests/conftest.py)."""
+"""Tests of the isolated settings of each test (tests/conftest.py)."""
 
 from pathlib import Path
 
@@ -13,5 +13,5 @@ def test_what_a_file_dialog_remembers_lies_in_the_home_of_its_own_test(
 ) -> None:
     dialog = QFileDialog(None, turn, str(isolated_settings))
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
-    del dialog  # it writes as it ends
+    del dialog  # its destructor writes
     assert (isolated_settings / "xdg_config_home" / "QtProject.conf").is_file()

@@ -1,4 +1,4 @@
-"""Weights that packages bring: one byte of any of them is another, and whatever loads it refuses it in words."""
+"""Weights in packages: a changed byte in any of them is detected and reported when loading."""
 
 import json
 import sys
@@ -40,7 +40,7 @@ def _voice_that_says(tmp_path: Path, **changes: object) -> Callable[[], object]:
 
 
 def _loaders(tmp_path: Path) -> dict[str, Callable[[], object]]:
-    """What loads each file, as the program does."""
+    """Loader of each file, as in the program."""
 
     def fastest() -> object:
         weights = offline_package_weights()
@@ -75,12 +75,12 @@ def installed() -> None:
 
 @pytest.fixture
 def damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
-    """Puts a package with the file first where Python looks, one byte of it another."""
+    """Make Python import a copy of the package with one changed byte in the file."""
 
     def damage(name: str) -> Path:
         real = packaged_file(name)
         assert real is not None
-        import piper.voice  # noqa: F401 - as it is, whatever is in its place afterwards
+        import piper.voice  # noqa: F401 - the original, before the copy replaces it
 
         package = tmp_path / "packages" / name.partition("/")[0]
         copy = tmp_path / "packages" / name
@@ -156,7 +156,7 @@ def test_a_checksum_beside_a_file_of_the_user_counts(tmp_path: Path) -> None:
 def test_a_voice_whose_phonemes_would_be_fetched_and_run_is_refused(
     phonemes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Piper looks for their programs in the folder that it was started in, and else fetches them."""
+    """Piper searches their programs in the working directory, and downloads them otherwise."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(Exception, match="needs further files"):
         _voice_that_says(tmp_path, phoneme_type=phonemes)()

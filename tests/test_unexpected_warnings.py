@@ -1,4 +1,4 @@
-"""A warning of Qt or of the log fails the test that causes it: shown on a test of its own, in a process of its own."""
+"""Tests of the fixture that fails a test on unexpected warnings of Qt or the log, in a separate process."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Tests of tests/support/workers.py: a whole run in which a worker dies, and one that is stopped because it hangs."""
+"""Tests of tests/support/workers.py: a run with a killed worker, and one that hangs and is interrupted."""
 
 import os
 import signal
@@ -77,7 +77,7 @@ def start(folder: Path, files: dict[str, str]) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", "pytest", *_OPTIONS],
         cwd=folder,
-        # Other plugins, Qt among what they import, would take longer to come up in each of the processes than all else.
+        # Other plugins import Qt and more, which would dominate the start of each process.
         env={**os.environ, "PYTHONPATH": str(_REPOSITORY), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
