@@ -1,7 +1,7 @@
-"""The floor of teleoperation: a bare window whose key handler writes to a websocket, and nothing else.
+"""Lower bound of teleoperation latency: a bare window whose key handler writes to a websocket.
 
 ``python -m tests.benchmarks.bare_qt_key_to_websocket ADDRESS`` presses a key in its own window for each line on
-standard input. Each message carries the monotonic time of its key press, so that whoever receives it can subtract.
+standard input. Each message carries the monotonic time of its key press, from which the receiver computes the latency.
 """
 
 import json

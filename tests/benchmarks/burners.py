@@ -1,9 +1,9 @@
-"""Programs of somebody else that burn every core."""
+"""Foreign programs that use every core completely."""
 
 import subprocess
 import sys
 
-# Ends with the benchmark, however that ends.
+# Exits with the benchmark in every case.
 _BURN = """
 import os
 parent = os.getppid()
@@ -14,10 +14,10 @@ while os.getppid() == parent:
 
 
 class Burners:
-    """So many of them, until ``end``."""
+    """``count`` such programs until ``end``."""
 
     def __init__(self, count: int) -> None:
-        # Of another session, as what is started elsewhere is: Linux shares its cores among sessions first.
+        # Another session, as of programs started elsewhere: Linux shares its cores among sessions first.
         self._running = [subprocess.Popen([sys.executable, "-c", _BURN], start_new_session=True) for _ in range(count)]
 
     def end(self) -> None:

@@ -1,8 +1,8 @@
-"""What the console takes of the processor: each of its processes, idle and recording, and each of its panels.
+"""CPU use of the console: by process, idle and recording, and by panel.
 
-A process is counted with the layout of the scenario. A panel is counted in the GUI thread, in a window that shows
-nothing but it, while the console records; beside it, in the same run, a bare widget of the video view's size that only
-draws each picture as it comes, in a window with the cheapest panel. All in percent of one core. Prints one JSON object.
+Processes are measured with the layout of the scenario. A panel is measured in the GUI thread, in a window with only
+that panel, while the console records; for comparison, in the same run, a bare widget of the video view's size that only
+draws each frame, in a window with the cheapest panel. All values are percent of one core. Prints one JSON object.
 """
 
 import argparse
@@ -28,7 +28,7 @@ _SETTLED_S = 4.0
 
 
 class BareVideo(QWidget):
-    """Each picture of the camera on show, drawn and nothing else."""
+    """Draws each frame of the displayed camera, and nothing else."""
 
     def __init__(self, load: ConsoleUnderLoad) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class BareVideo(QWidget):
 
 
 def processes(load: ConsoleUnderLoad) -> dict[str, int]:
-    """Process ids by what they are for."""
+    """Process ids by purpose."""
     found = {"console": os.getpid(), **load.console.child_pids}
     robot = load.run.demo_robot
     if robot is not None and robot.process.pid is not None:
@@ -59,7 +59,7 @@ def processes(load: ConsoleUnderLoad) -> dict[str, int]:
 
 
 def percent_by_process(load: ConsoleUnderLoad, seconds: float) -> dict[str, float]:
-    """Of one core, each with what it has started itself."""
+    """Percent of one core by process, including its child processes."""
     pids = processes(load)
     before, began_s, thread_s = _cpu_by_process_s(pids), time.monotonic(), time.thread_time()
     load.let_qt_run(seconds)
@@ -83,7 +83,7 @@ def _cpu_s(process: psutil.Process, counted_apart: set[int]) -> float:
 
 
 def gui_percent(load: ConsoleUnderLoad, seconds: float) -> float:
-    """Of one core, what the GUI thread takes."""
+    """Percent of one core used by the GUI thread."""
     began_s, thread_s = time.monotonic(), time.thread_time()
     load.let_qt_run(seconds)
     return round(100 * (time.thread_time() - thread_s) / (time.monotonic() - began_s), 2)

@@ -1,5 +1,6 @@
-"""The real console in a real window for the benchmarks, with a simulated robot, video, perception and recording, and
-with the embedded language model answering all the time where that is asked for.
+"""Real console in a real window for benchmarks, with simulated robot, video, perception and recording.
+
+Optionally the embedded language model answers continuously.
 """
 
 import contextlib
@@ -28,10 +29,10 @@ _NOBODY_THERE = "ws://127.0.0.1:9"
 
 
 class ConsoleUnderLoad:
-    """Starts everything, waits until it runs, records meanwhile; ``close`` ends it all.
+    """Start everything, wait until it runs, and record meanwhile; ``close`` ends all.
 
-    ``cameras`` are as after ``--camera``, None: those of the ``scenario``. Without a ``robot`` it is an idle console:
-    no video, nobody is looked for, and nothing is waited for.
+    ``cameras`` are as with ``--camera``, None: those of the ``scenario``. Without a ``robot`` it is an idle console
+    without video and person detection.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class ConsoleUnderLoad:
             self._answered_characters += len(event.answer)
 
     def focus_driving(self) -> QWidget:
-        """Measurements begin: go to driving as a wizard does, and give the widget that has the keys then."""
+        """Start the measurements: focus driving as a wizard does, and return the focus widget."""
         self.window.activateWindow()
         self.wait_for(self.window.isActiveWindow, "active window", 10.0)
         QTest.keyClick(self.window, Qt.Key.Key_D, Qt.KeyboardModifier.ControlModifier)
@@ -103,7 +104,7 @@ class ConsoleUnderLoad:
         return str(self.state.link.value.address)
 
     def wait_for(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
-        """Let Qt run until ``condition``; exits the benchmark when it does not come about."""
+        """Run Qt until ``condition``; exits the benchmark after the timeout."""
         until_ns = clock.now_ns() + int(timeout_s * 1e9)
         while not condition():
             if clock.now_ns() > until_ns:
@@ -112,7 +113,7 @@ class ConsoleUnderLoad:
             self.let_qt_run(0.02)
 
     def let_qt_run(self, seconds: float) -> None:
-        """Run the event loop as the program would (``processEvents`` with a time limit would spin)."""
+        """Run the event loop as the program does (``processEvents`` with a time limit would spin)."""
         loop = QEventLoop()
         timer = QTimer(singleShot=True, timerType=Qt.TimerType.PreciseTimer)
         timer.timeout.connect(loop.quit)
@@ -120,7 +121,7 @@ class ConsoleUnderLoad:
         loop.exec()
 
     def load(self) -> dict[str, object]:
-        """What was running, for the report."""
+        """Running components, for the report."""
         return {
             "video_frames": self.state.frame.arrivals,
             "people_updates": self.state.people.arrivals,
@@ -134,7 +135,7 @@ class ConsoleUnderLoad:
         }
 
     def _cpu_percent(self) -> dict[str, float]:
-        """Of one core, since :meth:`focus_driving`; what other programs take makes the figures worse than they are."""
+        """Percent of one core since :meth:`focus_driving`; other programs can make the results worse."""
         began_s, machine_s, ours_s = self._began
         elapsed_s = max(0.001, time.monotonic() - began_s)
         all_percent = 100.0 * (_cpu_of_machine_s() - machine_s) / elapsed_s
@@ -156,7 +157,7 @@ def _cpu_of_machine_s() -> float:
 
 
 def _cpu_of_program_s() -> float:
-    """This process and all of its children, the robot and the benchmark's own clients included."""
+    """CPU time of this process and all child processes, including the robot and clients of the benchmark."""
     this = psutil.Process()
     total_s = 0.0
     for process in (this, *this.children(recursive=True)):
@@ -167,7 +168,7 @@ def _cpu_of_program_s() -> float:
 
 
 def stop_process(process: "subprocess.Popen[str]") -> str:
-    """Ask it to end and give what it printed."""
+    """Send SIGTERM and return the output."""
     process.send_signal(signal.SIGTERM)
     try:
         return process.communicate(timeout=5)[0]

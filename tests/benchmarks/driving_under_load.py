@@ -1,9 +1,9 @@
-"""Driving while other programs burn every core: how often does the console itself end a drive?
+"""Drives ended by the console itself while other programs use every core.
 
-The real console records, looks for people, and shows a log of 2,000 rows and all of its panels, first each in a place
-of its own and then behind one another in tabs, while a direction key is held nearly all the time. Beside it, in the
-same run, a bare Qt process counts how often its own timer comes more than 150 ms late: that is what the machine does to
-any program, and more drives than that the console must not end. Prints one JSON object.
+The real console records, detects people, and shows a log of 2,000 rows and all of its panels, first side by side and
+then in tabs, while a direction key is held nearly all the time. In the same run a bare Qt process counts how often its
+own timer is more than 150 ms late: the effect of the machine on any program, and the limit for the number of drives
+ended by the console. Prints one JSON object.
 """
 
 import argparse
@@ -32,7 +32,7 @@ LET_GO_S = 0.4
 MARK_EVERY_MS = 500
 SETTLED_S = 4.0
 ENDED_BY_THE_CONSOLE = "The console stopped responding for a moment"
-# Side by side, three rows of them.
+# Side by side, in three rows.
 _ROWS: tuple[tuple[PanelName, ...], ...] = (
     ("video", "map", "people"),
     ("speak", "assistant", "drive", "session"),
@@ -41,7 +41,7 @@ _ROWS: tuple[tuple[PanelName, ...], ...] = (
 
 
 class Driver(QObject):
-    """Holds a direction key, lets it go for a moment, and counts what ended meanwhile and why."""
+    """Holds a direction key, releases it briefly, and counts ended drives by reason."""
 
     def __init__(self, load: ConsoleUnderLoad) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ class Driver(QObject):
         widget = self._load.focus_driving()
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
-            # Turning on the spot: nothing is in the way, whatever the robot has done before.
+            # Turning on the spot: no obstacle is in the way, whatever the robot did before.
             key = (Qt.Key.Key_A, Qt.Key.Key_D)[self.drives % 2]
             QTest.keyPress(widget, key)
             self.drives += bool(self._load.window.hold.held)
@@ -76,7 +76,7 @@ def side_by_side() -> LayoutNode:
 
 
 def behind_one_another() -> LayoutNode:
-    """Video and Speak in front, everything else behind them."""
+    """Video and Speak in front, all else in tabs behind."""
     return SplitNode(
         "horizontal",
         (
@@ -106,7 +106,7 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
     layouts = {"panels_open": side_by_side(), "panels_hidden": behind_one_another()}
     for name, layout in layouts.items():
         load.window.show_scenario(replace(load.console.scenario, layout=layout))
-        load.let_qt_run(SETTLED_S)  # all panels are built anew, pyqtgraph is imported: nothing is driven meanwhile
+        load.let_qt_run(SETTLED_S)  # all panels are rebuilt, pyqtgraph is imported: no driving meanwhile
         before, first = Counter(driver.ended), len(meter.late_ms)
         began = time.monotonic(), time.thread_time()
         driver.drive_for(seconds / len(layouts))

@@ -1,23 +1,23 @@
-"""The robot's own voice at the microphone: how often it is taken for the participant, and who speaks over it is found.
+"""Robot speech in the microphone: false turns of the participant, and detection of barge-in.
 
-``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20] [--busy]`` prints one JSON object, in
+``python -m tests.benchmarks.echo [--utterances 200] [--over 50] [--compared 20] [--busy]`` prints one JSON object after
 some minutes; ``--utterances 20 --over 10 --compared 0`` is the short form. Each utterance of the robot (a Piper voice)
-is played in a room of its own that is made up (5 to 60 ms away, RT60 0.2 to 0.7 s), 6 dB below to 6 dB above the
-participant's usual level, over loudspeakers some of which are overdriven, with noise, clocks that drift apart, stamps
-that are some milliseconds off, and told up to 100 ms late. Over ``--over`` further ones a participant (espeak-ng
-voices) speaks, beginning within the first second and a half. All of it is one long stretch of sound that goes through
-the recogniser's own logic as fast as it computes: canceller, voice activity, turns, words, the robot's own words.
+is played in a random room (5 to 60 ms away, RT60 0.2 to 0.7 s), 6 dB below to 6 dB above the participant's usual level,
+partly over overdriven loudspeakers, with noise, clock drift, stamp errors of some milliseconds and a report delay of up
+to 100 ms. In ``--over`` further ones a participant (espeak-ng voices) starts to speak within the first second and a
+half. All of it is one long sound that passes through the real recogniser logic as fast as possible: canceller, voice
+activity, turns, words, robot speech filter.
 
-With ``--busy`` it is a busy machine: the robot is heard 0 to 2.3 s later than told, another time with each fourth
-sentence, of which it is told up to 1 s late; in every third sentence its loudspeaker is given nothing for 0.1 to 0.5 s,
-and in every third the microphone loses 0.1 to 0.4 s. ``--text-alone`` is a robot with a voice of its own, of which the
-console knows the words and no sound.
+``--busy`` simulates a busy machine: the robot is heard 0 to 2.3 s later than reported, with a new delay every fourth
+sentence and a report delay of up to 1 s; in every third sentence playback pauses for 0.1 to 0.5 s, and in every third
+the microphone loses 0.1 to 0.4 s. ``--text-alone`` is a robot with on-board speech, of which the console knows the
+words and no sound.
 
-``robot_as_participant`` counts finished turns of the participant that are the robot's words more than anybody's, or
-that come while no participant speaks. A participant is found where finished turns of theirs, more of their words than
-of the robot's, cover at least half of the time in which they speak; ``word_error_percent`` is of all that they say over
-the robot, to be read beside that of the same voices without any robot. ``compared`` is the same on fewer for ours in
-parts, for AEC3 alone (WebRTC's, from livekit), for nothing at all, and for the participants without any robot.
+``robot_as_participant`` counts finished turns of the participant that match the robot's words best, or that occur while
+no participant speaks. A participant is detected if finished turns that match their words better than the robot's cover
+at least half of their speaking time; ``word_error_percent`` is of all their speech over the robot, to be compared with
+that of the same voices without a robot. ``compared`` gives the same on fewer utterances for parts of this program, for
+AEC3 alone (WebRTC's, from livekit), for no processing, and for the participants without a robot.
 """
 
 import argparse
@@ -94,14 +94,14 @@ _PARTICIPANTS = tuple(
     for variant, speed, pitch in (("f2", 140, 50), ("m3", 150, 45), ("f4", 150, 60), ("m7", 140, 40), ("f5", 145, 45))
 )
 _LEVEL = 0.08
-"""Of a participant, where 1 is the loudest that a microphone can take."""
+"""Level of a participant, relative to full scale."""
 _LEAD_S, _TAIL_S = 0.8, 2.4
 _START_NS = 10**13
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """In samples of the whole sound."""
+    """Utterance, in samples of the whole sound."""
 
     start: int
     end: int
@@ -112,13 +112,13 @@ class Said:
 class Scene:
     sound: NDArray[np.float64]
     participants_alone: NDArray[np.float64]
-    """The same without any robot."""
+    """The participants without any robot."""
     robot: list[Said] = field(default_factory=list)
     participant: list[Said] = field(default_factory=list)
     played: list[tuple[int, PlayedSound]] = field(default_factory=list)
-    """Each with the sample at which it is told."""
+    """Each with the sample of its report."""
     lost: list[tuple[int, int]] = field(default_factory=list)
-    """Of the microphone, from one sample to another."""
+    """Lost parts of the microphone, as sample ranges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,13 +155,13 @@ def _all_participants():
 
 
 def _loudness(sound: NDArray[np.float64]) -> float:
-    """The level of the parts in which somebody speaks."""
+    """Level of the parts with speech."""
     energies = (sound[: len(sound) // 160 * 160].reshape(-1, 160) ** 2).mean(axis=1)
     return float(np.sqrt(energies[energies > energies.max() * 1e-3].mean()))
 
 
 def scene_of(voices: Voices, utterances: int, over: int, seed: int, *, busy: bool = False) -> Scene:
-    """``over`` utterances of the robot with somebody over them stand among the others."""
+    """Scene with ``over`` interrupted utterances of the robot among the others."""
     trouble = np.random.default_rng((seed, 1))
     rng = np.random.default_rng(seed)
     with_somebody = set(rng.permutation(utterances + over)[:over].tolist())
@@ -215,7 +215,7 @@ def scene_of(voices: Voices, utterances: int, over: int, seed: int, *, busy: boo
 
 
 def _heard_of_robot(rng: np.random.Generator, robot: NDArray[np.float64]) -> NDArray[np.float64]:
-    """By its own loudspeaker, clock and room."""
+    """Robot speech through its loudspeaker, clock and room."""
     if rng.random() < 0.2:
         robot = np.tanh(robot * 3.0) / 3.0
     drift = rng.uniform(-1e-4, 1e-4)
@@ -224,7 +224,7 @@ def _heard_of_robot(rng: np.random.Generator, robot: NDArray[np.float64]) -> NDA
 
 
 class NoCanceller(EchoCanceller):
-    """What is heard is heard."""
+    """No echo cancellation."""
 
     def play(self, sound: PlayedSound) -> None: ...
 
@@ -233,14 +233,14 @@ class NoCanceller(EchoCanceller):
 
 
 class NoOwnWords(RobotSpeechFilter):
-    """Every word is somebody's."""
+    """No filter: every word is of a participant."""
 
     def is_robots(self, text: str, started_ns: int, ended_ns: int, echo_share: float | None = None) -> float:
         return 0.0
 
 
 class Aec3(NoCanceller):
-    """WebRTC's, with the reference in step, which it does not have to look for."""
+    """AEC3 of WebRTC with a synchronised reference, so that it need not estimate the delay."""
 
     def __init__(self) -> None:
         from livekit import rtc
@@ -270,7 +270,7 @@ class Aec3(NoCanceller):
 
 
 def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words: RobotSpeechFilter) -> list[Said]:
-    """The finished turns of the participant."""
+    """Finished turns of the participant."""
     finished: list[Said] = []
     began: dict[str, int] = {}
 
@@ -329,7 +329,7 @@ def figures(scene: Scene, finished: Sequence[Said]) -> dict[str, float | int]:
 
 
 def _most(turn: Said, of: Sequence[Said]) -> float:
-    """How much of its words is one of these that were said at that time; -1 where none was."""
+    """Largest share of its words in one of these overlapping utterances; -1 if none overlaps."""
     return max((_shared(turn.text, said.text) for said in of if _overlap_s(turn, said)), default=-1.0)
 
 
@@ -342,7 +342,7 @@ def _plain(text: str) -> list[str]:
 
 
 def _shared(text: str, of: str) -> float:
-    """How much of a text's words are those of another, in order."""
+    """Share of a text's words that occur in another, in order."""
     one, other = _plain(text), _plain(of)
     row = [0] * (len(other) + 1)
     for word in one:

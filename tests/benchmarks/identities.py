@@ -1,12 +1,12 @@
-"""How well people who leave and return are known again: twenty drawn people, half of them known, twenty times.
+"""Re-identification of people who leave and return: twenty drawn people, half of them known, in twenty rounds.
 
 ``python -m tests.benchmarks.identities [--rounds N] [--seed S] [--whole]`` prints one JSON line. It films them with a
-camera that stands still, looks at each about twice a second through OSNet (``CARIS_MODELS_DIR``), and lets the
-console's own identities decide. The known ones are named at their first visit, and after that nobody does anything.
+stationary camera, computes OSNet embeddings about twice a second (``CARIS_MODELS_DIR``), and uses the console's
+identity logic. The known ones are named at their first visit, without any later action.
 
-The lines of ``people/identities.py`` were chosen on the second set of clothes and other orders; this reports the first.
-With ``--whole`` the boxes and tracks are perception's own too (the int8 weights, 7.5 frames a second); without it
-everybody is found, and every track is known to its end, so that nothing but the identities is measured.
+The thresholds of ``people/identities.py`` were chosen with the second set of clothes and other orders; this reports the
+first. ``--whole`` includes the real detector and tracker (int8 weights, 7.5 frames a second); without it detection and
+tracking are perfect, and only the identities are measured.
 
 In changed clothes everybody comes once in the first set and from then on in the second.
 """

@@ -1,8 +1,8 @@
-"""A 4000x4000 map arriving while the wizard drives: Twist latency and GUI stalls with it and without it.
+"""Arrival of a 4000x4000 map while driving: Twist latency and GUI stalls with and without it.
 
-The whole console runs, recording included. It drives the simulated robot; its pictures and maps come from a server of
-the benchmark's own, so that a robot that is busy with its map does not disturb what is measured. Each encoding has a
-console of its own; periods with and without a map take turns. Prints one JSON object.
+The whole console runs, including recording. It drives the simulated robot; images and maps come from a server of the
+benchmark, so that a robot busy with its map does not disturb the measurement. Each encoding has a separate console;
+periods with and without a map alternate. Prints one JSON object.
 """
 
 import argparse
@@ -37,7 +37,7 @@ MAP_WITHIN_S = 20.0
 
 
 class RobotWithMapsFromElsewhere(DemoRobot):
-    """The simulated robot, whose pictures and maps come from the benchmark's own server."""
+    """Simulated robot with images and maps from the benchmark's server."""
 
     def __init__(self, console: Console, media_address: str) -> None:
         super().__init__(console, seed=7)
@@ -52,7 +52,7 @@ class RobotWithMapsFromElsewhere(DemoRobot):
 
 
 class PaintWatch(QObject):
-    """When the map view has painted."""
+    """Records paint events of the map view."""
 
     def __init__(self, view: MapView) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class PaintWatch(QObject):
 
 @dataclass
 class Period:
-    """What was pressed with, or without, a map on its way."""
+    """Key presses with or without a map in transfer."""
 
     pressed_ns: list[int] = field(default_factory=list)
     released_ns: list[int] = field(default_factory=list)
@@ -146,7 +146,7 @@ def measure(encoding: str, maps: int) -> dict[str, object]:
         )
         shown_s.append((watch.painted_ns - last_bytes_ns[done]) / 1e9)
         meter.late_ms.clear()
-        # What follows the picture (the recorder's share of it, memory given back) belongs to it.
+        # Work after the image (the recorder's share, freed memory) counts too.
         after_s = time.monotonic() + 1.0
         press_until(lambda until_s=after_s: time.monotonic() >= until_s, with_map)
     load.let_qt_run(0.3)

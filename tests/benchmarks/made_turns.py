@@ -1,6 +1,6 @@
-"""Turns of participants to measure with: said by voices of this computer, with pauses at places that are known.
+"""Synthetic turns of participants for measurements: local voices, with pauses at known places.
 
-Whole sentences are spoken, so that they sound as if they went on, and are then parted between two words.
+Whole sentences are synthesised, so that they sound as if they continued, and are then split between two words.
 """
 
 import difflib
@@ -19,7 +19,7 @@ _FADE = RATE_HZ // 200
 _SILENT = 30
 _LOOK = round(0.12 * RATE_HZ)
 
-# What is said; "|" is where a clause or a sentence ends, "/" is in the middle of one.
+# Spoken text; "|" marks the end of a clause or a sentence, "/" a place within one.
 SENTENCES = (
     "Could you tell me | where the old tram stands?",
     "I came here with / my sister last summer, | and we really liked the second hall.",
@@ -65,12 +65,12 @@ HELD_OUT = (
     "Whenever I see / a dog in the street, | I think of my grandmother.",
     "Is it true | that this one / was made by students?",
 )
-"""The same, and nothing in the program was ever chosen by them: what is fitted, is fitted to the others."""
+"""Held-out sentences, with which no parameter of the program was chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """A silence within a turn, in seconds of its sound. ``in_clause``: in the middle of one."""
+    """Silence within a turn, in seconds of its sound. ``in_clause``: within a clause."""
 
     from_s: float
     until_s: float
@@ -79,7 +79,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MadeTurn:
-    """``sound`` begins and ends with the quiet of a room; a voice can be heard from ``began_s`` to ``ended_s``."""
+    """``sound`` begins and ends with room noise; speech lasts from ``began_s`` to ``ended_s``."""
 
     text: str
     sound: NDArray[np.int16]
@@ -105,7 +105,7 @@ def _joe() -> object:
 
 
 def said(text: str, voice: str) -> NDArray[np.int16]:
-    """By Piper's joe, or by a voice of espeak-ng."""
+    """Speech of Piper's voice joe, or of an espeak-ng voice."""
     if voice != "joe":
         return spoken(text, voice=voice)
     piper = _joe()
@@ -117,7 +117,7 @@ def said(text: str, voice: str) -> NDArray[np.int16]:
 
 @functools.cache
 def _parts(sentence: str, voice: str) -> tuple[tuple[NDArray[np.int16], ...], tuple[bool, ...]]:
-    """The sound between the marks of a sentence, and of each mark whether it is in the middle of a clause."""
+    """Sound between the marks of a sentence, and for each mark whether it is within a clause."""
     marks = [sign for sign in sentence if sign in "|/"]
     plain = " ".join(sentence.replace("|", "").replace("/", "").split())
     sound = said(plain, voice)
@@ -126,7 +126,7 @@ def _parts(sentence: str, voice: str) -> tuple[tuple[NDArray[np.int16], ...], tu
     cuts, in_clause, at = [], [], 0
     for mark, part in zip(marks, sentence.replace("/", "|").split("|"), strict=False):
         at += len(part.split())
-        # Between two words of which at least one was made out where it belongs.
+        # Between two words of which at least one was recognised at its place.
         place = place_of.get(at, place_of.get(at - 1, -2) + 1)
         if 0 < place < len(heard):
             cuts.append(_quietest(sound, heard, place))
@@ -135,13 +135,13 @@ def _parts(sentence: str, voice: str) -> tuple[tuple[NDArray[np.int16], ...], tu
 
 
 def _places(said_words: list[str], heard_words: list[str]) -> dict[int, int]:
-    """Which word of what was heard each word of what was said is."""
+    """Index of each spoken word among the recognised ones."""
     blocks = difflib.SequenceMatcher(None, said_words, heard_words, autojunk=False).get_matching_blocks()
     return {block.a + at: block.b + at for block in blocks for at in range(block.size)}
 
 
 def _quietest(sound: NDArray[np.int16], heard: tuple[HeardWord, ...], at: int) -> int:
-    """Between word ``at`` and the one before."""
+    """Quietest sample between word ``at`` and the previous one."""
     about = round((heard[at - 1].end_s + heard[at].start_s) / 2 * RATE_HZ)
     first = max(0, about - _LOOK)
     around = np.abs(sound[first : about + _LOOK].astype(np.float64))
@@ -150,7 +150,7 @@ def _quietest(sound: NDArray[np.int16], heard: tuple[HeardWord, ...], at: int) -
 
 
 def _faded(part: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Without a click at its ends, and without the silence that the voice made there by itself."""
+    """Part with fades at its ends, and without silence added by the voice."""
     part = _trimmed(part.astype(np.float64))
     slope = np.linspace(0, 1, _FADE)
     part[:_FADE] *= slope
@@ -159,13 +159,13 @@ def _faded(part: NDArray[np.int16]) -> NDArray[np.int16]:
 
 
 def _trimmed(sound: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Without the silence around it, but with its last breath."""
+    """Sound without surrounding silence, but with its decay."""
     loud = np.flatnonzero(np.abs(sound) > _SILENT)
     return sound[max(0, loud[0] - _FADE) : loud[-1] + 3 * _FADE]
 
 
 def _breath(part: NDArray[np.int16]) -> int:
-    """How many samples at its end are 40 dB below its loudest: nobody hears them in a room."""
+    """Number of final samples 40 dB below the loudest, inaudible in a room."""
     loudness = np.abs(part.astype(np.float64))
     return len(part) - 1 - int(np.flatnonzero(loudness > loudness.max() / 100)[-1])
 
@@ -173,7 +173,7 @@ def _breath(part: NDArray[np.int16]) -> int:
 def made_turn(
     sentence: str, voice: str, chance: np.random.Generator, *, shortest_s: float = 0.1, longest_s: float = 1.5
 ) -> MadeTurn:
-    """A turn with a pause of any such length at each of its marks."""
+    """Turn with a pause of random length at each of its marks."""
     parts, in_clause = _parts(sentence, voice)
     pieces: list[NDArray[np.int16]] = [np.zeros(round(0.8 * RATE_HZ), np.int16)]
     pauses: list[Pause] = []

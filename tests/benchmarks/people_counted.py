@@ -1,8 +1,8 @@
-"""How many people the console counts on a machine that has no time for it, beside how many really came by.
+"""Number of people counted by the console on an overloaded machine, compared with the true number of visits.
 
-The real console records and looks for people while foreign programs burn every core and, where asked for, the robot
-turns; the simulated robot writes down whom its camera could see. A true visit is a stretch of time in sight, at least
-a second long; stretches less than ``presence.LEAVE_AFTER_S`` apart are one. Prints one JSON object.
+The real console records and detects people while foreign programs use every core and, optionally, the robot turns; the
+simulated robot logs who is visible to its camera. A true visit is an interval of visibility of at least a second;
+intervals less than ``presence.LEAVE_AFTER_S`` apart are one. Prints one JSON object.
 """
 
 import argparse
@@ -36,7 +36,7 @@ class _RobotWithVisits(DemoRobot):
 
 
 def true_visits(stretches: list[dict[str, float]]) -> int:
-    """How many visits the stretches of time in sight are."""
+    """Number of visits in the intervals of visibility."""
     visits = 0
     for person in {each["person"] for each in stretches}:
         spans = sorted((each["from_s"], each["until_s"]) for each in stretches if each["person"] == person)
@@ -76,7 +76,7 @@ def measure(seconds: float, *, burners: int, language_model: bool, turning: bool
         report = load.load()
         foreign.end()
         load.close()
-        # Who is in sight when it begins is one of them, as they are counted by the console too.
+        # People visible at the start are counted, as the console counts them too.
         stretches = [json.loads(line) for line in log.read_text().splitlines()[before:]]
     visits = true_visits(stretches)
     return {

@@ -1,16 +1,17 @@
-"""The console's perception beside ultralytics' own, same pictures and weights, in turn within one run; prints one JSON
-object.
+"""Perception of the console compared with ultralytics, with the same images and weights, alternating within one run.
+
+Prints one JSON object.
 
     python -m tests.benchmarks.perception [--video FILE] [--int8 FILE] [--looks FILE] [--threads N] [--px 640] ...
 
-Two comparisons, each block of pictures first by one, then by the other, so that a busy machine slows both alike. No
+Two comparisons, each block of images first by one, then by the other, so that a busy machine slows both alike. No
 runtime spins while it waits, and all use as many threads.
 
 - ``untrained``: YOLOv8n's architecture with random weights, whose time is that of trained ones, against
-  ``YOLO(...).track(...)``. It finds nobody, so trackers cost nothing. Ours runs what it exports to ONNX by each runtime
-  that is installed; the fastest counts.
-- ``int8``: the quantised network, where people are found and followed; also with looks, and what these add. What a
-  whole picture costs is set against the bare detector.
+  ``YOLO(...).track(...)``. It finds nobody, so trackers cost nothing. Our export to ONNX runs on each installed
+  runtime; the fastest counts.
+- ``int8``: the quantised network with detection and tracking; also with appearance embeddings, and their cost. The
+  time of a whole image is compared with the bare detector.
 """
 
 import argparse
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Before any runtime is loaded: whoever waits sleeps.
+# Before any runtime is loaded: waiting threads sleep.
 os.environ |= {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 
 from caris_desktop.domain.sensing import FrameRef
@@ -53,7 +54,7 @@ _BLOCK = 8
 
 @dataclass(slots=True)
 class Way:
-    """One way to perceive. ``step`` takes the next picture and says what the detector and the tracker took."""
+    """One pipeline. ``step`` processes the next image and returns the times of detector and tracker."""
 
     name: str
     step: Callable[[int, float, Image], tuple[float, float]]
@@ -79,7 +80,7 @@ class Way:
 
 
 class _CountedLooks(AppearanceModel):
-    """Says how many people it looked at."""
+    """Counts the embedded people."""
 
     looked_at = 0
 
@@ -89,7 +90,7 @@ class _CountedLooks(AppearanceModel):
 
 
 def ours(name: str, detector: Detector, weights: Weights, looks: AppearanceModel | None = None) -> Way:
-    """The console's way."""
+    """Pipeline of the console."""
     people = person_classes(detector, weights)
     perceiver = Perceiver(
         Chosen(detector, people, None), PersonTracker(people, tracker="own", appearance=looks), looks_model=""
@@ -107,7 +108,7 @@ def ours(name: str, detector: Detector, weights: Weights, looks: AppearanceModel
 
 
 def theirs(name: str, path: Path, px: int, tracker: str) -> Way:
-    """Ultralytics' own, as its documentation says, asked for people only."""
+    """Pipeline of ultralytics as in its documentation, for people only."""
     from ultralytics import YOLO
 
     model = YOLO(str(path), task="detect")
@@ -132,7 +133,7 @@ def theirs(name: str, path: Path, px: int, tracker: str) -> Way:
 
 
 def in_turn(ways: Iterable[Way], pictures: list[tuple[float, Image]]) -> None:
-    """Each block of pictures by each, after a first picture that counts for nobody."""
+    """Run each block of images through each pipeline, after an uncounted first image."""
     ways = list(ways)
     for way in ways:
         way.step(0, -1.0, np.full_like(pictures[0][1], 114))

@@ -1,8 +1,8 @@
-"""What people who come and go cost in memory: the perception worker and its inference process, over minutes of video.
+"""Memory use of perception with people who come and go: worker and inference process, over minutes of video.
 
-Ten people of the simulator's walk in and out before a camera of 30 Hz, in real time, as a thread of the console and its
-child see them. Resident memory is read once a second; growth is the median of the last tenth less that of the tenth
-after the warm-up, in which everybody has been seen once. Prints one JSON object.
+Ten simulated people enter and leave in front of a camera of 30 Hz in real time, with the console's thread and child
+process. Resident memory is read once a second; growth is the median of the last tenth minus that of the tenth after the
+warm-up, in which everybody has been detected once. Prints one JSON object.
 """
 
 import argparse
@@ -34,7 +34,7 @@ _MB = 1e6
 
 
 def visits(seconds: float) -> list[Visit]:
-    """One after the other, three of them there at a time."""
+    """Consecutive visits, with three people present at a time."""
     return [
         Visit(person=number % _PEOPLE, comes_s=number * _COME_EVERY_S, stays_s=4.0)
         for number in range(max(1, round(seconds / _COME_EVERY_S) - 2))
@@ -42,7 +42,7 @@ def visits(seconds: float) -> list[Visit]:
 
 
 class _Memory:
-    """Of this process and its child, once a second."""
+    """Memory of this process and its child, once a second."""
 
     def __init__(self) -> None:
         self.console: list[float] = []
@@ -54,7 +54,7 @@ class _Memory:
 
 
 def grown(megabytes: list[float]) -> float:
-    """From the tenth after the warm-up to the last one."""
+    """Growth from the tenth after the warm-up to the last one."""
     begin, tenth = round(len(megabytes) * _WARM_UP), max(1, len(megabytes) // 10)
     return statistics.median(megabytes[-tenth:]) - statistics.median(megabytes[begin : begin + tenth])
 

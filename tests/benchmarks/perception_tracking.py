@@ -1,4 +1,4 @@
-"""How well and how fast people are followed on a street video; prints one JSON object.
+"""Quality and speed of tracking on a street video; prints one JSON object.
 
     python -m tests.benchmarks.perception_tracking [--video FILE --truth FILE] [--weights FILE] [--threads N] ...
 

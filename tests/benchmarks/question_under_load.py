@@ -1,8 +1,8 @@
-"""A question to the embedded language model while everything runs and records, beside the same on an idle console.
+"""Latency of the embedded language model during full operation with recording, compared with an idle console.
 
-Both consoles in turn, several times each, with the same questions, one at a time, nobody driving and then somebody:
-time to the first word and to the end of the answer. Answers differ in length, so the end is also given per character.
-Prints one JSON object.
+Both consoles alternate several times with the same questions, one at a time, first without and then with driving: time
+to the first word and to the end of the answer. As answers differ in length, the end is also given per character. Prints
+one JSON object.
 """
 
 import argparse
@@ -29,7 +29,7 @@ _HELD_S = 2.0
 
 
 def answers_of(load: ConsoleUnderLoad, *, driving: bool) -> list[LlmExchange]:
-    """Ask one question after the other, each when the one before is answered."""
+    """Ask the questions in sequence, each after the previous answer."""
     answers: list[LlmExchange] = []
     load.state.event_happened.connect(lambda event: answers.append(event) if isinstance(event, LlmExchange) else None)
     pad = load.focus_driving() if driving else None

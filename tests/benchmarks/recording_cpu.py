@@ -1,7 +1,7 @@
-"""What recording costs: processor time and bytes of the recorder process under the traffic of a real session.
+"""Cost of recording: CPU time and bytes of the recorder process under the traffic of a real session.
 
-One camera of 640x480 at 15 frames/s, scans of 720 beams at 10 Hz, odometry at 20 Hz, poses at 10 Hz, velocity
-commands at 20 Hz. Prints one JSON object; ``--seconds`` sets how long, ``--fps`` and ``--size`` the camera.
+One camera of 640x480 at 15 frames/s, scans of 720 beams at 10 Hz, odometry at 20 Hz, poses at 10 Hz, velocity commands
+at 20 Hz. Prints one JSON object; ``--seconds`` sets the duration, ``--fps`` and ``--size`` the camera.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def moving_pictures(width_px: int, height_px: int) -> list[np.ndarray]:
-    """A textured scene that pans, with the noise of a camera: neither trivial nor impossible to encode."""
+    """Panning textured scene with camera noise, of realistic difficulty for an encoder."""
     rng = np.random.default_rng(1)
     scene = cv2.GaussianBlur(rng.integers(0, 255, (height_px, 2 * width_px, 3), dtype=np.uint8), (0, 0), 6)
     scene = cv2.normalize(scene, None, 0, 255, cv2.NORM_MINMAX)

@@ -1,8 +1,8 @@
-"""A whole session under load: what is lost, what recording costs, and whether its memory grows.
+"""A whole session under load: data loss, cost of recording, and growth of memory.
 
-Two cameras of 1280x720 at 30 Hz, scans of 720 beams at 20 Hz, ten people at 10 Hz for each camera, poses, odometry
-and velocity commands at 20 Hz, a mark each second, and sound of 16 kHz in chunks of 50 ms. Prints one JSON object;
-``--minutes`` sets how long. What was recorded is counted in the files, against what was sent.
+Two cameras of 1280x720 at 30 Hz, scans of 720 beams at 20 Hz, ten people at 10 Hz for each camera, poses, odometry and
+velocity commands at 20 Hz, a mark each second, and sound of 16 kHz in chunks of 50 ms. Prints one JSON object;
+``--minutes`` sets the duration. Recorded values are counted in the files and compared with the sent ones.
 """
 
 import argparse
@@ -41,13 +41,13 @@ WARM_UP_S = 20.0
 
 @dataclass
 class Usage:
-    """Of the recorder process: processor seconds in and outside its encoder threads, and resident bytes."""
+    """Usage of the recorder process: CPU seconds in and outside its encoder threads, and resident bytes."""
 
     process: psutil.Process
     resident: list[tuple[float, int]] = field(default_factory=list)
 
     def seconds(self) -> tuple[float, float]:
-        """Spent by the encoder threads, which alone are niced to 5, and by all others."""
+        """CPU seconds of the encoder threads, the only ones with niceness 5, and of all others."""
         encoding = other = 0.0
         for thread in self.process.threads():
             stat = Path(f"/proc/{self.process.pid}/task/{thread.id}/stat")
@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def run(seconds: float, parent: Path | None = None) -> dict[str, Any]:
-    """Record for that long; figures of it."""
+    """Record for that long; returns the results."""
     parent_folder = Path(tempfile.mkdtemp(dir=parent))
     folder = parent_folder / "session"
     rings = {camera: FrameRing.create(SIZE_PX[0] * SIZE_PX[1] * 3) for camera in CAMERAS}
@@ -110,7 +110,7 @@ def run(seconds: float, parent: Path | None = None) -> dict[str, Any]:
         "cpu_encoding_percent": round(100 * spent[0] / wall_s, 1),
         "cpu_beyond_encoding_percent": round(100 * spent[1] / wall_s, 1),
         "resident_mb": round(settled[0] / 1e6, 1),
-        # Frames that wait for their encoder come and go: what is there most of the time counts.
+        # Frames queued for their encoder vary: the median counts.
         "resident_growth_mb": round((median(settled[-share:]) - median(settled[:share])) / 1e6, 1),
         "bytes_per_hour_mb": {
             path.name: round(path.stat().st_size / wall_s * 3600 / 1e6)
@@ -125,7 +125,7 @@ def run(seconds: float, parent: Path | None = None) -> dict[str, Any]:
 def feed(
     recorder: RecorderUnderTest, rings: dict[str, FrameRing], seconds: float
 ) -> tuple[Counter[str], Usage, tuple[float, float], float]:
-    """Send everything at its rate. What was sent for each stream, and what that cost the recorder."""
+    """Send everything at its rate. Returns the number of sent values by stream, and their cost for the recorder."""
     assert recorder.process.pid is not None
     pictures = moving_pictures(*SIZE_PX)
     tone = (np.sin(np.arange(RATE_HZ) * 2 * np.pi * 440 / RATE_HZ) * 8000).astype(np.int16)[:, None]

@@ -1,4 +1,4 @@
-"""The replay of a long session through the console that the window shows: opening, jumping, playing in time.
+"""Replay of a long session in the console: opening, seeking, and playback in real time.
 
 ``python -m tests.benchmarks.replay_console [--minutes 60] [--seeks 100] [--play-s 20] [--session FOLDER]`` prints JSON.
 """

@@ -1,8 +1,8 @@
-"""How fast an hour of recording opens and any moment of it is shown, and whether it is the right one.
+"""Time to open an hour of recording and to seek, and correctness of the result.
 
-Makes a session of ``--seconds`` (two cameras at 30 Hz, scans of 720 beams at 20 Hz, ten people at 10 Hz, sound), or
-uses ``--session`` from an earlier run, opens it, goes to 200 random moments, and compares scan, people, pose and both
-frames with what a reading from the beginning gives. Prints one JSON object; times in milliseconds.
+Generates a session of ``--seconds`` (two cameras at 30 Hz, scans of 720 beams at 20 Hz, ten people at 10 Hz, sound), or
+uses ``--session`` of an earlier run, opens it, seeks to 200 random times, and compares scan, people, pose and both
+frames with a sequential reading. Prints one JSON object; times in milliseconds.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def plan_of(seconds: float, size_px: tuple[int, int]) -> SessionPlan:
-    """A session as full as they come."""
+    """Session with all streams at high rates."""
     return SessionPlan(
         seconds=seconds,
         fps=30.0,
@@ -74,7 +74,7 @@ def measured(folder: Path, plan: SessionPlan, seeks: int) -> dict[str, Any]:
         videos.frame(camera, 0)
     open_s = time.monotonic() - begun_s
 
-    chosen = random.Random(1)  # noqa: S311 - where to go, no secret
+    chosen = random.Random(1)  # noqa: S311 - a benchmark, not cryptography
     moments_ns = [chosen.randrange(timeline.start_ns + 10**9, timeline.end_ns) for _ in range(seeks)]
     states_s, frames_s, wrong_frames = [], [], 0
     shown: dict[int, dict[str, Any]] = {}
@@ -109,7 +109,7 @@ def measured(folder: Path, plan: SessionPlan, seeks: int) -> dict[str, Any]:
 
 
 def _wrong_states(session: Session, shown: dict[int, dict[str, Any]]) -> int:
-    """How many moments were shown otherwise than a reading from the beginning gives."""
+    """Number of times with a result different from sequential reading."""
     waiting, newest, wrong = sorted(shown), dict[str, Any](), 0
     for arrived_ns, _, value in session.arrivals(*_COMPARED.values()):
         while waiting and waiting[0] < arrived_ns:

@@ -1,8 +1,8 @@
-"""The simulated robot, which also writes down who could be seen by its camera and when: the truth beside a count.
+"""Simulated robot that also logs who is visible to its camera, as ground truth for a count.
 
     python -m tests.benchmarks.robot_with_visits FILE [arguments of simulate]
 
-One JSON line per person and stretch of time in sight: ``person``, ``from_s`` and ``until_s`` of simulated time.
+One JSON line per person and interval of visibility: ``person``, ``from_s`` and ``until_s`` of simulated time.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from caris_desktop.simulator.robot_simulation import Robot
 
 
 class _Watch:
-    """Notes each stretch as soon as it has ended, so that nothing is lost when the robot is killed."""
+    """Logs each interval at its end, so that a kill loses nothing."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w", encoding="utf-8", buffering=1)

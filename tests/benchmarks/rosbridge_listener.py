@@ -1,4 +1,4 @@
-"""An independent rosbridge client in a process of its own: prints when each message of some topics arrived.
+"""Independent rosbridge client in a separate process that prints the arrival of each message of some topics.
 
 One JSON object a line: topic, arrived_ns (monotonic clock), msg. ``python -m tests.benchmarks.rosbridge_listener
 ADDRESS TOPIC=TYPE ...`` runs until it is terminated.

@@ -1,9 +1,9 @@
-"""A rosbridge server for the benchmarks: publishes what is asked of it, stamped on the monotonic clock.
+"""rosbridge server for benchmarks that publishes requested topics, stamped with the monotonic clock.
 
 ``python -m tests.benchmarks.rosbridge_source --scan-hz 40 --image-hz 30`` prints its port. Each message is encoded as
-the real server does it: CBOR with typed arrays where the subscription asks for that, JSON with lists and base64
-otherwise; with ``--json-only`` it knows no CBOR. For each line on standard input a map of ``--map-cells`` squared is
-published; when the system has taken its last byte, the monotonic time is printed.
+by the real server: CBOR with typed arrays if the subscription asks for it, JSON with lists and base64 otherwise;
+``--json-only`` disables CBOR. For each line on standard input a map of ``--map-cells`` squared is published; when the
+system has accepted its last byte, the monotonic time is printed.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def stamp() -> dict[str, int]:
 
 
 def picture() -> bytes:
-    """A jpeg of about 50 kB, 640x480."""
+    """JPEG of about 50 kB, 640x480."""
     chance = np.random.default_rng(1)
     coarse = chance.integers(0, 255, (60, 80, 3), dtype=np.uint8)
     image_bgr = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)

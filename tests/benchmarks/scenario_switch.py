@@ -1,12 +1,11 @@
-"""How long a switch between the shipped scenarios takes while everything runs, and what it costs meanwhile.
+"""Duration of a switch between the shipped scenarios in full operation, and its side effects.
 
-The real console in a real window on the simulated robot, recording. A switch is over when the panels of the next
-scenario are arranged and painted. Beside it: the longest that the GUI thread stood still in each, how long the services
-took to follow (that is when the next scenario's permissions hold), whether link and recording went on, and whether a
-frame is missing in the sequence that the link gave. What the GUI thread computed is told beside the time that passed:
-on a machine with other work it is what a quiet one would take. From one switch to the next it waits until a model has
-read and a recogniser has loaded what the last one asked for; ``--between-s 0.5`` is a wizard who flips through all.
-Prints one JSON object.
+The real console in a real window with the simulated robot, recording. A switch ends when the panels of the next
+scenario are placed and painted. Also reported: the longest stall of the GUI thread in each, the delay of the services
+(from which the next scenario's permissions apply), interruptions of link or recording, and missing frames in the link's
+sequence. CPU time of the GUI thread is given in addition to elapsed time: it is the time on an idle machine. Between
+switches it waits until models have processed their prompts and recognisers are loaded; ``--between-s 0.5`` simulates a
+wizard who skips through all. Prints one JSON object.
 """
 
 import argparse
@@ -32,7 +31,7 @@ def measure(rounds: int, between_s: float) -> dict[str, object]:
     frames: list[int] = []
     console._bus.tap(lambda frame, _raw: frames.append(frame.sequence), (FrameRef,))
     link, recorder = console.child_pids["control"], console.child_pids["recorder"]
-    load.let_qt_run(5.0)  # what is imported late is there by then
+    load.let_qt_run(5.0)  # late imports are completed by then
     meter = LatenessMeter()
     took_ms, computed_ms, slices_ms, followed_ms = [], [], [], []
     of_each_ms: dict[str, list[float]] = {path.stem: [] for path in PATHS}

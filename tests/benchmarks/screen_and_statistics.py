@@ -1,4 +1,4 @@
-"""A screen to run on and the figures to report; imports nothing heavy, so that start-up can be measured."""
+"""Virtual screen and statistics for benchmarks; imports nothing heavy, so that start-up can be measured."""
 
 import os
 import sys
@@ -7,7 +7,7 @@ VIRTUAL_SCREEN = "1920x1080x24"
 
 
 def on_a_screen() -> None:
-    """Restart this script on a virtual screen with a window manager when there is no screen."""
+    """Restart this script on a virtual screen with a window manager if there is no screen."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return
     command = ["xvfb-run", "-a", "-s", f"-screen 0 {VIRTUAL_SCREEN}", "sh", "-c", 'openbox & exec "$@"', "sh"]
@@ -25,6 +25,6 @@ def percentiles(samples: list[float]) -> dict[str, float]:
 
 
 def above(samples: list[float], floor: list[float]) -> dict[str, float]:
-    """By how much the percentiles of ``samples`` lie above those of ``floor``."""
+    """Differences between the percentiles of ``samples`` and those of ``floor``."""
     ours, base = percentiles(samples), percentiles(floor)
     return {name: round(ours[name] - base[name], 3) for name in ("p50", "p95", "p99")}

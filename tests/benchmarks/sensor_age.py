@@ -1,8 +1,8 @@
-"""How old a scan (40 Hz) and a 50 kB picture (30 Hz) are when they reach the program, beside unmodified roslibpy.
+"""Age of a scan (40 Hz) and a 50 kB image (30 Hz) on arrival in the program, compared with unmodified roslibpy.
 
-Four clients take turns at the same server, several rounds of each in one run: our transport with CBOR and with JSON,
-and roslibpy with either of its transports. Beside that the real link processes, up to the value in the console: a scan
-decoded to an array, a picture decoded to pixels in shared memory. Prints one JSON object.
+Four clients alternate on the same server, several rounds each in one run: this program's transport with CBOR and with
+JSON, and roslibpy with each of its transports. In addition the real link processes, up to the value in the console: a
+scan decoded to an array, an image decoded to pixels in shared memory. Prints one JSON object.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def ages_of_client(kind: str, port: int, seconds: float) -> dict[str, list[float
 
 
 def ages_in_the_console(port: int, seconds: float) -> dict[str, list[float]]:
-    """Of the two link processes together, as the console runs them."""
+    """Ages with both link processes together, as in the console."""
     profile = RobotProfile(
         name="benchmark",
         title="Benchmark",
@@ -60,7 +60,7 @@ def ages_in_the_console(port: int, seconds: float) -> dict[str, list[float]]:
     ]
     for child in children:
         child.start()
-    # A spawned process takes its time to import.
+    # A spawned process needs time to import.
     time.sleep(2.0)
     from_ns = now_ns() + int(WARM_UP_S * 1e9)
     time.sleep(seconds + WARM_UP_S)
@@ -105,7 +105,7 @@ def measure(rounds: int, seconds: float) -> dict[str, object]:
         }
         for kind, by_topic in sorted(ages.items())
     }
-    # What else the machine does for a second or two hits one client's round and not the other's: a median of rounds.
+    # A disturbance of a second or two affects the round of one client only: use the median of rounds.
     typical_ms = {kind: statistics.median(rounds_ms) for kind, rounds_ms in p95_of_rounds_ms.items()}
     best_stock_ms = min(typical_ms[kind] for kind in CLIENTS if kind.startswith("stock"))
     return {

@@ -1,8 +1,7 @@
-"""One client for the age benchmark: how old each scan and picture is when it reaches the program's own code.
+"""Client of the age benchmark: age of each scan and image on arrival in user code.
 
 ``python -m tests.benchmarks.sensor_client KIND PORT SECONDS``, KIND being ours-cbor, ours-json, stock-asyncio or
-stock-twisted. Both topics come over one connection, as roslibpy's users have it. Prints one JSON object: ages in
-milliseconds by topic.
+stock-twisted. Both topics use one connection, as with roslibpy. Prints one JSON object: ages in milliseconds by topic.
 """
 
 import asyncio
@@ -39,7 +38,7 @@ class Ages:
 
 
 class Silent:
-    """Nobody needs to know how the connection fares."""
+    """Observer that ignores connection events."""
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         return lambda *_: None
@@ -73,7 +72,7 @@ def main(kind: str, port: int, seconds: float) -> None:
     else:
         ages = stock(port, seconds, variant)
     print(json.dumps(ages.by_topic_ms), flush=True)
-    # The stock transports do not end by themselves.
+    # The stock transports do not exit.
     os._exit(0)
 
 

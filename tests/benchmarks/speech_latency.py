@@ -1,11 +1,10 @@
-"""From the Enter key to the first sound, and from the key that silences to silence, in what a listener hears.
+"""Latency from the Enter key to the first sound, and from the silence key to silence, in recorded sound.
 
-The real console in its window, a warm Piper voice, sentences that it never spoke before, and a PulseAudio null sink
-whose monitor is recorded: both ends of each figure are the key event and the recorded sound, none of the console's own
-events. Typed as people do, with a sixth of a second or so between the last keys of the sentence and as much before
-Enter, so that the voice can begin with what stands there; and beside it put into the field whole with Enter right
-behind it, which leaves it no time. Each with nothing else running and with a program that burns a core. Prints one
-JSON object.
+The real console in its window, a warm Piper voice, new sentences, and a PulseAudio null sink whose monitor is recorded:
+each value is measured from the key event to the recorded sound, without events of the console. Typed as people do, with
+about a sixth of a second between the last keys and before Enter, so that synthesis can start early; and, for
+comparison, inserted as a whole with Enter at once, which leaves no time. Each on an idle machine and with a program
+that uses a core completely. Prints one JSON object.
 """
 
 import argparse
@@ -41,14 +40,14 @@ _RIGHT_BEHIND_S = 0.02
 
 
 def sentences(count: int) -> list[str]:
-    """Different ones of the length that people type."""
+    """Distinct sentences of a typical typed length."""
     every = itertools.product(_SUBJECTS, _VERBS, _OBJECTS, _ENDS)
-    return [" ".join(parts) for parts in random.Random(11).sample(list(every), count)]  # noqa: S311 - sentences
+    return [" ".join(parts) for parts in random.Random(11).sample(list(every), count)]  # noqa: S311 - a benchmark, not cryptography
 
 
 def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str], *, typed: bool) -> dict[str, object]:
     field = load.window.findChild(QPlainTextEdit, "speak_field")
-    rhythm = random.Random(12)  # noqa: S311 - a typist
+    rhythm = random.Random(12)  # noqa: S311 - a benchmark, not cryptography
     to_sound_ms: list[float] = []
     to_silence_ms: list[float] = []
     for text in texts:

@@ -1,8 +1,8 @@
-"""Time from process start to a window that has taken a key and is painted, beside a bare PySide6 window.
+"""Time from process start to a painted window that has accepted a key, compared with a bare PySide6 window.
 
 Prints one JSON object.
 
-Each start is a fresh process; the first of each kind compiles to bytecode, as an installation does, and warms the disk
+Each start is a new process. The first of each kind compiles to bytecode, as an installation does, and warms the disk
 cache; it is not counted.
 """
 
@@ -20,7 +20,9 @@ from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 
 
 def console_takes_a_key() -> None:
-    """Child: the real console; prints when a typed letter stood in the Speak field, and when the window was painted."""
+    """Child process with the real console; prints the times of a typed letter in the Speak field and of the first
+    paint.
+    """
     from caris_desktop.app import quick_start
 
     quick_start.begin()
@@ -48,7 +50,7 @@ def console_takes_a_key() -> None:
 
 
 def bare_window_takes_a_key() -> None:
-    """Child: one line edit and nothing else."""
+    """Child process with a single line edit."""
     from PySide6.QtCore import QTimer
     from PySide6.QtGui import QPaintEvent
     from PySide6.QtTest import QTest
@@ -75,7 +77,7 @@ _told: dict[str, int] = {}
 
 
 def _notify(what: str, *, then: Callable[[], None]) -> None:
-    """Note the first time of each; ``then``, once both are known."""
+    """Record the first time of each; call ``then`` once both are known."""
     _told.setdefault(what, time.monotonic_ns())
     if len(_told) == 2:
         print(json.dumps(_told), flush=True)

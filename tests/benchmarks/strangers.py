@@ -1,7 +1,7 @@
-"""Strangers hold connections half open: does recording go on, and does whoever has the token get in?
+"""Half-open connections of attackers: continuity of recording, and access with the token.
 
-``python -m tests.benchmarks.strangers`` as root: in a network of its own, with an attacker of one address and with
-attackers of 26 addresses, against the page of the face, the camera server and ``perceive``.
+``python -m tests.benchmarks.strangers`` as root: in a separate network namespace, with attackers from one address and
+from 26 addresses, against the face page, the camera server and ``perceive``.
 """
 
 import asyncio
@@ -37,9 +37,9 @@ TOKEN = "a-token-of-enough-characters"
 
 
 def asked(port: int, path: str, *, tls: bool) -> int:
-    """The status that the owner is answered with; raises where nobody answers. With their token, or a secret path."""
+    """Status of the owner's request, with the token or a secret path; raises without an answer."""
     if tls:
-        context = ssl._create_unverified_context()  # noqa: S323 - who answers is not what is measured
+        context = ssl._create_unverified_context()  # noqa: S323 - the server's identity is not measured
         connection: http.client.HTTPConnection = http.client.HTTPSConnection(
             OWNER, port, timeout=3, source_address=(OWNER, 0), context=context
         )
@@ -55,7 +55,7 @@ def asked(port: int, path: str, *, tls: bool) -> int:
 
 
 async def attacked(port: int, sources: list[str], ask: Callable[[], int]) -> dict[str, object]:
-    """What the owner met while the half-open connections were made anew as they were closed."""
+    """Results of the owner while half-open connections are renewed as they are closed."""
     until, made, tries, first_s = time.monotonic() + HELD_S, 0, [0, 0], None
 
     async def hold(number: int) -> None:

@@ -1,7 +1,7 @@
-"""A study of 500 sessions: opening it, filtering and searching, and an index rebuilt from the folders.
+"""Study of 500 sessions: opening, filtering and searching, and rebuilding of the index from the folders.
 
-Prints one JSON object: percentiles in ms of each act, each time with an index that is opened anew, the time of reading
-all sessions for the first time, and whether the rebuilt index gives the same answers. Target: p95 below 200 ms.
+Prints one JSON object: percentiles in ms of each action, each with a newly opened index, the time of the first reading
+of all sessions, and whether the rebuilt index gives the same answers. Target: p95 below 200 ms.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def make_study(sessions_dir: Path, count: int, *, minutes: float) -> None:
 
 
 def answers(index: StudyIndex) -> list[Any]:
-    """Everything that is asked here, answered."""
+    """Answers to all queries of the benchmark."""
     return [
         index.sessions(),
         *(index.sessions(query) for query in _FILTERS),
@@ -91,7 +91,7 @@ def measure(count: int, *, minutes: float, rounds: int, folder: Path) -> dict[st
         index.sessions()
         return index
 
-    shuffled = random.Random(1)  # noqa: S311 - no secret
+    shuffled = random.Random(1)  # noqa: S311 - a benchmark, not cryptography
     for _ in range(rounds):
         index = timed("open", open_study)
         for query in shuffled.sample(_FILTERS, len(_FILTERS)):
@@ -101,7 +101,7 @@ def measure(count: int, *, minutes: float, rounds: int, folder: Path) -> dict[st
             timed("search_sessions", partial(index.sessions, SessionQuery(text=text)))
         index.close()
 
-    # Without the database at all, then once more into the one that is there.
+    # Without a database, then once more into the existing one.
     (folder / "index.sqlite").unlink()
     begin_s = time.perf_counter()
     rebuilt = opened()

@@ -1,14 +1,13 @@
-"""How soon after a participant's last word suggested replies can be read, by the embedded model.
+"""Latency from a participant's last word to readable suggested replies, with the embedded model.
 
 ``python -m tests.benchmarks.suggestion_latency [--sentences N]`` prints one JSON object. The same sentences, spoken by
-a voice of this computer, go in the time of their sound into three things: the recogniser and the model run alone, with
-the console's own prompt; an otherwise idle console; and one with video, detection and recording. All three write the
-likeliest words, so that none has a longer reply to write than the others by chance.
+a local voice, are processed in real time by three systems: the recogniser and the model alone, with the console's
+prompt; an idle console; and one with video, detection and recording. All use temperature 0, so that reply lengths do
+not differ by chance.
 
-``first_ms`` is from the end of the voice until the first reply stands that is not taken back, ``all_three_ms`` until
-the model has written them all. ``alone`` is when the recogniser has the last words and the pause was long enough, and
-what the model takes for the same messages after that; ``console_adds_ms`` is the median of what an idle console took
-longer for a sentence.
+``first_ms`` is from the end of speech to the first reply that is not withdrawn, ``all_three_ms`` to the completion of
+all. ``alone`` is the time until the recogniser has the last words and the pause has passed, and then the model's time
+for the same messages; ``console_adds_ms`` is the median of the additional time of an idle console per sentence.
 """
 
 import argparse
@@ -62,7 +61,7 @@ _LIMIT_S = 60.0
 
 
 def speak(sound: NDArray[np.int16], hear: Any) -> int:
-    """Give a sentence to ``hear`` in the time of its sound, with a quiet room around it; when its voice ends."""
+    """Play a sentence to ``hear`` in real time, surrounded by room noise; returns the end of its speech."""
     whole = np.concatenate((room(_BEFORE_S), sound, room(_AFTER_S)))
     begun_ns = clock.now_ns()
 
@@ -79,7 +78,7 @@ def speak(sound: NDArray[np.int16], hear: Any) -> int:
 
 @dataclass(slots=True)
 class Figures:
-    """Milliseconds of each sentence, and what was suggested."""
+    """Milliseconds of each sentence, and the suggestions."""
 
     first_ms: list[float] = field(default_factory=list)
     all_three_ms: list[float] = field(default_factory=list)
@@ -96,11 +95,11 @@ class Figures:
 
 
 def of_console(load: ConsoleUnderLoad, sounds: Sequence[NDArray[np.int16]]) -> Figures:
-    """Each sentence in turn; its replies are dismissed once all of them are there."""
+    """Process each sentence in turn; its replies are dismissed once all of them are displayed."""
     state, happened = load.state, list[Any]()
     state.event_happened.connect(happened.append)
     load.wait_for(lambda: state.assistant.value.state == "ready", "language model", 120.0)
-    # The sound comes from here, and from no microphone that this machine may have.
+    # The sound comes from this benchmark, not from a microphone of the machine.
     load.console.do(intents.UseMicrophone(None))
     load.let_qt_run(1.0)
     state.microphone.set(replace(state.microphone.value, state="on"))
@@ -119,7 +118,7 @@ def of_console(load: ConsoleUnderLoad, sounds: Sequence[NDArray[np.int16]]) -> F
             continue
         shown = [event for event in happened if isinstance(event, SuggestionChanged) and event.state == "displayed"]
         stand = [event for event in shown if (event.turn_id, event.revision) == (exchange.turn_id, exchange.revision)]
-        if number and stand:  # the first one warms everything up
+        if number and stand:  # the first one is a warm-up
             figures.first_ms.append((stand[0].stamp_ns - voice_ended_ns) / 1e6)
             figures.all_three_ms.append((exchange.stamp_ns - voice_ended_ns) / 1e6)
             figures.prompts.append(exchange.messages)
@@ -130,13 +129,13 @@ def of_console(load: ConsoleUnderLoad, sounds: Sequence[NDArray[np.int16]]) -> F
 
 
 def answered(happened: Sequence[Any]) -> LlmExchange | None:
-    """The last question for replies, where that is answered."""
+    """The last answered question for replies."""
     asked = [event for event in happened if isinstance(event, LlmExchange) and event.purpose == "replies"]
     return asked[-1] if asked and asked[-1].outcome == "answered" else None
 
 
 class Begun:
-    """Only notes when a round begins."""
+    """Records the start of a suggestion cycle."""
 
     def __init__(self) -> None:
         self.at_ns = 0
@@ -167,7 +166,7 @@ def process(target: Any, *arguments: Any) -> Iterator[Connection]:
 
 
 def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
-    """Milliseconds from the end of each voice until the recogniser's last words and the pause are there."""
+    """Milliseconds from the end of each utterance to the recogniser's last words and the end of the pause."""
     waits_ms = []
     with process(process_entry_points.recogniser, RecogniserSettings()) as connection:
         while not isinstance(connection.recv(), RecogniserReady):
@@ -195,7 +194,7 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
 
 
 def answers_alone(prompts: Sequence[tuple[ChatMessage, ...]]) -> list[tuple[float, float]]:
-    """Milliseconds until the first reply and all of them are written, for each question."""
+    """Milliseconds to the first reply and to all replies, for each question."""
     with process(process_entry_points.language_model) as connection:
         while not isinstance(ready := connection.recv(), EmbeddedReady):
             pass
@@ -219,7 +218,7 @@ async def _answers(prompts: Sequence[tuple[ChatMessage, ...]], endpoint: ModelEn
 
 
 def without_chance(folder: Path) -> str:
-    """The tour guide with a model that writes the likeliest words."""
+    """The tour guide with temperature 0."""
     as_shipped = (layouts_dir() / "tour-guide.yaml").read_text("utf-8")
     path = folder / "tour-guide.yaml"
     path.write_text(re.sub(r"(?<=\n  temperature:) [0-9.]+", " 0", as_shipped), "utf-8")
@@ -254,7 +253,7 @@ def measure(sentences: int) -> dict[str, object]:
         "idle": idle.told(),
         "under_load": loaded.told(),
         "alone": {**alone.told(), "last_words_ms": percentiles(waits_ms)},
-        # Of the same sentence each, as one takes twice as long as the next; not known where one has no answer.
+        # By sentence, as durations vary by a factor of two; unknown without an answer.
         "console_adds_ms": float(round(median(np.subtract(idle.first_ms, alone.first_ms)), 1)) if whole else None,
         "times_idle": float(round(median(loaded.first_ms) / median(idle.first_ms), 2)),
         "replies": dict(zip(SENTENCES, idle.replies, strict=False)),

@@ -1,11 +1,10 @@
-"""Key press in the console's window to Twist at an independent client, and key release to zero Twist.
+"""Latency from a key press in the console's window to a Twist at an independent client, and from release to zero.
 
-Beside it, in the same run and under the same load, the floor: a bare Qt key event to a websocket message over the same
-simulated robot's relay, pressed in turn with the console's keys. The load is everything that a session has: video,
-people recognition, recording, and a language model that streams one answer after the other; and, where asked for,
-foreign programs that burn every core. The robot's stand-in and who listens to it wait for a processor behind those
-too, for a tenth of a second at worst, which no robot does: with ``--robot-elsewhere`` they do not. Prints one JSON
-object; of several runs also the median of each percentile.
+For comparison, in the same run and under the same load: a bare Qt key event to a websocket message over the same
+simulated robot's relay, alternating with the console's keys. The load is that of a session: video, people recognition,
+recording, and a language model that streams continuously; and, optionally, foreign programs that use every core. Those
+may also delay the simulated robot and its client, by a tenth of a second at worst, unlike a real robot:
+``--robot-elsewhere`` excludes this. Prints one JSON object; for several runs also the median of each percentile.
 """
 
 import argparse
@@ -45,13 +44,13 @@ def moving(message: dict[str, dict[str, float]]) -> bool:
 
 
 def _run_only_when_idle(pid: int) -> None:
-    """Give every thread of a process the lowest class that the system has."""
+    """Give every thread of a process the lowest scheduling class."""
     for thread in Path(f"/proc/{pid}/task").iterdir():
         os.sched_setscheduler(int(thread.name), os.SCHED_IDLE, os.sched_param(0))
 
 
 def _run_at_once(pid: int) -> None:
-    """Let every thread of a process have the processor before all others, as if on a computer of its own."""
+    """Give every thread of a process real-time priority, as if on a separate computer."""
     for thread in Path(f"/proc/{pid}/task").iterdir():
         os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(1))
 
@@ -94,7 +93,7 @@ def measure(
             floor.stdin.write("\n")
             floor.stdin.flush()
 
-    # Left and right in turn, so that the robot stays where it is.
+    # Left and right alternate, so that the robot stays in place.
     for number in range(presses):
         key = Qt.Key.Key_A if number % 2 else Qt.Key.Key_D
         pressed_ns.append(time.monotonic_ns())
@@ -105,7 +104,7 @@ def measure(
         load.let_qt_run(chance.uniform(0.06, 0.12))
         released_ns.append(time.monotonic_ns())
         QTest.keyRelease(pad, key)
-        # The zero is repeated for half a second; the next press must not be mistaken for it.
+        # Zero is repeated for half a second; the next press must not be confused with it.
         load.let_qt_run(chance.uniform(0.07, 0.12))
         press_floor()
         load.let_qt_run(chance.uniform(0.07, 0.12))
@@ -150,7 +149,7 @@ def measure(
 
 
 def medians(runs: list[dict[str, object]]) -> dict[str, dict[str, float]]:
-    """The median over the runs of each figure above the floor."""
+    """Median over the runs of each value above the lower bound."""
     found: dict[str, dict[str, float]] = {}
     for name in ("key_above_floor_ms", "release_above_floor_ms"):
         figures = [run[name] for run in runs]

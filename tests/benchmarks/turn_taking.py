@@ -1,21 +1,21 @@
-"""Whether somebody has finished: cut-offs and dead air, of silence alone and of the console's way, on the same turns.
+"""Endpointing: cut-offs and dead air of silence alone and of the console, on the same turns.
 
-``python -m tests.benchmarks.turn_taking [--held-out] [--turns N] [--seed S]`` prints one JSON object. Its turns have
-pauses of 0.1 to 1.5 s in them, between clauses and in the middle of them, by somebody who pauses briefly and by
-somebody who takes their time. Each is spoken as one sentence and parted afterwards, so that what comes before a pause
-sounds as if it went on. The console's own recogniser hears them in the time of their sound; what its networks take to
-compute is added to that. A cut-off is a turn that is ended in one of its pauses; dead air is from the end of the voice
-until the end of the turn is known, of those that were not.
+``python -m tests.benchmarks.turn_taking [--held-out] [--turns N] [--seed S]`` prints one JSON object. Its turns contain
+pauses of 0.1 to 1.5 s between and within clauses, of a speaker with short pauses and of one with long ones. Each is
+synthesised as one sentence and split afterwards, so that the part before a pause sounds as if it continued. The
+console's recogniser processes them in real time; computing time of its networks is added. A cut-off is a turn that is
+ended in one of its pauses; dead air is the time from the end of speech to the detected end of the turn, without cut-off
+turns.
 
-With ``--held-out`` other sentences are said, to which nothing was fitted. ``low_high`` bounds what 95 of 100 such
-samples of turns would have given (bootstrap over turns, each way on the same ones); ``ours_less_silence`` bounds the
-difference, below zero where ours is better.
+``--held-out`` uses other sentences, to which nothing was fitted. ``low_high`` is the 95 % interval (bootstrap over
+turns, with the same samples for both methods); ``ours_less_silence`` is the interval of the difference, below zero if
+the console is better.
 
-``silence_alone_at_same_dead_air`` is the silence that would keep one waiting for just as long, and what it cuts off.
+``silence_alone_at_same_dead_air`` is the silence threshold with the same dead air, with its cut-offs.
 
-Of the words: the moment when the last one is committed, or the turn is finished, after the end of the voice, and the
-word error rate against what was to be said. The network for the ends of turns was trained on people: voices of this
-computer have little of the melody that it listens for, so that it does better with real ones.
+Words: the delay from the end of speech to the commit of the last word or the end of the turn, and the word error rate
+against the intended text. The endpointing network was trained on people: synthetic voices have little of the intonation
+that it uses, so results with real speech are better.
 """
 
 import argparse
@@ -53,7 +53,7 @@ _DRAWS = 2000
 
 @dataclass(slots=True)
 class Kept:
-    """Of a way to end turns: how many pauses and turns it cut off, and how long it was silent after the others."""
+    """Results of a method: number of cut pauses and turns, and dead air of the other turns."""
 
     pauses: int = 0
     cut_pauses: int = 0
@@ -61,10 +61,10 @@ class Kept:
     cut_turns: int = 0
     dead_air_s: list[float] = field(default_factory=list)
     of_turns: list[tuple[bool, float]] = field(default_factory=list)
-    """Of each turn whether it was cut off, and its dead air; not a number where its end was never known."""
+    """For each turn whether it was cut off, and its dead air; NaN if its end was not detected."""
 
     def add(self, turn: MadeTurn, ends: list[tuple[float, float]]) -> None:
-        """``ends`` are where the voice had ended and when the end was known, seconds of the turn."""
+        """Add a turn; ``ends`` are pairs of the end of speech and its detection, in seconds of the turn."""
         cut = sum(any(abs(voice_s - pause.from_s) < _TOLERANCE_S for voice_s, _ in ends) for pause in turn.pauses)
         self.pauses += len(turn.pauses)
         self.cut_pauses += cut
@@ -83,7 +83,7 @@ class Kept:
         }
 
     def bounds(self, less: "Kept | None" = None) -> dict[str, list[float]]:
-        """``[low, high]`` of the cut-offs in percent and the mean dead air; ``less`` those of another way."""
+        """``[low, high]`` of cut-offs in percent and mean dead air; ``less`` are the results to subtract."""
         turns = np.array(self.of_turns, float) - (0.0 if less is None else np.array(less.of_turns, float))
         drawn = np.random.default_rng(0).integers(0, len(turns), (_DRAWS, len(turns)))
         low, high = np.quantile(np.nanmean(turns[drawn], axis=1), (0.025, 0.975), axis=0)
@@ -94,7 +94,7 @@ class Kept:
 
 
 class Participant:
-    """Somebody at the robot's microphone, heard turn after turn by one ear, which gets to know them."""
+    """Participant at the robot's microphone, with one adaptive segmenter for all turns."""
 
     def __init__(self, engine: LocalEngine, turn_model: TurnModel) -> None:
         self._engine = engine
@@ -107,7 +107,7 @@ class Participant:
         self.texts: list[str] = []
 
     def hear(self, turn: MadeTurn) -> None:
-        """The whole turn, with whatever comes after it."""
+        """Process the whole turn, with the silence after it."""
         self.ends, self.texts, self.committed_s = [], [], 0.0
         self._now_s = 0.0
         ear = SpeechSegmenter(
@@ -121,7 +121,7 @@ class Participant:
         )
         coming: tuple[float, TurnInterval, HeardText] | None = None
         for at in range(0, len(turn.sound), _CHUNK):
-            # The sound of a chunk is there when its last sample is.
+            # A chunk is available after its last sample.
             self._now_s = max(self._now_s, (at + _CHUNK) / RATE_HZ)
             if coming is not None and self._now_s >= coming[0]:
                 _, stretch, text = coming
@@ -159,7 +159,7 @@ class Participant:
 
 
 def silence_alone(turn: MadeTurn, silences_s: tuple[float, ...]) -> dict[float, list[tuple[float, float]]]:
-    """For each silence the ends that it makes, by the same voice activity."""
+    """Detected ends for each silence threshold, with the same voice activity."""
     ends: dict[float, list[tuple[float, float]]] = {}
     sound = turn.sound.astype(np.float32) / 32768
     for silence_s in silences_s:
@@ -174,7 +174,7 @@ def silence_alone(turn: MadeTurn, silences_s: tuple[float, ...]) -> dict[float, 
 
 
 def made_turns(turns: int, seed: int, voice: str, of: Sequence[str]) -> Iterator[tuple[str, list[MadeTurn]]]:
-    """Of each participant their turns."""
+    """Turns of each participant."""
     for habit, (shortest_s, longest_s) in _HABITS.items():
         chance = np.random.default_rng((seed, len(habit)))
         sentences = map(str, chance.permutation(list(of))[:turns])

@@ -1,7 +1,7 @@
 """Stalls of the GUI thread's event loop under full load: video, perception, recording, driving and typing.
 
-A timer of 5 ms in the GUI thread tells how late it is called; beside it the same timer in a bare Qt process, in the
-same run, tells what the machine itself does to any program. Prints one JSON object.
+A timer of 5 ms in the GUI thread measures its delays; in the same run, the same timer in a bare Qt process measures the
+effect of the machine on any program. Prints one JSON object.
 """
 
 import argparse
@@ -22,7 +22,7 @@ STALL_MS = 150.0
 
 
 class LatenessMeter(QObject):
-    """How late each tick of a 5 ms timer is, in milliseconds."""
+    """Delay of each tick of a 5 ms timer, in milliseconds."""
 
     def __init__(self) -> None:
         super().__init__()
