@@ -15,7 +15,7 @@ from tests.support.parsed_sources import parse_all, parsed
 
 ROOT = Path(__file__).parents[1]
 LINES = 1200
-"""Far above the length of one subject, so that no file is split for its length alone."""
+"""Limit far above the length of one subject, so that no file is split for its length alone."""
 LIMITS = {"live/console.py": 350, "ui/main_window.py": 600}
 """Central files that must stay readable at a glance."""
 IN_GUI_THREAD = ("ui/", "live/services/")

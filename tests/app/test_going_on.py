@@ -155,7 +155,7 @@ def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_
 def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
     start: Callable[..., ConsoleProcess], told: signal.Signals
 ) -> None:
-    """Also while driving, without closing a window."""
+    """Termination while driving, without closing a window."""
     ended = start()
     session = _recording(ended)
     _stored(ended, session)

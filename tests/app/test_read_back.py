@@ -32,7 +32,7 @@ def test_a_whole_session_is_read_replayed_and_exported_to_every_format(folder: P
 def test_a_value_that_does_not_come_back_is_a_problem(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a Python whose libraries declare types in an unknown way."""
+    """Same failure as with libraries that declare types in an unknown way."""
     whole: Callable[..., Any] = session_reader.from_message
 
     def half(spec: Any, message: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Each utterance of a rehearsal's participant is heard by the simulated robot."""
+"""Speech of a rehearsal's participant, recorded completely by the simulated robot's microphone."""
 
 import pytest
 

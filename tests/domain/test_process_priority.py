@@ -39,7 +39,7 @@ def test_a_process_that_steps_back_takes_its_own_session_along(own_session: bool
 
 
 def test_a_session_that_was_not_heard_says_it_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of concurrent requests of a user's processes the system honours only the first."""
+    """The system honours only the first of concurrent requests of a user's processes."""
 
     class Deaf:
         said = 0

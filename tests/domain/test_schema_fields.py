@@ -241,7 +241,7 @@ class _CornerKeys:
 
 @dataclass(frozen=True, slots=True)
 class Plug:
-    """How the lamp gets its power."""
+    """Power supply of the lamp."""
 
     kind: Annotated[Literal["wall", "battery", "none"], FieldSpec("Which.")] = "wall"
     volts: Annotated[float | None, FieldSpec("Of the wall.", beside=("kind", "wall"), needed=("kind", "wall"))] = None

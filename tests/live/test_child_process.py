@@ -64,7 +64,7 @@ def test_a_child_that_does_not_read_blocks_nobody_and_is_killed_in_the_end() -> 
 
 @pytest.fixture
 def many_open_files() -> Iterator[None]:
-    """So many that the next descriptor is above 1023, the limit of select()."""
+    """Open so many files that the next descriptor is above 1023, the limit of select()."""
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), max(limits[1], 2048)))
     with ExitStack() as files:

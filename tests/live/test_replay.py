@@ -484,7 +484,7 @@ def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
 
 @pytest.mark.logs("of the session is not shown")
 def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
-    """At any time, with the step and its elapsed time as in the live console."""
+    """The step at each time, with its elapsed time as in the live console."""
     steps = find_scenario("tour-guide").protocol.steps
     walk = ProtocolRun(steps)
     values: list[Any] = []

@@ -39,7 +39,7 @@ SECRET_ENV = "CARIS_TEST_ROSAUTH"
 
 
 class TellingObserver(Observer):
-    """Also records the reason of a failed connection."""
+    """Observer that also records the reason of a failed connection."""
 
     def __init__(self) -> None:
         super().__init__()

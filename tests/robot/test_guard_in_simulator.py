@@ -152,7 +152,7 @@ SIDEWAYS = replace(PROFILE, limits=MotionLimits(forward_mps=0.5, backward_mps=0.
 @pytest.mark.parametrize("poses", [24, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.long("24")
 def test_pushed_at_walls_from_many_poses_it_touches_nothing(poses: int) -> None:
-    """At full speed of the profile: ahead, back, and in curves to both sides."""
+    """Full speed of the profile: ahead, back, and in curves to both sides."""
     pushes = (Twist2D(0.5), Twist2D(-0.3), Twist2D(0.5, 0.0, 0.6), Twist2D(0.5, 0.0, -1.0))
     gaps_m, blocked = [], 0
     for number, pose in enumerate(free_poses(poses, seed=1)):

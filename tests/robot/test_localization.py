@@ -160,7 +160,7 @@ def test_names_of_frames_may_have_an_old_leading_slash() -> None:
 
 @pytest.mark.parametrize("step_s", [0.3, 1.0, 9.0, 11.0, 3600.0])
 def test_the_pose_goes_on_when_the_robot_s_clock_is_set_back(step_s: float) -> None:
-    """As in ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
+    """Data of ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
     tracker = PoseTracker(TransformFrames("map", "odom", "base_link"))
     shown_m: dict[int, float] = {}
     scanned_m: dict[int, float] = {}

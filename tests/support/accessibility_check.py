@@ -14,10 +14,10 @@ from caris_desktop.ui.overlay import Overlay
 Role = QAccessible.Role
 
 _NO_ROLE = (Role.NoRole, Role.Client, Role.Pane, Role.Window, Role.Border, Role.Whitespace, Role.Separator)
-"""Roles that tell a screen reader nothing about the control."""
+"""Roles without any information about the control."""
 
 _MAY_SHARE_NAME = (Role.Cell, Role.StaticText)
-"""Cells are told apart by row and column, and static text has no action."""
+"""Cells are identified by row and column, and static text has no action."""
 
 _ACTIONS = ("Press", "Toggle", "Increase", "ShowMenu")
 _SPARE_PX = 2
@@ -45,7 +45,7 @@ class AccessibleControl:
 
 
 def accessibility_flaws(part: QWidget) -> list[str]:
-    """One line for each control of ``part`` that a screen reader cannot name or tell from another one."""
+    """One line for each control of ``part`` without a name, without a role, or with the name of another one."""
     found, by_name = list[str](), defaultdict[tuple[object, ...], list[AccessibleControl]](list)
     window = part.window()
     window_rect = QRect(window.mapToGlobal(QPoint()), window.size()).adjusted(

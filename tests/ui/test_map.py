@@ -245,7 +245,7 @@ def test_names_of_people_and_places_never_lie_on_one_another(
 
 
 def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: FakeConsole) -> None:
-    """As in a bag with neither the robot's pose nor the position of its laser."""
+    """Scan of a bag with neither the robot's pose nor the position of its laser."""
     view = panel.view
     scan = samples.scan_at(Pose2D(2.0, 4.0, 0.0))
     view.show_scan(None)

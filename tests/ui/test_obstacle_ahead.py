@@ -105,7 +105,7 @@ def test_a_guard_that_does_not_see_says_why() -> None:
 
 @pytest.mark.parametrize("nothing_m", [0.0, -0.0, 1e-45])
 def test_a_beam_without_an_answer_is_no_obstacle_where_the_driver_writes_zero(nothing_m: float) -> None:
-    """As in ``cases/messages``: range_min is 0, and two of three beams read 0."""
+    """Data of ``cases/messages``: range_min is 0, and two of three beams read 0."""
     ranges_m = np.full(SCAN.ranges_m.size, 2.0, np.float32)
     ranges_m[::3] = ranges_m[1::3] = nothing_m
     scan = dataclasses.replace(SCAN, range_min_m=0.0, ranges_m=ranges_m)

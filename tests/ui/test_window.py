@@ -664,7 +664,7 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
 
 
 def test_a_place_of_a_screen_of_another_size_is_no_place(qtbot: QtBot) -> None:
-    """As after undocking the computer: Qt refuses the geometry, and left a window of a few hundred pixels."""
+    """Qt refuses the geometry after undocking the computer, and left a window of a few hundred pixels."""
     settings, kept = MemorySettings(), QWidget()
     qtbot.addWidget(kept)
     kept.resize(400, 300)

@@ -121,7 +121,7 @@ _NAMES = st.text(st.sampled_from(string.printable + "äß李\x00\u202e"), min_si
 def test_whatever_coders_type_reads_back_identical(
     tiers: list[tuple[str, str, bool]], spans: list[tuple[int, int, int, str]], entries: list[tuple[str, str]]
 ) -> None:
-    """Through the edit functions, which replace control characters by U+FFFD and single line ends by line feeds."""
+    """The edit functions replace control characters by U+FFFD and single line ends by line feeds."""
     document = AnnotationDocument(duration_ms=10_000)
     vocabulary = Vocabulary("V\n1", tuple(VocabularyEntry(*entry) for entry in entries), "d\x07")
     steps: list[Any] = [lambda doc: annotation_editing.add_vocabulary(doc, vocabulary)]

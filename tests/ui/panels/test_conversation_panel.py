@@ -135,7 +135,7 @@ def test_what_is_late_is_what_the_scenario_says_where_it_has_a_bound(
 
 
 def test_suggestions_stand_under_the_newest_turn(qtbot: QtBot, panel: ConversationPanel, console: FakeConsole) -> None:
-    """Also while the user has scrolled back."""
+    """Suggestions are visible even after scrolling back."""
     console.say_turn(*(utterance(number) for number in range(30)))
     samples.suggest(console)
     qtbot.waitUntil(find(panel.window(), "suggestion_cards").isVisible)
