@@ -1,4 +1,4 @@
-"""Speech of a rehearsal's participant, recorded completely by the simulated robot's microphone."""
+"""Utterances of a rehearsal's participant, none of which is lost."""
 
 import pytest
 
